@@ -1,0 +1,1 @@
+"""From symbolic functions to C, CasADi and compiled libraries."""

@@ -1,0 +1,1 @@
+"""Identification, comparison and diagnosis against the generated code; never imports SymPy."""

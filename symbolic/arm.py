@@ -1,0 +1,65 @@
+"""The model file, read and checked: Arm, Joint, Link, Contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Values = dict[str, float]
+"""Parameter values of one active effect; parameters that are not yet known are absent."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """Length and centre of mass (along, across) in m; mass in kg; inertia about the centre of mass in kg m²."""
+
+    length: float
+    mass: float
+    com: tuple[float, float]
+    inertia: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Range of position (rad or m), largest speed (rad/s or m/s) and torque (N m or N); None: not stated."""
+
+    position: tuple[float, float] | None = None
+    speed: float | None = None
+    torque: float | None = None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """rotor_inertia at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A)."""
+
+    type: Literal["revolute", "prismatic"]
+    rotor_inertia: float
+    gear_ratio: float
+    link: Link
+    effects: dict[str, Values] = field(default_factory=dict)
+    torque_constant: float | None = None
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The plate at the end-effector: x_p of (12) in m; its effects carry (3)."""
+
+    x: float
+    effects: dict[str, Values] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A planar serial chain. gravity (2,) m/s²; effects: those of the whole arm.
+
+    inertial: base inertial parameters that an identification has put into the file; they override
+    what follows from the links.
+    """
+
+    name: str
+    gravity: tuple[float, float]
+    joints: tuple[Joint, ...]
+    effects: dict[str, Values] = field(default_factory=dict)
+    contact: Contact | None = None
+    inertial: Values = field(default_factory=dict)

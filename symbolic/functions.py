@@ -1,0 +1,65 @@
+"""SymbolicFunction: named inputs and outputs in SymPy. It is all that code generation sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An input: `symbols` flattened row by row; `shape` () for a scalar, (n,) or (n, m)."""
+
+    name: str
+    symbols: tuple[sp.Symbol, ...]
+    shape: tuple[int, ...]
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Output:
+    """An output: `expressions` flattened row by row, in the symbols of inputs, struct and definitions."""
+
+    name: str
+    expressions: tuple[sp.Expr, ...]
+    shape: tuple[int, ...]
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Struct:
+    """Parameters that generated code takes as one C struct, so that identified values need no regeneration.
+
+    `defaults` are the values that follow from the model file, field by field.
+    """
+
+    name: str
+    symbols: tuple[sp.Symbol, ...]
+    units: tuple[str, ...]
+    meanings: tuple[str, ...]
+    defaults: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SymbolicFunction:
+    """A function in symbols.
+
+    name          C identifier, without the arm's prefix
+    inputs        in the order of the generated signature
+    outputs       in the order of the generated signature
+    definitions   (symbol, expression) in order of evaluation; expressions use inputs, struct and earlier symbols
+    struct        the parameters, or None
+    doc           one sentence: what it returns
+    source        equation number of the paper or the literature
+    """
+
+    name: str
+    inputs: tuple[Argument, ...]
+    outputs: tuple[Output, ...]
+    doc: str
+    source: str
+    definitions: tuple[tuple[sp.Symbol, sp.Expr], ...] = field(default=())
+    struct: Struct | None = None

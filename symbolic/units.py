@@ -1,0 +1,84 @@
+"""Physical dimensions of signals and parameters, written once and printed per joint type.
+
+A dimension is a product of powers of `force` (a joint's generalised force), `position` (a joint's
+coordinate), and of N, m, kg, s, K. A revolute joint reads force as N m and position as rad, a
+prismatic one as N and m; so one declaration of an effect serves both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+# Exponents of (kg, m, s, K) of the two joint-dependent units.
+_SI = {
+    "N": (1, 1, -2, 0),
+    "m": (0, 1, 0, 0),
+    "kg": (1, 0, 0, 0),
+    "s": (0, 0, 1, 0),
+    "K": (0, 0, 0, 1),
+}
+_JOINT = {
+    "revolute": {"force": ("N", "m"), "position": ("rad",)},
+    "prismatic": {"force": ("N",), "position": ("m",)},
+}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A product of powers: ((symbol, exponent), ...), symbols out of force, position, N, m, kg, s, K."""
+
+    powers: tuple[tuple[str, Fraction], ...] = ()
+
+    def __mul__(self, other: Unit) -> Unit:
+        total: dict[str, Fraction] = dict(self.powers)
+        for symbol, power in other.powers:
+            total[symbol] = total.get(symbol, Fraction(0)) + power
+        return Unit(tuple((s, p) for s, p in total.items() if p))
+
+    def __truediv__(self, other: Unit) -> Unit:
+        return self * other**-1
+
+    def __pow__(self, exponent: int) -> Unit:
+        return Unit(tuple((s, p * exponent) for s, p in self.powers))
+
+    def text(self, joint_type: str = "revolute") -> str:
+        """For people and for JSON, e.g. `N m s/rad`; `1` if dimensionless."""
+        names = _JOINT[joint_type]
+        total: dict[str, Fraction] = {}
+        for symbol, power in self.powers:
+            for name in names.get(symbol, (symbol,)):
+                total[name] = total.get(name, Fraction(0)) + power
+        above = " ".join(_power(s, p) for s, p in total.items() if p > 0)
+        below = " ".join(_power(s, -p) for s, p in total.items() if p < 0)
+        if not below:
+            return above or "1"
+        return f"{above or '1'}/{below if ' ' not in below else f'({below})'}"
+
+    def si(self, joint_type: str = "revolute") -> tuple[Fraction, Fraction, Fraction, Fraction]:
+        """Exponents of (kg, m, s, K), for checks by rescaling; rad counts as 1."""
+        total = [Fraction(0)] * 4
+        for symbol, power in self.powers:
+            for name in _JOINT[joint_type].get(symbol, (symbol,)):
+                for k, exponent in enumerate(_SI.get(name, (0, 0, 0, 0))):
+                    total[k] += power * exponent
+        return (total[0], total[1], total[2], total[3])
+
+
+def _power(symbol: str, power: Fraction) -> str:
+    return symbol if power == 1 else f"{symbol}^{power}"
+
+
+ONE = Unit()
+FORCE = Unit((("force", Fraction(1)),))
+POSITION = Unit((("position", Fraction(1)),))
+NEWTON = Unit((("N", Fraction(1)),))
+METRE = Unit((("m", Fraction(1)),))
+KILOGRAM = Unit((("kg", Fraction(1)),))
+SECOND = Unit((("s", Fraction(1)),))
+KELVIN = Unit((("K", Fraction(1)),))
+RATE = POSITION / SECOND
+ACCELERATION = POSITION / SECOND**2
+STIFFNESS = FORCE / POSITION
+VISCOUS = FORCE * SECOND / POSITION
+INERTIA = FORCE * SECOND**2 / POSITION
