@@ -1,0 +1,155 @@
+"""Checks of what a user has written: each failure is one line that says where, what was found and what was expected.
+
+Names end up in C and in file names: they are checked against the languages' rules here, and never evaluated.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import keyword
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+MAX_NAME = 40
+# A float in the controller holds 1e-38 to 1e38; products of a few parameters must stay inside.
+LARGEST, SMALLEST = 1e12, 1e-15
+
+_RESERVED = """
+auto break case char const continue default do double else enum extern float for goto if inline int long
+register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await co_return
+co_yield compl concept consteval constexpr constinit const_cast decltype delete dynamic_cast explicit export
+false friend mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public
+reinterpret_cast requires static_assert static_cast template this thread_local throw true try typeid typename
+typeof typeof_unqual using virtual wchar_t xor xor_eq main NULL errno
+"""
+_WORDS = frozenset(_RESERVED.split())
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+
+
+class ModelError(ValueError):
+    """A model file that cannot be used; the message is one line for the person who wrote the file."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in the file something stands; `inside` descends."""
+
+    file: str
+    path: str = ""
+
+    def inside(self, name: str) -> Place:
+        return Place(self.file, f"{self.path}: {name}" if self.path else name)
+
+    def fail(self, message: str) -> NoReturn:
+        raise ModelError(f"{self.file}: {self.path}: {message}" if self.path else f"{self.file}: {message}")
+
+
+def printable(text: str) -> str:
+    """`text` with everything that would break the line or the terminal escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def quote(value: str) -> str:
+    """A user's text in ASCII and quotes, so that look-alike letters show."""
+    return json.dumps(value if len(value) <= 60 else value[:57] + "...")
+
+
+def found(value: Any) -> str:
+    """What stands in the file, in a few words."""
+    if isinstance(value, bool):
+        return f"the boolean {str(value).lower()}"
+    if isinstance(value, (int, float)):
+        return f"{value:.6g}" if abs(value) < 1e300 or isinstance(value, float) else "a huge integer"
+    if isinstance(value, str):
+        return f"the text {quote(value)}"
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return f"the date {printable(str(value))}"
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that a mistyped one most likely means, or None."""
+    close = difflib.get_close_matches(name[:100], list(known), n=1, cutoff=0.6)
+    return close[0] if close else None
+
+
+def keys(place: Place, table: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...] = ()) -> None:
+    known = required + optional
+    for key in table:
+        if key not in known:
+            place.fail(f"unknown key {quote(key)}; {did_you_mean(key, known)}")
+    for key in required:
+        if key not in table:
+            place.fail(f'missing key "{key}"; needed are {", ".join(required)}')
+
+
+def did_you_mean(key: str, known: tuple[str, ...]) -> str:
+    close = nearest(key, known)
+    if close:
+        return f'did you mean "{close}"?'
+    closest = max(known, key=lambda k: difflib.SequenceMatcher(None, key[:100], k).ratio())
+    return f'the nearest known one is "{closest}" (known here: {", ".join(known)})'
+
+
+def table_at(place: Place, value: Any, example: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        place.fail(f"found {found(value)}; expected a table {example}")
+    return value
+
+
+def number(
+    place: Place,
+    key: str,
+    value: Any,
+    unit: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    positive: bool = False,
+) -> float:
+    """A finite number within [low, high] (above 0 if `positive`) that a float in the controller can hold."""
+    expected = f"a number{f' in {unit}' if unit not in ('', '1') else ''}"
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        place.fail(f"{key} is {found(value)}; expected {expected}")
+    try:
+        x = float(value)
+    except OverflowError:
+        x = math.inf
+    if not math.isfinite(x):
+        place.fail(f"{key} is {found(value)}; expected {expected} that is finite")
+    if positive and x <= 0:
+        place.fail(f"{key} is {x:.6g}; expected {expected} > 0")
+    if x < low:
+        place.fail(f"{key} is {x:.6g}; expected {expected} >= {low:g}")
+    if x > high:
+        place.fail(f"{key} is {x:.6g}; expected {expected} <= {high:g}")
+    if abs(x) > LARGEST or 0 < abs(x) < SMALLEST:
+        place.fail(f"{key} is {x:.6g}; expected 0 or a magnitude between {SMALLEST:g} and {LARGEST:g}")
+    return x
+
+
+def pair(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        place.fail(f"{key} is {found(value)}; expected a list of two numbers in {unit}, such as [0.0, 0.0]")
+    return number(place, f"{key}[0]", value[0], unit), number(place, f"{key}[1]", value[1], unit)
+
+
+def identifier(place: Place, what: str, value: Any) -> str:
+    """A name that C, C++ and Python accept, also as part of a file name."""
+    if not isinstance(value, str):
+        place.fail(f"{what} is {found(value)}; expected a C identifier")
+    if not _NAME.fullmatch(value):
+        place.fail(f"{what} {quote(value)} is no C identifier; use letters a-z, digits and _, not a digit first")
+    if len(value) > MAX_NAME:
+        place.fail(f"{what} {quote(value)} has {len(value)} letters; expected at most {MAX_NAME}")
+    if value in _WORDS or keyword.iskeyword(value):
+        place.fail(f"{what} {quote(value)} is a word of C, C++ or Python; choose another name")
+    if value.startswith("__") or re.match(r"_[A-Z]", value):
+        place.fail(f"{what} {quote(value)} is reserved for C compilers; do not begin with __ or _ and a capital")
+    return value

@@ -1,0 +1,281 @@
+"""The model file: TOML in, a checked Arm out.
+
+Every error is one line that says where it is, what was found and what was expected. Names end up in C
+and in file names: they are checked against the languages' rules here, and never evaluated.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from symbolic.arm import Arm, Contact, Joint, Limits, Link, Values
+from symbolic.checks import (
+    ModelError,
+    Place,
+    did_you_mean,
+    found,
+    identifier,
+    keys,
+    nearest,
+    number,
+    pair,
+    printable,
+    quote,
+    table_at,
+)
+
+if TYPE_CHECKING:
+    from symbolic.effects.declaration import Effect
+
+__all__ = ["ModelError", "check_effect", "load", "parse", "read_text"]
+
+MAX_JOINTS = 7
+MAX_BYTES = 1_000_000
+
+
+def load(path: Path | str, effects: Mapping[str, Effect] | None = None) -> Arm:
+    """The arm in the TOML file at `path`; `effects`: the library by name (None: the built-in one).
+
+    Raises ModelError.
+    """
+    return parse(read_text(path), str(path), effects)
+
+
+def read_text(path: Path | str) -> str:
+    """The file's text with its own line ends, decoded from UTF-8. Raises ModelError."""
+    where = Place(printable(str(path)))
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        where.fail("no such file; expected a model file in TOML")
+    except IsADirectoryError:
+        where.fail("is a directory; expected a model file in TOML")
+    except (OSError, ValueError) as error:
+        where.fail(f"cannot be read: {printable(getattr(error, 'strerror', None) or str(error))}")
+    if len(data) > MAX_BYTES:
+        where.fail(f"is larger than {MAX_BYTES // 1_000_000} MB; expected a model file in TOML")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ModelError(
+            f"{where.file} line {line}: byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8"
+        ) from None
+
+
+def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) -> Arm:
+    """The arm described by `text`; `where` names the file in messages.
+
+    effects   the library by name (None: the built-in one)
+    Raises ModelError for the first thing that is wrong.
+    """
+    if effects is None:
+        from symbolic.effects import LIBRARY
+
+        effects = LIBRARY
+    top = Place(printable(where))
+    table = _toml(text, top)
+    keys(top, table, ("name", "gravity", "joint"), ("effects", "contact", "inertial"))
+    name = _name(top, table["name"])
+    gravity = pair(top, "gravity", table["gravity"], "m/s^2")
+    joints = _joints(top, table["joint"], effects)
+    arm = Arm(
+        name=name,
+        gravity=gravity,
+        joints=joints,
+        effects=_effects(top, table.get("effects", {}), "arm", effects),
+        contact=_contact(top, table["contact"], effects) if "contact" in table else None,
+        inertial=_inertial(top, table.get("inertial", {})),
+    )
+    _check_inertia_seen(top, arm)
+    return arm
+
+
+# --- structure ---
+
+
+def _toml(text: str, top: Place) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text.removeprefix("\ufeff"))
+    except tomllib.TOMLDecodeError as error:
+        match = re.match(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error), re.DOTALL)
+        what, line, column = match.groups() if match else (str(error), None, None)
+        if "Cannot overwrite" in what or "declare" in what or "mutate" in what:
+            what += " (the same key or table twice?)"
+        where = f"line {line}" if line else f"line {text.count(chr(10)) + 1}"
+        at = f" at column {column}" if column else ""
+        raise ModelError(f"{top.file} {where}: not valid TOML{at}: {printable(what)}") from None
+    except RecursionError:
+        top.fail("not valid TOML: nested too deeply")
+    except ValueError as error:  # a date that does not exist, a number of thousands of digits
+        top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")
+
+
+def _name(top: Place, value: Any) -> str:
+    name = identifier(top, "name", value)
+    if name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_"):
+        top.fail(f"name {quote(name)} is taken by the generated files of the toolkit; choose another name")
+    return name
+
+
+# --- the arm ---
+
+
+def _joints(top: Place, value: Any, effects: Mapping[str, Effect]) -> tuple[Joint, ...]:
+    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        top.fail(f"joint is {found(value)}; expected one [[joint]] table a joint, from the base outwards")
+    if not 1 <= len(value) <= MAX_JOINTS:
+        top.fail(f"found {len(value)} joints; expected 1 to {MAX_JOINTS} [[joint]] tables")
+    return tuple(
+        _joint(top.inside(f"joint {i}"), table, effects, last=i == len(value)) for i, table in enumerate(value, 1)
+    )
+
+
+def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], last: bool) -> Joint:
+    keys(place, table, ("type", "rotor_inertia", "gear_ratio", "link"), ("effects", "torque_constant", "limits"))
+    kind: Literal["revolute", "prismatic"]
+    if table["type"] == "revolute":
+        kind, force, inertia = "revolute", "N m", "kg m^2"
+    elif table["type"] == "prismatic":
+        kind, force, inertia = "prismatic", "N", "kg"
+    else:
+        place.fail(f'type is {found(table["type"])}; expected "revolute" or "prismatic"')
+    constant = table.get("torque_constant")
+    if constant is not None:
+        constant = number(place, "torque_constant", constant, f"{force}/A at the joint's output", positive=True)
+    return Joint(
+        type=kind,
+        rotor_inertia=number(place, "rotor_inertia", table["rotor_inertia"], inertia, low=0.0),
+        gear_ratio=number(place, "gear_ratio", table["gear_ratio"], "", positive=True),
+        link=_link(place.inside("link"), table["link"]),
+        effects=_effects(place, table.get("effects", {}), "joint", effects, kind, last),
+        torque_constant=constant,
+        limits=_limits(place.inside("limits"), table.get("limits", {}), kind),
+    )
+
+
+def _link(place: Place, value: Any) -> Link:
+    table = table_at(place, value, "[joint.link] with length, mass, com and inertia")
+    keys(place, table, ("length", "mass", "com", "inertia"))
+    return Link(
+        length=number(place, "length", table["length"], "m", low=0.0),
+        mass=number(place, "mass", table["mass"], "kg", low=0.0),
+        com=pair(place, "com", table["com"], "m"),
+        inertia=number(place, "inertia", table["inertia"], "kg m^2", low=0.0),
+    )
+
+
+def _limits(place: Place, value: Any, kind: str) -> Limits:
+    table = table_at(place, value, "[joint.limits] with position, speed or torque")
+    keys(place, table, (), ("position", "speed", "torque"))
+    unit, force = ("rad", "N m") if kind == "revolute" else ("m", "N")
+    position = None
+    if "position" in table:
+        position = pair(place, "position", table["position"], unit)
+        if position[0] >= position[1]:
+            place.fail(f"position is [{position[0]:g}, {position[1]:g}]; expected the smaller end first")
+    speed, torque = (
+        number(place, key, table[key], key_unit, positive=True) if key in table else None
+        for key, key_unit in (("speed", f"{unit}/s"), ("torque", force))
+    )
+    return Limits(position, speed, torque)
+
+
+def _contact(top: Place, value: Any, effects: Mapping[str, Effect]) -> Contact:
+    place = top.inside("contact")
+    table = table_at(place, value, "[contact] with x and [contact.effects.…]")
+    keys(place, table, ("x",), ("effects",))
+    return Contact(
+        number(place, "x", table["x"], "m"),
+        _effects(place, table.get("effects", {}), "contact", effects),
+    )
+
+
+def _inertial(top: Place, value: Any) -> Values:
+    place = top.inside("inertial")
+    table = table_at(place, value, "[inertial] with base inertial parameters as identify --write puts them there")
+    return {identifier(place, "key", key): number(place, key, entry, "SI units") for key, entry in table.items()}
+
+
+# --- effects ---
+
+_HOME = {
+    "joint": "acts on one joint; put it under [joint.effects.{}] of that joint",
+    "joints": "acts on a joint and the next one; put it under [joint.effects.{}] of the first of the two",
+    "arm": "acts on the whole arm; put it under [effects.{}]",
+    "contact": "acts at the end-effector; put it under [contact.effects.{}]",
+}
+_TABLE = {"joint": "[joint.effects.…]", "arm": "[effects.…]", "contact": "[contact.effects.…]"}
+
+
+def _effects(
+    place: Place,
+    value: Any,
+    scope: str,
+    library: Mapping[str, Effect],
+    kind: str = "revolute",
+    last: bool = False,
+) -> dict[str, Values]:
+    """The active effects under `place`, in the file's order; `last`: the joint has none after it."""
+    table = table_at(place.inside("effects"), value, f"{_TABLE[scope]}, one an effect")
+    return {name: _effect(place, name, values, scope, library, kind, last) for name, values in table.items()}
+
+
+def _effect(
+    place: Place, name: str, value: Any, scope: str, library: Mapping[str, Effect], kind: str, last: bool
+) -> Values:
+    check_effect(place, name, scope, library, last)
+    effect = library[name]
+    place = place.inside(name)
+    known = {p.name: p for p in effect.parameters}
+    table = table_at(place, value, f"with {', '.join(known) or 'nothing in it'}, or an empty one: values unknown")
+    for key in table:
+        if key not in known:
+            hint = did_you_mean(key, tuple(known)) if known else "it has none"
+            place.fail(f"unknown parameter {quote(key)}; {hint}")
+    return {
+        key: number(place, key, entry, known[key].unit.text(kind), *known[key].bounds) for key, entry in table.items()
+    }
+
+
+def check_effect(place: Place, name: str, scope: str, library: Mapping[str, Effect], last: bool = False) -> None:
+    """Raise ModelError unless `name` is an effect that may stand in a table of this scope.
+
+    scope   "joint", "arm" or "contact"; last: the joint is the outermost one
+    """
+    if name not in library:
+        close = nearest(name, library)
+        hint = f'; did you mean "{close}"?' if close else ""
+        place.fail(f"unknown effect {quote(name)}{hint} (tendon effects lists them all)")
+    home = library[name].scope
+    if home not in ((scope, "joints") if scope == "joint" else (scope,)):
+        place.fail(f'effect "{name}" {_HOME[home].format(name)}')
+    if home == "joints" and last:
+        place.fail(f'effect "{name}" names the first of two joints, and there is none after this one')
+
+
+# --- physics ---
+
+
+def _check_inertia_seen(top: Place, arm: Arm) -> None:
+    """Every joint must move some inertia, or D is singular and the arm cannot be simulated or identified."""
+    for i, joint in enumerate(arm.joints):
+        seen, offset = joint.rotor_inertia, False
+        for k, outer in enumerate(arm.joints[i:]):
+            if joint.type == "prismatic":
+                seen += outer.link.mass
+                continue
+            slides = k > 0 and outer.type == "prismatic"
+            if offset or slides or outer.link.com != (0.0, 0.0):
+                seen += outer.link.mass
+            seen += outer.link.inertia
+            offset = offset or slides or outer.link.length > 0
+        if seen <= 0:
+            top.inside(f"joint {i + 1}").fail(
+                "moves no inertia at all; expected a rotor_inertia, or a mass or inertia on this link or further out"
+            )
