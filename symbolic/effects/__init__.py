@@ -1,0 +1,51 @@
+"""The library of physical effects: one declaration each, one file a family."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+from symbolic.effects import contact, drive, friction, loads, springs, transmission
+from symbolic.effects.declaration import Effect, check
+
+LIBRARY: dict[str, Effect] = {
+    effect.name: effect
+    for family in (friction, springs, drive, transmission, loads, contact)
+    for effect in family.EFFECTS
+}
+"""All effects by name, in the order in which they are listed and emitted."""
+
+
+class EffectsError(ValueError):
+    """A user's file of effects cannot be used; the message says why."""
+
+
+def load_user_effects(path: Path) -> tuple[Effect, ...]:
+    """The `EFFECTS = (Effect(...), ...)` of a Python file, checked.
+
+    The file is run: it is trusted because the user named it. Raises EffectsError where it cannot be read,
+    fails, has no EFFECTS, contradicts itself or takes a name that is already in use.
+    """
+    try:
+        found = runpy.run_path(str(path)).get("EFFECTS")
+    except OSError as error:
+        raise EffectsError(f"{path}: cannot read the file of effects: {error.strerror}") from error
+    except (Exception, SystemExit) as error:
+        text = " ".join(str(error).split()) or "no message"
+        raise EffectsError(f"{path}: the file of effects failed: {type(error).__name__}: {text}") from error
+    if found is None:
+        raise EffectsError(f"{path}: no EFFECTS in it; define EFFECTS = (Effect(...), ...)")
+    if not isinstance(found, tuple | list):
+        raise EffectsError(f"{path}: EFFECTS is a {type(found).__name__}; make it a tuple of Effect(...)")
+    seen = set(LIBRARY)
+    for position, effect in enumerate(found, 1):
+        if not isinstance(effect, Effect):
+            raise EffectsError(f"{path}: EFFECTS item {position} is a {type(effect).__name__}, not an Effect(...)")
+        if effect.name in seen:
+            raise EffectsError(f'{path}: the name "{effect.name}" is already in use; choose another')
+        try:
+            check(effect)
+        except ValueError as error:
+            raise EffectsError(f"{path}: {error}") from error
+        seen.add(effect.name)
+    return tuple(found)

@@ -2,15 +2,19 @@
 
 The torque is an expression in SIGNALS, the effect's parameters and its states. Torques stand on the
 motor's side (tau_m = D qdd + C qd + g + sum of effects), so friction has the sign of qd and a spring
-that pulls the joint forward is negative. Parameters with role "linear" enter the torque at most
-linearly; identification solves them exactly and searches only the "shape" parameters.
+that pulls the joint forward is negative. Parameters with role "linear" are solved exactly by
+identification, "shape" ones are searched on a grid, "given" ones come from the model file or their
+default, because no motion can tell them. Where the torque is not linear in its declared parameters as
+they stand (k (q - q0)), a LinearForm says in which coefficients it is.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import inf
-from typing import Literal
+from typing import Any, Literal
 
 import sympy as sp
 
@@ -56,6 +60,7 @@ SIGNALS: tuple[Signal, ...] = (
     _signal("tip_y", u.METRE, "end-effector's y in the base frame"),
     _signal("tip_yd", u.METRE / u.SECOND, "rate of the end-effector's y"),
     _signal("tip_row", u.FORCE / u.NEWTON, "derivative of the end-effector's y by q"),
+    _signal("plate_y", u.METRE, "base y of the active plate's surface; minus infinity where no plate is active"),
     _signal("ratio", u.ONE / u.POSITION, "gear ratio per unit of position: motor turns' angle by q"),
 )
 SIGNAL = {s.name: s for s in SIGNALS}
@@ -67,27 +72,40 @@ DT = sp.Symbol("dt", positive=True)
 class Grid:
     """Where a shape parameter is looked for: `count` values from `low` to `high` times the data's `of`.
 
-    of: "one", "rate" (largest |qd|), "load" (largest |load|), "duration" (of the longest run), or
-    "position", whose values run from the smallest to the largest q (low = 0, high = 1).
+    of   "one"              as they are
+         "rate"             largest |qd|
+         "position"         from the smallest to the largest q (low = 0, high = 1)
+         "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
+         "load"             largest |load|
+         "duration"         of the longest run, s
+         "link_inertia"     median link_inertia; low and high are then squared angular frequencies
+         "critical"         2 sqrt(stiffness · median link_inertia), with the effect's stiffness at hand
+         "level_per_range"  largest level over the range of q: a stiffness whose deflection is a part of the range
     """
 
     low: float
     high: float
     count: int
-    of: Literal["one", "rate", "position", "load", "duration"] = "one"
+    of: Literal["one", "rate", "position", "tip", "load", "duration", "link_inertia", "critical", "level_per_range"] = (
+        "one"
+    )
     spacing: Literal["log", "linear"] = "log"
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of an effect; `bounds` are physical (dissipation, order), in SI."""
+    """A parameter of an effect; `bounds` are physical (dissipation, order), in SI.
+
+    default   the value of a "given" parameter that the model file does not state
+    """
 
     name: str
     unit: u.Unit
     meaning: str
-    role: Literal["linear", "shape"] = "linear"
+    role: Literal["linear", "shape", "given"] = "linear"
     bounds: tuple[float, float] = (-inf, inf)
     grid: Grid | None = None
+    default: float | None = None
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -101,13 +119,17 @@ def parameter(name: str) -> sp.Symbol:
 
 @dataclass(frozen=True)
 class State:
-    """Memory: `step` gives the next value from the states and signals of this sample and dt."""
+    """Memory: `step` gives the next value from the states and signals of this sample and dt.
+
+    The torque of a sample is evaluated before its step. `initial` may use the signals of the first
+    sample and the parameters, so that a recording may begin in equilibrium.
+    """
 
     name: str
     unit: u.Unit
     meaning: str
     step: sp.Expr
-    initial: sp.Expr = sp.Integer(0)
+    initial: sp.Expr = sp.S.Zero
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -120,6 +142,23 @@ def state(name: str) -> sp.Symbol:
 
 
 @dataclass(frozen=True)
+class LinearForm:
+    """The same torque, linear in other coefficients than the declared parameters.
+
+    coefficients      as many as the effect has linear parameters, each with its own unit and bounds; what a
+                      recording can tell where a given parameter is not known
+    torque            equals the effect's torque, in `parameter(name)` of the coefficients
+    from_parameters   the coefficients' values, in the effect's parameters
+    recover           the linear parameters' values in declared order, in the coefficients and the others
+    """
+
+    coefficients: tuple[Parameter, ...]
+    torque: sp.Expr
+    from_parameters: tuple[sp.Expr, ...]
+    recover: tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True)
 class Effect:
     """One physical effect.
 
@@ -127,7 +166,8 @@ class Effect:
     scope        "joint"; "joints" (acts on a joint and the next one outwards); "arm"; "contact"
     family       "friction", "spring", "drive", "transmission", "load", "contact"
     torque       what it adds to the motor torque of the joint whose signals are given
-    parameters   linear ones and shape ones
+    parameters   linear, shape and given ones
+    form         the coefficients in which the torque is linear, where they are not the linear parameters
     states       memory, empty for a static effect
     dissipates   its power torque * qd is never negative within the bounds (or, for contact, work on the plate)
     generalises  effects whose torques are special cases: adding this one replaces them
@@ -151,6 +191,7 @@ class Effect:
     states: tuple[State, ...] = field(default=())
     dissipates: bool = False
     generalises: tuple[str, ...] = field(default=())
+    form: LinearForm | None = None
 
     @property
     def linear(self) -> tuple[Parameter, ...]:
@@ -161,34 +202,102 @@ class Effect:
         return tuple(p for p in self.parameters if p.role == "shape")
 
     @property
+    def given(self) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.parameters if p.role == "given")
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """What identification solves for, (k,): the form's coefficients, else the linear parameters."""
+        return self.form.coefficients if self.form else self.linear
+
+    @property
     def signals(self) -> tuple[Signal, ...]:
         """Those it reads, in the order of SIGNALS."""
-        used = self.torque.free_symbols.union(*(s.step.free_symbols for s in self.states))
+        used = _symbols(self)
         return tuple(s for s in SIGNALS if s.symbol in used)
 
     @property
     def columns(self) -> tuple[sp.Expr, ...]:
-        """Derivatives of the torque by the linear parameters: the effect's regressor, (k,)."""
-        return tuple(sp.diff(self.torque, p.symbol) for p in self.linear)
+        """Derivatives of the torque by the coefficients: the effect's regressor, (k,)."""
+        return tuple(sp.diff(self._linear_torque, c.symbol) for c in self.coefficients)
 
     @property
     def fixed(self) -> sp.Expr:
-        """The torque with all linear parameters at zero; 0 for most effects."""
-        return self.torque.subs({p.symbol: 0 for p in self.linear})
+        """The torque with all coefficients at zero; 0 for most effects."""
+        return self._linear_torque.subs({c.symbol: 0 for c in self.coefficients})
+
+    @property
+    def _linear_torque(self) -> sp.Expr:
+        return self.form.torque if self.form else self.torque
+
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def check(effect: Effect) -> None:
     """Raise ValueError where a declaration contradicts itself (an effect of a user's own file is read, too)."""
-    known = {s.symbol for s in SIGNALS} | set(WIDTHS) | {DT}
+    _check_names(effect)
+    known = {s.symbol for s in SIGNALS} | set(WIDTHS)
     known |= {p.symbol for p in effect.parameters} | {s.symbol for s in effect.states}
-    used = effect.torque.free_symbols.union(*(s.step.free_symbols for s in effect.states))
-    if used - known:
-        names = ", ".join(sorted(s.name for s in used - known))
+    steps = _union(s.step for s in effect.states)
+    if unknown := _symbols(effect) - known - (steps & {DT}):
+        names = ", ".join(sorted(s.name for s in unknown))
         raise ValueError(f'effect "{effect.name}" uses {names}, which is neither a signal, a parameter nor a state')
-    linear = {p.symbol for p in effect.linear}
-    for column in effect.columns:
-        if column.free_symbols & linear:
-            raise ValueError(f'effect "{effect.name}" is not linear in all of its linear parameters')
-    for p in effect.shape:
-        if p.grid is None:
-            raise ValueError(f'effect "{effect.name}": shape parameter "{p.name}" needs a grid to be searched on')
+    coefficients = {c.symbol for c in effect.coefficients}
+    if any(column.free_symbols & coefficients for column in effect.columns):
+        raise ValueError(f'effect "{effect.name}" is not linear in all of its linear parameters')
+    for p in effect.parameters:
+        if (p.role == "shape") != (p.grid is not None):
+            raise ValueError(f'effect "{effect.name}": "{p.name}" needs a grid if and only if its role is "shape"')
+        if (p.role == "given") != (p.default is not None):
+            raise ValueError(f'effect "{effect.name}": "{p.name}" needs a default if and only if its role is "given"')
+    if effect.form:
+        _check_form(effect, effect.form)
+
+
+def _check_names(effect: Effect) -> None:
+    for kind, names in (
+        ("parameter", [p.name for p in effect.parameters]),
+        ("coefficient", [c.name for c in effect.coefficients]),
+        ("state", [s.name for s in effect.states]),
+        ("effect", [effect.name]),
+    ):
+        for name in names:
+            if not _NAME.fullmatch(name):
+                raise ValueError(f'effect "{effect.name}": {kind} "{name}" must be lower-case letters, digits and _')
+        if len(set(names)) < len(names):
+            raise ValueError(f'effect "{effect.name}" names a {kind} twice')
+
+
+def _check_form(effect: Effect, form: LinearForm) -> None:
+    if not len(form.coefficients) == len(form.from_parameters) == len(form.recover) == len(effect.linear):
+        raise ValueError(f'effect "{effect.name}": its form needs one coefficient for each linear parameter')
+    there = dict(zip((c.symbol for c in form.coefficients), form.from_parameters, strict=True))
+    if sp.simplify(form.torque.subs(there, simultaneous=True) - effect.torque) != 0:
+        raise ValueError(f'effect "{effect.name}": its form is not the same torque')
+
+
+def _symbols(effect: Effect) -> set[sp.Symbol]:
+    """All that torque, steps and initial values use."""
+    return _union([effect.torque, *(s.step for s in effect.states), *(s.initial for s in effect.states)])
+
+
+def _union(expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
+    return set().union(*(e.free_symbols for e in expressions))
+
+
+_OPERATORS = {sp.Add: "add", sp.Mul: "mul", sp.Pow: "pow", sp.atan2: "atan2"}
+
+
+def prefix(expr: sp.Expr) -> Any:
+    """`expr` as JSON: a number, a parameter's name, or [operator, argument...]; it is evaluated without eval.
+
+    Operators: add, mul (any number of arguments), pow, atan2 (two). Raises ValueError for any other.
+    """
+    if expr.is_Number:
+        return float(expr)
+    if expr.is_Symbol:
+        return expr.name.removeprefix("p_")
+    if expr.func not in _OPERATORS:
+        raise ValueError(f"{expr.func.__name__} cannot stand in the form of an effect; use +, *, powers and atan2")
+    return [_OPERATORS[expr.func], *map(prefix, expr.args)]

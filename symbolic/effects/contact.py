@@ -1,0 +1,62 @@
+"""The spring-loaded plate at the end-effector."""
+
+from __future__ import annotations
+
+from math import inf
+
+from symbolic import units as u
+from symbolic.effects.declaration import SIGNAL, Effect, Grid, Parameter, parameter
+from symbolic.primitives import WIDTH_POSITION, WIDTH_RATE, ramp, sgn, step
+
+Y, YD, ROW, PLATE_Y = (SIGNAL[name].symbol for name in ("tip_y", "tip_yd", "tip_row", "plate_y"))
+NOT_NEGATIVE = (0.0, inf)
+
+_DEPTH = parameter("position") - Y
+
+PLATE = Effect(
+    name="plate",
+    scope="contact",
+    family="contact",
+    # The plate's force stands on the other side of (1): minus J^T F.
+    torque=-ROW
+    * (
+        parameter("stiffness") * ramp(_DEPTH, WIDTH_POSITION)
+        + (parameter("pretension") - parameter("friction") * sgn(YD, WIDTH_RATE)) * step(_DEPTH, WIDTH_POSITION)
+    ),
+    parameters=(
+        Parameter("stiffness", u.NEWTON / u.METRE, "of the plate's spring, k_p", bounds=NOT_NEGATIVE),
+        Parameter("pretension", u.NEWTON, "force at first touch, F_p0", bounds=NOT_NEGATIVE),
+        Parameter("friction", u.NEWTON, "dry friction of the plate's guide, F_pc", bounds=NOT_NEGATIVE),
+        Parameter(
+            "position",
+            u.METRE,
+            "base y of the plate when it is not touched, y_p",
+            "shape",
+            grid=Grid(0, 1, 48, "tip", "linear"),
+        ),
+    ),
+    summary="A plate on a spring that the end-effector presses down.",
+    equation="-J_y^T F_p,  F_p = F_p0 + k_p (y_p - y) - F_pc sgn(yd) for y < y_p, else 0",
+    trace="All joints' residuals are zero until the end-effector passes one y, then in proportion to dy/dq.",
+    experiment="Press the plate slowly down and up, from well above it.",
+    source="Equation (3) of the paper",
+)
+
+PLATE_DAMPING = Effect(
+    name="plate_damping",
+    scope="contact",
+    family="contact",
+    torque=ROW * parameter("coefficient") * YD * step(PLATE_Y - Y, WIDTH_POSITION),
+    parameters=(
+        Parameter("coefficient", u.NEWTON * u.SECOND / u.METRE, "force per speed of the plate", bounds=NOT_NEGATIVE),
+    ),
+    summary="A damper beside the plate's spring; it needs the effect plate, whose position it shares.",
+    equation="J_y^T c yd for y < y_p, else 0",
+    trace="While the plate is touched, residuals in proportion to the speed of the end-effector.",
+    experiment="Press the plate down and up at several speeds.",
+    source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
+    "Mechanism and Machine Theory 37",
+    dissipates=True,
+)
+
+EFFECTS = (PLATE, PLATE_DAMPING)

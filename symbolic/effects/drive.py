@@ -1,0 +1,109 @@
+"""What the drive adds between the torque that is recorded and the torque that acts."""
+
+from __future__ import annotations
+
+from math import inf
+
+import sympy as sp
+
+from symbolic import units as u
+from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, parameter
+
+Q, RATIO = SIGNAL["q"].symbol, SIGNAL["ratio"].symbol
+PREDICTED, PREDICTED_RATE = SIGNAL["predicted"].symbol, SIGNAL["predicted_rate"].symbol
+
+_ANGLE = parameter("order") * RATIO * Q
+
+TORQUE_RIPPLE = Effect(
+    name="torque_ripple",
+    scope="joint",
+    family="drive",
+    torque=parameter("amplitude") * sp.cos(_ANGLE + parameter("phase")),
+    parameters=(
+        Parameter(
+            "order",
+            u.ONE,
+            "periods per revolution of the motor; 2 is the wave generator of a harmonic drive",
+            "shape",
+            (0.0, inf),
+            Grid(0.5, 6.0, 12, spacing="linear"),
+        ),
+        Parameter("amplitude", u.FORCE, "at the joint", bounds=(0.0, inf)),
+        Parameter("phase", u.ONE, "at q = 0, in rad", bounds=(-float(sp.pi), float(sp.pi))),
+    ),
+    form=LinearForm(
+        coefficients=(
+            Parameter("cosine", u.FORCE, "amplitude of the part that is largest at q = 0"),
+            Parameter("sine", u.FORCE, "amplitude of the part that is zero at q = 0"),
+        ),
+        torque=parameter("cosine") * sp.cos(_ANGLE) + parameter("sine") * sp.sin(_ANGLE),
+        from_parameters=(
+            parameter("amplitude") * sp.cos(parameter("phase")),
+            -parameter("amplitude") * sp.sin(parameter("phase")),
+        ),
+        recover=(
+            sp.sqrt(parameter("cosine") ** 2 + parameter("sine") ** 2),
+            sp.atan2(-parameter("sine"), parameter("cosine")),
+        ),
+    ),
+    summary="A torque that repeats with the motor's revolution: cogging, commutation, wave generator.",
+    equation="A cos(n N q + phi)",
+    trace="Over the motor's angle, a wave that repeats each revolution or a part of it, whatever the speed.",
+    experiment="Slow constant speed over ten revolutions of the motor, so that the wave stays below the cut-off.",
+    source="Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent magnet "
+    "motor drives, IEEE Trans. Industrial Electronics 43(2)",
+)
+
+TORQUE_SATURATION = Effect(
+    name="torque_saturation",
+    scope="joint",
+    family="drive",
+    torque=parameter("coefficient") * PREDICTED**3,
+    parameters=(
+        Parameter(
+            "coefficient", u.ONE / u.FORCE**2, "excess of the recorded torque per cubed torque", bounds=(0.0, inf)
+        ),
+    ),
+    summary="The motor's torque constant falls at large current, so that the current overstates the torque.",
+    equation="c tau^3, tau the predicted torque",
+    trace="Over the predicted torque, an S that is visible only at the peaks.",
+    experiment="Motion with the largest accelerations in both directions, beside gentle ones.",
+    source="Hanselman 2006, Brushless Permanent Magnet Motor Design",
+)
+
+TORQUE_SCALE = Effect(
+    name="torque_scale",
+    scope="joint",
+    family="drive",
+    torque=(parameter("factor") - 1) * PREDICTED,
+    parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=(0.0, inf)),),
+    summary="The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.",
+    equation="(factor - 1) tau, tau the predicted torque",
+    trace="The residual has the shape of the torque itself; where all parameters are free, it vanishes in them.",
+    experiment="A known mass or a known spring at the joint; motion alone shows it only against fixed parameters.",
+    source="Gautier & Briot 2014, Global identification of joint drive gains and dynamic parameters of robots, "
+    "ASME J. Dynamic Systems, Measurement, and Control 136(5)",
+)
+
+TORQUE_DELAY = Effect(
+    name="torque_delay",
+    scope="joint",
+    family="drive",
+    # recorded(t) = predicted(t + time) to first order: good for times short against the motion's.
+    torque=parameter("time") * PREDICTED_RATE,
+    parameters=(
+        Parameter(
+            "time",
+            u.SECOND,
+            "positive: the recorded torque is ahead of the recorded motion, as a command is that acts only later; "
+            "negative: it is behind, as a filtered current is",
+        ),
+    ),
+    summary="Torque and motion are not recorded at the same instant: hold, bus cycle, filter.",
+    equation="T d(tau)/dt, tau the predicted torque",
+    trace="The residual follows the slope of the torque and grows with frequency, in proportion.",
+    experiment="Motion over two decades of frequency: an elasticity grows with a higher power of frequency.",
+    source="Ljung 1999, System Identification: Theory for the User",
+)
+
+EFFECTS = (TORQUE_RIPPLE, TORQUE_SATURATION, TORQUE_SCALE, TORQUE_DELAY)

@@ -1,0 +1,282 @@
+"""Friction: all that takes energy out of a joint, by its direction, rate, load, place and warmth."""
+
+from __future__ import annotations
+
+from math import inf
+
+import sympy as sp
+
+from symbolic import units as u
+from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, State, parameter, state
+from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, WIDTH_RATE, absolute, ramp, sgn, step
+
+Q, QD, T = SIGNAL["q"].symbol, SIGNAL["qd"].symbol, SIGNAL["t"].symbol
+LOAD, LEVEL = SIGNAL["load"].symbol, SIGNAL["level"].symbol
+WARMTH, UNMEASURED = SIGNAL["warmth"].symbol, SIGNAL["unmeasured"].symbol
+SIGN, SPEED = sgn(QD, WIDTH_RATE), absolute(QD, WIDTH_RATE)
+NOT_NEGATIVE = (0.0, inf)
+
+SURVEY = (
+    "Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation methods "
+    "for the control of machines with friction, Automatica 30(7)"
+)
+BOOK = "Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer"
+
+COULOMB = Effect(
+    name="coulomb",
+    scope="joint",
+    family="friction",
+    torque=parameter("torque") * SIGN,
+    parameters=(Parameter("torque", u.FORCE, "friction torque, the same in both directions", bounds=NOT_NEGATIVE),),
+    summary="Dry friction: constant, against the motion, whatever the speed.",
+    equation="F sgn(qd)",
+    trace="A step of equal height up and down wherever the rate changes its sign, flat in between.",
+    experiment="Constant speeds in both directions; a few different speeds tell it from viscous friction.",
+    source=SURVEY,
+    dissipates=True,
+)
+
+COULOMB_ASYMMETRIC = Effect(
+    name="coulomb_asymmetric",
+    scope="joint",
+    family="friction",
+    torque=parameter("positive") * step(QD, WIDTH_RATE) - parameter("negative") * step(-QD, WIDTH_RATE),
+    parameters=(
+        Parameter("positive", u.FORCE, "friction torque while qd > 0", bounds=NOT_NEGATIVE),
+        Parameter("negative", u.FORCE, "friction torque, as a magnitude, while qd < 0", bounds=NOT_NEGATIVE),
+    ),
+    summary="Dry friction of a different height in each direction.",
+    equation="F+ for qd > 0, -F- for qd < 0",
+    trace="A step at every reversal whose two levels are not opposite: a sign of direction plus a constant.",
+    experiment="Constant speeds in both directions, over the same part of the range.",
+    source="Equation (4) of the paper; " + SURVEY,
+    dissipates=True,
+    generalises=("coulomb",),
+)
+
+VISCOUS = Effect(
+    name="viscous",
+    scope="joint",
+    family="friction",
+    torque=parameter("coefficient") * QD,
+    parameters=(Parameter("coefficient", u.VISCOUS, "torque per rate", bounds=NOT_NEGATIVE),),
+    summary="Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not compensated.",
+    equation="c qd",
+    trace="The residual is a straight line over the rate, through zero.",
+    experiment="Several constant speeds, from a tenth of the largest to the largest.",
+    source=SURVEY,
+    dissipates=True,
+)
+
+VISCOUS_ASYMMETRIC = Effect(
+    name="viscous_asymmetric",
+    scope="joint",
+    family="friction",
+    torque=parameter("positive") * ramp(QD, WIDTH_RATE) - parameter("negative") * ramp(-QD, WIDTH_RATE),
+    parameters=(
+        Parameter("positive", u.VISCOUS, "torque per rate while qd > 0", bounds=NOT_NEGATIVE),
+        Parameter("negative", u.VISCOUS, "torque per rate while qd < 0", bounds=NOT_NEGATIVE),
+    ),
+    summary="Viscous friction with a different slope in each direction.",
+    equation="c+ qd for qd > 0, c- qd for qd < 0",
+    trace="Over the rate, a bent line: an even part |qd| beside the odd one.",
+    experiment="Several constant speeds, each in both directions over the same part of the range.",
+    source=BOOK,
+    dissipates=True,
+    generalises=("viscous",),
+)
+
+VISCOUS_CUBIC = Effect(
+    name="viscous_cubic",
+    scope="joint",
+    family="friction",
+    torque=parameter("coefficient") * QD**3,
+    parameters=(
+        Parameter(
+            "coefficient",
+            u.FORCE / u.RATE**3,
+            "torque per cubed rate; negative where friction grows less than in proportion, and then valid only "
+            "within the speeds at which it was identified",
+        ),
+    ),
+    summary="The curvature of viscous friction over the speed, odd in the rate.",
+    equation="c qd^3",
+    trace="Over the rate, an S: nothing at low speed, growing fast towards the largest one.",
+    experiment="Speeds up to the largest one in use; the slow ones fix the straight part.",
+    source="Equation (4) of the paper; Tuttle & Seering 1996, A nonlinear model of a harmonic drive gear transmission, "
+    "IEEE Trans. Robotics and Automation 12(3)",
+)
+
+# At rest the base is 1 in place of 0, so that no target has to raise 0 to a power; sgn makes the torque 0 there.
+_BASE = SPEED + 1 - step(SPEED, WIDTH_RATE)
+
+VISCOUS_POWER = Effect(
+    name="viscous_power",
+    scope="joint",
+    family="friction",
+    torque=parameter("torque") * _BASE ** parameter("exponent") * SIGN,
+    parameters=(
+        Parameter("torque", u.FORCE, "torque at 1 rad/s (1 m/s)", bounds=NOT_NEGATIVE),
+        Parameter(
+            "exponent",
+            u.ONE,
+            "power of the speed: below 1 for a lubricant that thins with shear",
+            "shape",
+            (0.0, 5.0),
+            # Odd multiples of 0.05, so that the exponent 1, which is viscous friction, is not on the grid.
+            Grid(0.15, 2.95, 29, spacing="linear"),
+        ),
+    ),
+    summary="Friction that grows with a power of the speed other than the first.",
+    equation="F |qd/(1 rad/s)|^p sgn(qd)",
+    trace="Over the rate, steep at low speed and flat at high speed (p < 1), or the other way round (p > 1).",
+    experiment="Speeds over two decades, spaced evenly on a logarithmic scale, in both directions.",
+    source="Waiboer, Aarts & Jonker 2005, Velocity dependence of joint friction in robotic manipulators with gear "
+    "transmissions, ECCOMAS Multibody Dynamics",
+    dissipates=True,
+)
+
+STRIBECK = Effect(
+    name="stribeck",
+    scope="joint",
+    family="friction",
+    torque=parameter("torque") * sp.exp(-((QD / parameter("speed")) ** 2)) * SIGN,
+    parameters=(
+        Parameter("torque", u.FORCE, "how much friction at the slowest motion exceeds Coulomb's", bounds=NOT_NEGATIVE),
+        Parameter(
+            "speed",
+            u.RATE,
+            "speed within which the excess falls to 1/e",
+            "shape",
+            (0.0, inf),
+            Grid(0.003, 0.6, 28, "rate"),
+        ),
+    ),
+    summary="Extra friction at creep that a lubricating film takes away as the speed rises.",
+    equation="dF exp(-(qd/v_s)^2) sgn(qd)",
+    trace="A narrow peak on both sides of zero rate with opposite signs; nothing at higher speed.",
+    experiment="Slow legs at a tenth of v_s to three times v_s in both directions, beside the fast ones.",
+    source=SURVEY,
+    dissipates=True,
+)
+
+LOAD_FRICTION = Effect(
+    name="load_friction",
+    scope="joint",
+    family="friction",
+    torque=parameter("coefficient") * absolute(LOAD, WIDTH_FORCE) * SIGN,
+    parameters=(Parameter("coefficient", u.ONE, "friction torque per transmitted torque", bounds=NOT_NEGATIVE),),
+    summary="Gear friction in proportion to the torque that the gear transmits.",
+    equation="mu |load| sgn(qd)",
+    trace="A step at every reversal that is higher where the predicted load is larger.",
+    experiment="The same speeds under changing load: other postures, accelerations, or a mass at the end-effector.",
+    source="Hamon, Gautier & Garrec 2010, Dynamic identification of robots with a dry friction model depending on load "
+    "and velocity, IROS",
+    dissipates=True,
+)
+
+FRICTION_PATCH = Effect(
+    name="friction_patch",
+    scope="joint",
+    family="friction",
+    torque=parameter("torque")
+    * step(Q - parameter("start"), WIDTH_POSITION)
+    * step(parameter("end") - Q, WIDTH_POSITION)
+    * SIGN,
+    parameters=(
+        Parameter("torque", u.FORCE, "additional friction torque within the patch", bounds=NOT_NEGATIVE),
+        Parameter("start", u.POSITION, "where the patch begins", "shape", grid=Grid(0, 1, 16, "position", "linear")),
+        Parameter("end", u.POSITION, "where the patch ends", "shape", grid=Grid(0, 1, 16, "position", "linear")),
+    ),
+    summary="A stretch of the range with more friction: a worn or dirty place, a bent shaft, a tight seal.",
+    equation="dF sgn(qd) for start < q < end, else 0",
+    trace="Over the position, a rectangle that changes its sign with the direction.",
+    experiment="The whole range at one constant speed, there and back.",
+    source=BOOK,
+    dissipates=True,
+)
+
+# The bristle's torque z follows dz/dt = stiffness (qd - |qd| z/level): the LuGre model with the joint's own Coulomb
+# level as g(qd). Where the level is 0 the divisor is 1 and z, then 0, stays there.
+_Z = state("bristle")
+_LEVEL = LEVEL + 1 - step(LEVEL, WIDTH_FORCE)
+_DECAY = sp.exp(-parameter("stiffness") * SPEED * DT / _LEVEL)
+
+LUGRE = Effect(
+    name="lugre",
+    scope="joint",
+    family="friction",
+    torque=_Z - LEVEL * SIGN + parameter("damping") * (QD - SPEED * _Z / _LEVEL),
+    parameters=(
+        Parameter(
+            "stiffness",
+            u.STIFFNESS,
+            "of the bristles: torque per deflection before sliding",
+            "shape",
+            NOT_NEGATIVE,
+            Grid(3.0, 1e4, 24, "level_per_range"),
+        ),
+        Parameter("damping", u.VISCOUS, "of the bristles while they deflect", bounds=NOT_NEGATIVE),
+    ),
+    states=(
+        State(
+            "bristle",
+            u.FORCE,
+            "torque of the bent bristles, between the two Coulomb levels",
+            # Exact for a rate and a level that stay as they are during dt.
+            step=LEVEL * SIGN + (_Z - LEVEL * SIGN) * _DECAY,
+        ),
+    ),
+    summary="Presliding: after a reversal, dry friction builds up like a spring until it slides.",
+    equation="z - F sgn(qd) + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction",
+    trace="After each reversal the residual decays over a fixed distance, not over a fixed time or speed.",
+    experiment="Reversals with amplitudes from 1 to 300 mrad, slow enough to resolve the first microns of travel.",
+    source="Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, "
+    "IEEE Trans. Automatic Control 40(3)",
+)
+
+_WARMING = WARMTH + UNMEASURED * (1 - sp.exp(-T / parameter("time_constant")))
+
+THERMAL_FRICTION = Effect(
+    name="thermal_friction",
+    scope="joint",
+    family="friction",
+    torque=(parameter("coulomb") * SIGN + parameter("viscous") * QD) * _WARMING,
+    parameters=(
+        Parameter(
+            "coulomb",
+            u.FORCE / u.KELVIN,
+            "change of dry friction per kelvin of warming; where no temperature is recorded, its whole change "
+            "(the warming is then counted as 1 K in all)",
+        ),
+        Parameter("viscous", u.VISCOUS / u.KELVIN, "change of viscous friction, likewise"),
+        Parameter(
+            "time_constant",
+            u.SECOND,
+            "of the warming; without meaning where the temperature is recorded",
+            "shape",
+            (0.0, inf),
+            Grid(0.03, 3.0, 12, "duration"),
+        ),
+    ),
+    summary="Friction that changes as the drive warms up, mostly because grease thins.",
+    equation="(a sgn(qd) + b qd) w,  w the recorded rise of temperature, else 1 - exp(-t/T)",
+    trace="Friction at the same speed differs between the beginning and the end of the recording.",
+    experiment="A long recording with the same slow and fast legs at its beginning and at its end, with temperature.",
+    source="Bittencourt & Gunnarsson 2012, Static friction in a robot joint: modeling and identification of load and "
+    "temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134(5)",
+)
+
+EFFECTS = (
+    COULOMB,
+    COULOMB_ASYMMETRIC,
+    VISCOUS,
+    VISCOUS_ASYMMETRIC,
+    VISCOUS_CUBIC,
+    VISCOUS_POWER,
+    STRIBECK,
+    LOAD_FRICTION,
+    FRICTION_PATCH,
+    LUGRE,
+    THERMAL_FRICTION,
+)

@@ -1,0 +1,159 @@
+"""Torques that depend on the position alone: springs, cables, stops."""
+
+from __future__ import annotations
+
+from math import inf
+
+from symbolic import units as u
+from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, parameter
+from symbolic.primitives import WIDTH_POSITION, ramp, step
+
+Q, QD = SIGNAL["q"].symbol, SIGNAL["qd"].symbol
+NOT_NEGATIVE = (0.0, inf)
+
+OFFSET = Effect(
+    name="offset",
+    scope="joint",
+    family="spring",
+    torque=parameter("torque"),
+    parameters=(Parameter("torque", u.FORCE, "constant part of the recorded torque"),),
+    summary="A constant torque: an amplifier's offset, a constant pull.",
+    equation="tau_0",
+    trace="The residual has a mean that no signal explains.",
+    experiment="Any motion that goes both ways over the same range.",
+    source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
+)
+
+LINEAR_SPRING = Effect(
+    name="linear_spring",
+    scope="joint",
+    family="spring",
+    torque=parameter("stiffness") * (Q - parameter("rest")),
+    parameters=(
+        Parameter("stiffness", u.STIFFNESS, "torque per displacement", bounds=NOT_NEGATIVE),
+        Parameter("rest", u.POSITION, "position at which the spring is slack"),
+    ),
+    form=LinearForm(
+        coefficients=(
+            Parameter("stiffness", u.STIFFNESS, "torque per displacement", bounds=NOT_NEGATIVE),
+            Parameter("bias", u.FORCE, "the spring's torque at q = 0"),
+        ),
+        torque=parameter("stiffness") * Q + parameter("bias"),
+        from_parameters=(parameter("stiffness"), -parameter("stiffness") * parameter("rest")),
+        recover=(parameter("stiffness"), -parameter("bias") / parameter("stiffness")),
+    ),
+    summary="A spring that pulls the joint to a rest position from both sides.",
+    equation="k (q - q_0)",
+    trace="Over the position, a straight line, the same in both directions and at every speed.",
+    experiment="Slow motion over two radians of range or more, there and back.",
+    source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
+    # A constant torque cannot be told from the rest position.
+    generalises=("offset",),
+)
+
+_LACKING = parameter("offset") - Q
+_TAUT = step(_LACKING, WIDTH_POSITION)
+_STRETCH = ramp(_LACKING, WIDTH_POSITION)
+
+PARALLEL_SPRING = Effect(
+    name="parallel_spring",
+    scope="joint",
+    family="spring",
+    torque=-(
+        parameter("radius") ** 2 * parameter("stiffness") * _STRETCH
+        + parameter("radius") * parameter("pretension") * _TAUT
+    ),
+    parameters=(
+        Parameter("stiffness", u.NEWTON / u.METRE, "of the extension spring, k_s", bounds=NOT_NEGATIVE),
+        Parameter(
+            "radius",
+            u.METRE / u.POSITION,
+            "of the pulley, r_p: cable per joint angle; where it is not known, 1, and stiffness and pretension then "
+            "stand for the products with it",
+            "given",
+            (0.0, inf),
+            default=1.0,
+        ),
+        Parameter(
+            "offset",
+            u.POSITION,
+            "position q_s0 below which the spring is taut",
+            "shape",
+            grid=Grid(0, 1, 24, "position", "linear"),
+        ),
+        Parameter("pretension", u.NEWTON, "initial tension of the spring, F_s0", bounds=NOT_NEGATIVE),
+    ),
+    form=LinearForm(
+        coefficients=(
+            Parameter("joint_stiffness", u.STIFFNESS, "torque per displacement, r_p^2 k_s", bounds=NOT_NEGATIVE),
+            Parameter("joint_pretension", u.FORCE, "torque at the offset, r_p F_s0", bounds=NOT_NEGATIVE),
+        ),
+        torque=-(parameter("joint_stiffness") * _STRETCH + parameter("joint_pretension") * _TAUT),
+        from_parameters=(
+            parameter("radius") ** 2 * parameter("stiffness"),
+            parameter("radius") * parameter("pretension"),
+        ),
+        recover=(
+            parameter("joint_stiffness") / parameter("radius") ** 2,
+            parameter("joint_pretension") / parameter("radius"),
+        ),
+    ),
+    summary="An extension spring on a pulley, parallel to the drive, that pulls on one side of an offset only.",
+    equation="-(r_p^2 k_s (q_s0 - q) + r_p F_s0) for q < q_s0, else 0",
+    trace="Over the position, a straight line below the offset, with a step there if pretensioned; zero above.",
+    experiment="Slow motion across the offset over a radian on either side, there and back.",
+    source="Equation (2) of the paper, with the motor's sign",
+)
+
+CABLE = Effect(
+    name="cable",
+    scope="joint",
+    family="spring",
+    torque=sum((parameter(f"c{k}") * Q**k for k in range(2, 5)), parameter("c1") * Q),
+    parameters=tuple(
+        Parameter(f"c{k}", u.FORCE / u.POSITION**k, f"torque per q^{k}" if k > 1 else "torque per q")
+        for k in range(1, 5)
+    ),
+    # A polynomial: a dress pack bends and does not repeat with the turn, so harmonics of q have no meaning, and the
+    # fourth degree is what the source found sufficient over a joint's range. Its constant is the effect `offset`.
+    summary="The pull of hoses and wires along the arm: a smooth curve over the position.",
+    equation="c1 q + c2 q^2 + c3 q^3 + c4 q^4",
+    trace="Over the position, a smooth curve, the same in both directions and at every speed.",
+    experiment="Slow motion over the whole range, there and back.",
+    source="Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear "
+    "disturbance forces, IEEE Robotics and Automation Letters 4(4)",
+)
+
+_SIDE = parameter("side")
+_DEPTH = _SIDE * (Q - parameter("position"))
+
+END_STOP = Effect(
+    name="end_stop",
+    scope="joint",
+    family="spring",
+    torque=parameter("stiffness") * _SIDE * ramp(_DEPTH, WIDTH_POSITION)
+    + parameter("damping") * QD * step(_DEPTH, WIDTH_POSITION),
+    parameters=(
+        Parameter(
+            "position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 1, 48, "position", "linear")
+        ),
+        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
+        Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
+        Parameter(
+            "side",
+            u.ONE,
+            "+1: stops motion to larger q, -1: to smaller q",
+            "shape",
+            (-1.0, 1.0),
+            Grid(-1, 1, 2, spacing="linear"),
+        ),
+    ),
+    summary="A soft mechanical stop at one end of the range.",
+    equation="k (q - q_e)+ + d qd in contact, mirrored for side = -1",
+    trace="Over the position, nothing up to a point near one end of the range, then a steep rise.",
+    experiment="Slow motion up to the ends of the range.",
+    source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
+    "Mechanism and Machine Theory 37",
+)
+
+EFFECTS = (OFFSET, LINEAR_SPRING, PARALLEL_SPRING, CABLE, END_STOP)
