@@ -1,0 +1,251 @@
+"""The header of a recording: which cell is which signal, and in which unit.
+
+Header cells are `name` or `name [unit]`; without a unit, SI. A joint's position is an angle or a length
+and its torque a torque or a force, by the joint's type; a current counts as a torque where the model
+states the joint's torque constant.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import Any, NoReturn
+
+Fail = Callable[[str], NoReturn]
+
+_DEGREE = pi / 180
+_FACTORS = {
+    "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "urad": 1e-6,
+        "rev": 2 * pi,
+        "turn": 2 * pi,
+        "deg": _DEGREE,
+        "°": _DEGREE,
+        "mdeg": _DEGREE / 1e3,
+        "arcmin": _DEGREE / 60,
+        "arcsec": _DEGREE / 3600,
+    },
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "angular rate": {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": _DEGREE,
+        "°/s": _DEGREE,
+        "rpm": pi / 30,
+        "rev/min": pi / 30,
+        "1/min": pi / 30,
+        "rev/s": 2 * pi,
+        "turn/s": 2 * pi,
+        "rps": 2 * pi,
+    },
+    "speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "m/min": 1 / 60, "mm/min": 1e-3 / 60},
+    "torque": {
+        "N m": 1.0,
+        "mN m": 1e-3,
+        "N cm": 1e-2,
+        "N mm": 1e-3,
+        "kN m": 1e3,
+        "Nm": 1.0,
+        "mNm": 1e-3,
+        "Ncm": 1e-2,
+        "Nmm": 1e-3,
+        "kNm": 1e3,
+        "uNm": 1e-6,
+    },
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "temperature": {"degC": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0, "degF": 5 / 9, "°F": 5 / 9},
+}
+_ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
+UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
+"""unit: (dimension, factor to SI, its zero in SI); temperatures are kept in °C."""
+
+_EXAMPLES = {
+    "time": "s or ms",
+    "angle": "rad or deg",
+    "length": "m or mm",
+    "angular rate": "rad/s, deg/s or rpm",
+    "speed": "m/s or mm/s",
+    "torque": "N m or mNm",
+    "force": "N",
+    "current": "A or mA",
+    "temperature": "degC or K",
+}
+_ROTARY = {"position": "angle", "rate": "angular rate", "force": "torque"}
+_LINEAR = {"position": "length", "rate": "speed", "force": "force"}
+_JOINT_COLUMN = re.compile(r"(q|qd|dq|tau|temperature)(\d{1,3})((?:_desired|_link|_rigid)?)", re.ASCII)
+_KINDS = {
+    ("q", ""): "position",
+    ("q", "_desired"): "position",
+    ("q", "_link"): "position",
+    ("qd", ""): "rate",
+    ("tau", ""): "force",
+    ("tau", "_link"): "force",
+    ("tau", "_rigid"): "force",
+    ("temperature", ""): "temperature",
+}
+_PLAIN = {"t": "time", "fx": "force", "fy": "force", "run": "run"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A signal (`name`, e.g. "qd1") in cell `index` of every row; SI value = factor * cell + offset."""
+
+    name: str
+    index: int
+    factor: float
+    offset: float
+
+
+def quote(text: str) -> str:
+    return json.dumps(text if len(text) <= 60 else text[:57] + "...", ensure_ascii=False)
+
+
+def columns(
+    header: Sequence[str], joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+) -> dict[str, Column]:
+    """The columns of a recording by signal name.
+
+    header    the cells of the first line
+    joints    "type" and "torque_constant" of each joint, as in metadata.json
+    mapping   signal name -> header cell, as `--map` gives it
+    fail      raises the error with the file's name before it
+    """
+    split = [_split(cell) for cell in header]
+    found: dict[str, Column] = {}
+    for raw_name, wanted in mapping.items():
+        name = raw_name.strip().replace("dq", "qd", 1) if raw_name.strip().startswith("dq") else raw_name.strip()
+        if _kind(name, len(joints)) is None:
+            fail(f"--map {name}: no such signal; {_signals(len(joints))}")
+        index, unit = _mapped(wanted, header, split, name, fail)
+        if any(column.index == index for column in found.values()):
+            fail(f"--map {name}: column {quote(header[index])} is mapped twice")
+        found[name] = _column(name, index, unit, joints, fail)
+    taken = {column.index for column in found.values()}
+    mapped = set(found)
+    for index, (cell, unit) in enumerate(split):
+        name = cell.replace("dq", "qd", 1) if _JOINT_COLUMN.fullmatch(cell) and cell.startswith("dq") else cell
+        if index in taken or name in mapped or not _is_signal(name, len(joints), fail):
+            continue
+        if name in found:
+            fail(f"two columns are {name}: {quote(header[found[name].index])} and {quote(header[index])}; drop one")
+        found[name] = _column(name, index, unit, joints, fail)
+    needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
+    for name in needed:
+        if name not in found:
+            fail(_missing(name, header, [cell for cell, _ in split], len(joints)))
+    return found
+
+
+def _split(cell: str) -> tuple[str, str | None]:
+    """`name [unit]` as (name, unit); `name (unit)` only where the brackets hold a unit that is known."""
+    cell = cell.strip()
+    if match := re.fullmatch(r"([^\[\]]*)\[([^\[\]]*)\]", cell):
+        return match[1].strip(), match[2].strip()
+    if (match := re.fullmatch(r"(.*)\(([^()]*)\)", cell)) and _normal(match[2]) in UNITS:
+        return match[1].strip(), match[2].strip()
+    return cell, None
+
+
+def _normal(unit: str) -> str:
+    unit = unit.replace("µ", "u").replace("μ", "u")
+    return " ".join(re.sub(r"[·⋅*.]", " ", unit).split())
+
+
+def _kind(name: str, n: int) -> str | None:
+    if name in _PLAIN:
+        return _PLAIN[name]
+    match = _JOINT_COLUMN.fullmatch(name)
+    if match is None or not 1 <= int(match[2]) <= n or str(int(match[2])) != match[2]:
+        return None
+    return _KINDS.get((match[1], match[3]))
+
+
+def _is_signal(name: str, n: int, fail: Fail) -> bool:
+    """Whether this column is read; a joint that the model does not have is an error."""
+    match = _JOINT_COLUMN.fullmatch(name)
+    if match and not 1 <= int(match[2]) <= n and (match[1], match[3]) in _KINDS:
+        joints = "1 joint" if n == 1 else f"{n} joints, counted from 1"
+        fail(f"has a column {name}, but the model has {joints}; drop the column or use the model of this arm")
+    return _kind(name, n) is not None
+
+
+def _mapped(
+    wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]], name: str, fail: Fail
+) -> tuple[int, str | None]:
+    """The cell that `--map` means: the same text, or the same name where only one side states a unit."""
+    cell, unit = _split(wanted)
+    hits = [i for i, text in enumerate(header) if text.strip() == wanted.strip()]
+    if not hits:
+        hits = [i for i, (c, u) in enumerate(split) if c == cell and (u is None or unit is None or u == unit)]
+    if not hits:
+        hits = [i for i, text in enumerate(header) if text.strip() == cell]
+    if len(hits) > 1:
+        fail(f"--map {name}: {len(hits)} columns are called {quote(wanted)}; expected one")
+    if not hits:
+        close = difflib.get_close_matches(wanted, [h.strip() for h in header], n=1, cutoff=0.5)
+        hint = f"did you mean {quote(close[0])}?" if close else f"the file has {_some(header)}"
+        fail(f"--map {name}: no column {quote(wanted)}; {hint}")
+    return hits[0], unit if unit is not None else split[hits[0]][1]
+
+
+def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[str, Any]], fail: Fail) -> Column:
+    kind = _kind(name, len(joints))
+    if kind == "run":
+        if unit:
+            fail(f"run has the unit [{unit[:20]}]; expected whole numbers without a unit")
+        return Column(name, index, 1.0, 0.0)
+    if unit is None or unit == "":
+        return Column(name, index, 1.0, 0.0)
+    if _normal(unit) not in UNITS:
+        fail(f"{name} has the unknown unit {quote(unit)}; {_unit_hint(unit)}")
+    dimension, factor, offset = UNITS[_normal(unit)]
+    expected, whose, joint = kind or "", "", None
+    if match := _JOINT_COLUMN.fullmatch(name):
+        joint = joints[int(match[2]) - 1]
+        expected = (_ROTARY if joint["type"] == "revolute" else _LINEAR).get(expected, expected)
+        whose = f" (joint {match[2]} is {joint['type']})"
+    if dimension == "current" and re.fullmatch(r"tau\d+", name) and joint is not None:
+        constant = joint.get("torque_constant")
+        if constant is None:
+            fail(f"{name} is a current [{unit}], but joint {name[3:]} of the model has no torque_constant; add it")
+        return Column(name, index, factor * float(constant), 0.0)
+    if dimension != expected:
+        article = "an" if expected[0] in "aeiou" else "a"
+        fail(f"{name} is in [{unit}]; expected {article} {expected} such as {_EXAMPLES[expected]}{whose}")
+    return Column(name, index, factor, offset)
+
+
+def _unit_hint(unit: str) -> str:
+    if unit.lower() in ("counts", "count", "cts", "inc", "increments", "ticks", "lsb", "qc"):
+        return "convert it with the encoder's resolution first"
+    by_lower = {known.lower(): known for known in UNITS}
+    close = difflib.get_close_matches(_normal(unit).lower()[:40], by_lower, n=1, cutoff=0.5)
+    return f'did you mean "{by_lower[close[0]]}"?' if close else "write it in SI, without a unit"
+
+
+def _missing(name: str, header: Sequence[str], cells: Sequence[str], n: int) -> str:
+    joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
+    if len(header) == 1:
+        return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
+    close = difflib.get_close_matches(name, cells, n=1, cutoff=0.5)
+    close = [header[cells.index(close[0])].strip()] if close else []
+    example = close[0] if close else "Header [unit]"
+    return f"no column {name}{joints}; the file has {_some(header)}; name it with --map {name}={quote(example)}"
+
+
+def _some(header: Sequence[str]) -> str:
+    cells = [quote(cell.strip()) for cell in header]
+    return ", ".join(cells[:8]) + (f" and {len(cells) - 8} more" if len(cells) > 8 else "")
+
+
+def _signals(n: int) -> str:
+    last = f" to q{n}" if n > 1 else ""
+    return f"known are t, q1{last}, tau1, qd1, q1_desired, q1_link, tau1_link, tau1_rigid, temperature1, fx, fy, run"
