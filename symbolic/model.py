@@ -1,0 +1,111 @@
+"""An arm's model: everything that is generated from it, derived once."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from symbolic import contact, dynamics, kinematics
+from symbolic.arm import Arm
+from symbolic.functions import Struct, SymbolicFunction
+from symbolic.kinematics import Author, Coordinates
+from symbolic.layout import Field, Layout, choose_layout
+from symbolic.lumps import BaseParameters, base_parameters, exact
+
+
+@dataclass(frozen=True)
+class Lump:
+    """A base inertial parameter. unit: e.g. "kg m^2"; joint: 1-based; value: what the model file says."""
+
+    name: str
+    unit: str
+    meaning: str
+    joint: int
+    value: float
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """lumps: base inertial parameters, in which tau is linear; struct "parameters": these first, then geometry."""
+
+    arm: Arm
+    lumps: tuple[Lump, ...]
+    struct: Struct
+    functions: tuple[SymbolicFunction, ...]
+
+    def function(self, name: str) -> SymbolicFunction:
+        return next(f for f in self.functions if f.name == name)
+
+
+def derive(arm: Arm) -> ArmModel:
+    """The model of an arm with everything that is generated from it.
+
+    Raises ValueError if the arm's file holds a value for a base parameter that this arm does not have.
+    """
+    base = base_parameters(arm)
+    layout = choose_layout(arm, base)
+    lumps = named_lumps(arm, base, layout)
+    symbols = {c: sp.Symbol(lump.name, real=True) for c, lump in zip(base.values, lumps, strict=True)}
+    author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, layout.fields))
+    functions = [
+        *dynamics.functions(author, layout.scaled, symbols, layout.frame),
+        *kinematics.functions(author, arm, layout.metric, layout.frame),
+        *(contact.functions(author, layout.metric) if contact.applies(layout.metric) else ()),
+    ]
+    used: set[sp.Symbol] = set()
+    for f in functions:
+        used = used.union(*(e.free_symbols for o in f.outputs for e in o.expressions))
+        used = used.union(*(e.free_symbols for _, e in f.definitions))
+    struct = _struct(lumps, tuple(f for f in layout.fields if f.symbol in used))
+    return ArmModel(arm, lumps, struct, tuple(replace(f, struct=struct) for f in functions))
+
+
+def _struct(lumps: tuple[Lump, ...], fields: tuple[Field, ...]) -> Struct:
+    return Struct(
+        "parameters",
+        tuple(sp.Symbol(lump.name, real=True) for lump in lumps) + tuple(f.symbol for f in fields),
+        tuple(lump.unit for lump in lumps) + tuple(f.unit for f in fields),
+        tuple(lump.meaning for lump in lumps) + tuple(f.meaning for f in fields),
+        tuple(lump.value for lump in lumps) + tuple(float(f.value) for f in fields),
+    )
+
+
+def named_lumps(arm: Arm, base: BaseParameters, layout: Layout) -> tuple[Lump, ...]:
+    """The base parameters as people see them; values that an identification left in the file replace the links'.
+
+    Raises ValueError for a value in the file whose name this arm does not have.
+    """
+    scale = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else None
+    lumps = []
+    for (kind, i), value in base.values.items():
+        sliding = arm.joints[i].type == "prismatic"
+        power = {"J": 0, "I": 0, "mu": 2, "h": 1, "hy": 1}[kind] if scale else 0
+        name = f"{'M' if sliding and kind == 'mu' else kind}{i + 1}"
+        own = {"J": "kg m^2", "I": "kg" if sliding else "kg m^2", "mu": "kg", "h": "kg m", "hy": "kg m"}[kind]
+        unit = "kg m^2" if power else own
+        note = f", times l{layout.reference}{'^2' if power == 2 else ''}" if power else ""
+        also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
+        scaled = value * scale**power if scale else value
+        text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
+        lumps.append(Lump(name, unit, text, i + 1, arm.inertial.get(name, float(scaled))))
+    names = [lump.name for lump in lumps]
+    for name in arm.inertial:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1)
+            hint = f'; did you mean "{near[0]}"?' if near else ""
+            raise ValueError(f'inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})')
+    return tuple(lumps)
+
+
+def _meaning(kind: str, joint: int, sliding: bool, n: int) -> str:
+    end = "the end-effector" if joint == n else f"joint {joint + 1}"
+    if kind == "mu":
+        return f"mass that joint {joint} slides" if sliding else f"point mass that link {joint} carries at {end}"
+    return {
+        "J": f"inertia that turns with link {joint} about joint {joint}, beyond the point masses",
+        "I": f"rotor inertia of joint {joint} at its output",
+        "h": f"first mass moment of link {joint} along it, beyond the point masses",
+        "hy": f"first mass moment of link {joint} across it, from a centre of mass off its line",
+    }[kind]
