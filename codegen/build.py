@@ -1,0 +1,123 @@
+"""Compiles generated C into shared libraries, kept in a content-addressed cache."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+FLAGS = ("-O2", "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared")
+"""-ffp-contract=off: the same bits from every compiler; no -march and no -ffast-math for the same reason."""
+WARNINGS = tuple(
+    "-Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wshadow -Wundef "
+    "-Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror".split()
+)
+"""What embedded developers compile with; the generated code passes, a test holds it to that."""
+
+
+class BuildError(RuntimeError):
+    """No compiler, or it refused; the message says what to do."""
+
+
+def cache_directory() -> Path:
+    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon."""
+    if own := os.environ.get("TENDON_CACHE"):
+        return Path(own)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tendon"
+
+
+def compiler() -> tuple[str, ...]:
+    """The command of a C compiler: $CC, cc, gcc, clang, or the ziglang wheel. BuildError says what to install."""
+    if named := os.environ.get("CC"):
+        command = shlex.split(named)
+        if not command or shutil.which(command[0]) is None:
+            raise BuildError(
+                f'the C compiler "{named}" of the environment variable CC is not there; unset or correct CC'
+            )
+        return tuple(command)
+    for name in ("cc", "gcc", "clang"):
+        if found := shutil.which(name):
+            return (found,)
+    if importlib.util.find_spec("ziglang") is not None:
+        return (sys.executable, "-m", "ziglang", "cc")
+    raise BuildError(
+        "no C compiler found (looked for CC, cc, gcc, clang and the ziglang wheel); "
+        f"install one, for example gcc, or run: {sys.executable} -m pip install ziglang"
+    )
+
+
+@functools.cache
+def _identity(command: tuple[str, ...]) -> str:
+    """What would change the machine code besides the sources: the compiler and the processor's family."""
+    path = Path(shutil.which(command[0]) or command[0]).resolve()
+    status = path.stat()
+    return f"{command} {path} {status.st_size} {status.st_mtime_ns} {platform.machine()} {platform.system()}"
+
+
+def key(*parts: str) -> str:
+    """Name of a cache entry: a hash of everything that decides its content, the compiler included."""
+    digest = hashlib.sha256()
+    for part in (*parts, _identity(compiler()), *FLAGS):
+        digest.update(f"{len(part)}:{part}".encode())
+    return digest.hexdigest()[:32]
+
+
+def entry(name: str, fill: Callable[[Path], None]) -> Path:
+    """The cache's directory `name`, filled by `fill` once; other processes see it whole or not at all."""
+    final = cache_directory() / name
+    if final.is_dir():
+        return final
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=final.parent, prefix=".making-"))
+    except OSError as error:
+        raise BuildError(
+            f"cannot write the cache {final.parent}: {error.strerror}; set TENDON_CACHE to a folder that can be written"
+        ) from error
+    try:
+        fill(scratch)
+        try:
+            scratch.rename(final)
+        except OSError:
+            # Another process was first; what it made is the same.
+            if not final.is_dir():
+                raise
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return final
+
+
+def compile_shared(directory: Path, sources: list[str], output: str) -> None:
+    """Compile `sources` of `directory` into the shared library `output` there."""
+    command = [*compiler(), *FLAGS, *sources, "-o", output, "-lm"]
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig")}
+    try:
+        result = subprocess.run(command, cwd=directory, capture_output=True, text=True, env=environment, check=False)
+    except OSError as error:
+        raise BuildError(f"cannot run the C compiler {command[0]}: {error.strerror}") from error
+    if result.returncode:
+        lines = [line.strip() for line in result.stderr.splitlines() if line.strip()]
+        first = next((line for line in lines if "error" in line), lines[0] if lines else "no message")
+        raise BuildError(f"the C compiler {' '.join(compiler())} failed (exit {result.returncode}): {first[:300]}")
+
+
+def shared_library(files: Mapping[str, str], name: str) -> Path:
+    """The shared library of all `.c` files among `files`, from the cache or freshly compiled."""
+    parts = [part for item in sorted(files.items()) for part in item]
+    sources = sorted(path for path in files if path.endswith(".c"))
+
+    def fill(directory: Path) -> None:
+        for path, text in files.items():
+            (directory / path).write_text(text, encoding="utf-8")
+        compile_shared(directory, sources, f"{name}.so")
+
+    return entry(f"{name}-{key(*parts)}", fill) / f"{name}.so"

@@ -1,0 +1,60 @@
+"""An effect's declaration as the symbolic functions that are generated from it.
+
+All read the effect's signals, then dt where time passes, then `p` (all parameters in declared order) and
+`x` (its states).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from symbolic import units as u
+from symbolic.effects.declaration import DT, Effect
+from symbolic.functions import Argument, Output, SymbolicFunction
+
+
+def _inputs(effect: Effect, passes_time: bool) -> tuple[Argument, ...]:
+    inputs = [Argument(s.name, (s.symbol,), (), s.unit.text(), s.meaning) for s in effect.signals]
+    if passes_time:
+        inputs.append(Argument("dt", (DT,), (), "s", "step"))
+    p = tuple(p.symbol for p in effect.parameters)
+    x = tuple(s.symbol for s in effect.states)
+    inputs.append(Argument("p", p, (len(p),), "as declared", ", ".join(p.name for p in effect.parameters) or "none"))
+    inputs.append(Argument("x", x, (len(x),), "as declared", ", ".join(s.name for s in effect.states) or "none"))
+    return tuple(inputs)
+
+
+def _function(effect: Effect, suffix: str, doc: str, output: Output, passes_time: bool = False) -> SymbolicFunction:
+    return SymbolicFunction(f"{effect.name}_{suffix}", _inputs(effect, passes_time), (output,), doc, effect.source)
+
+
+def _states(expressions: Sequence[sp.Expr], meaning: str) -> Output:
+    return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), "as declared", meaning)
+
+
+def torque(effect: Effect) -> SymbolicFunction:
+    """signals, p, x -> torque."""
+    output = Output("torque", (sp.sympify(effect.torque),), (), u.FORCE.text(), "added to the motor torque")
+    return _function(effect, "torque", f"{effect.summary} {effect.equation}", output)
+
+
+def columns(effect: Effect) -> SymbolicFunction:
+    """signals, p, x -> fixed part, then the derivative by each linear parameter: (1 + k,)."""
+    expressions = (sp.sympify(effect.fixed), *effect.columns)
+    output = Output("columns", expressions, (len(expressions),), "as declared", "fixed part, then a column a parameter")
+    return _function(effect, "columns", f"Regressor: {effect.summary} {effect.equation}", output)
+
+
+def step(effect: Effect) -> SymbolicFunction:
+    """signals, dt, p, x -> states of the next sample."""
+    output = _states([s.step for s in effect.states], "states of the next sample")
+    return _function(effect, "step", f"One step of the states: {output.meaning}.", output, passes_time=True)
+
+
+def start(effect: Effect) -> SymbolicFunction:
+    """signals of the first sample, p, x (not read) -> initial states."""
+    return _function(
+        effect, "start", "Initial states.", _states([s.initial for s in effect.states], "states of the first sample")
+    )

@@ -1,0 +1,122 @@
+"""What the runtime knows of an arm and of the library: metadata.json and effects.json."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from codegen.tape import Tape
+from symbolic import units as u
+from symbolic.arm import Joint
+from symbolic.effects.declaration import SIGNALS, Effect, Parameter
+from symbolic.functions import SymbolicFunction
+from symbolic.units import Unit
+
+JOINT_TYPES = ("revolute", "prismatic")
+
+
+def text(data: Mapping[str, Any]) -> str:
+    """JSON for people and machines; the order is the writer's."""
+    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
+    """metadata.json of an ArmModel. Inertial overrides of the arm are in the lumps' values already."""
+    file = model.arm
+    struct = model.struct
+    return {
+        "name": file.name,
+        "gravity": list(file.gravity),
+        "n": len(file.joints),
+        "joints": [_joint(joint) for joint in file.joints],
+        "effects": _values(file.effects),
+        "contact": None if file.contact is None else {"x": file.contact.x, "effects": _values(file.contact.effects)},
+        "lumps": [
+            {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
+            for lump in model.lumps
+        ],
+        "struct": [
+            {"name": s.name, "unit": unit, "meaning": meaning, "default": default}
+            for s, unit, meaning, default in zip(
+                struct.symbols, struct.units, struct.meanings, struct.defaults, strict=True
+            )
+        ],
+        "functions": {f.name: _function(f, tapes[f.name]) for f in model.functions},
+    }
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    limits = joint.limits
+    return {
+        "type": joint.type,
+        "rotor_inertia": joint.rotor_inertia,
+        "gear_ratio": joint.gear_ratio,
+        "torque_constant": joint.torque_constant,
+        "limits": {
+            "position": None if limits.position is None else list(limits.position),
+            "speed": limits.speed,
+            "torque": limits.torque,
+        },
+        "effects": _values(joint.effects),
+        "units": {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)},
+    }
+
+
+def _values(effects: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    return {name: dict(values) for name, values in effects.items()}
+
+
+def _function(function: SymbolicFunction, tape: Tape) -> dict[str, Any]:
+    return {
+        "inputs": [[a.name, list(a.shape)] for a in function.inputs],
+        "outputs": [[o.name, list(o.shape)] for o in function.outputs],
+        "doc": function.doc,
+        "source": function.source,
+        "operations": tape.count(),
+    }
+
+
+def library(effects: Sequence[Effect]) -> dict[str, Any]:
+    """effects.json."""
+    return {
+        "signals": [{"name": s.name, "unit": _unit(s.unit), "meaning": s.meaning} for s in SIGNALS],
+        "effects": [_effect(effect) for effect in effects],
+    }
+
+
+def _effect(effect: Effect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "scope": effect.scope,
+        "family": effect.family,
+        "summary": effect.summary,
+        "equation": effect.equation,
+        "trace": effect.trace,
+        "experiment": effect.experiment,
+        "source": effect.source,
+        "dissipates": effect.dissipates,
+        "generalises": list(effect.generalises),
+        "signals": [s.name for s in effect.signals],
+        "parameters": [_parameter(p) for p in effect.parameters],
+        "states": [s.name for s in effect.states],
+    }
+
+
+def _parameter(parameter: Parameter) -> dict[str, Any]:
+    grid = parameter.grid
+    return {
+        "name": parameter.name,
+        "unit": _unit(parameter.unit),
+        "meaning": parameter.meaning,
+        "role": parameter.role,
+        "bounds": [bound if isfinite(bound) else None for bound in parameter.bounds],
+        "grid": None
+        if grid is None
+        else {"low": grid.low, "high": grid.high, "count": grid.count, "of": grid.of, "spacing": grid.spacing},
+    }
+
+
+def _unit(unit: Unit) -> dict[str, str]:
+    return {kind: unit.text(kind) for kind in JOINT_TYPES}

@@ -1,0 +1,431 @@
+"""Expressions to one straight-line tape of binary operations.
+
+Equal values are numbered once (commutative operands in one order, a difference in one direction), signs
+travel with the reference until something needs them, numbers stay exact rationals until a printer rounds
+them, and what no output needs is removed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Literal, NamedTuple
+
+import sympy as sp
+
+from symbolic import primitives
+from symbolic.functions import SymbolicFunction
+
+Lowering = Literal["exact", "smooth"]
+
+ARITHMETIC = ("add", "sub", "mul", "div", "neg")
+_PRIMITIVES = {primitives.sgn: "sgn", primitives.step: "step", primitives.ramp: "ramp"}
+_UNARY = {sp.exp: "exp", sp.log: "log"}
+# What the targets have no operation for, in terms of what they have.
+_REWRITE: dict[Any, Callable[..., sp.Expr]] = {
+    sp.tan: lambda x: sp.sin(x) / sp.cos(x),
+    sp.tanh: lambda x: 1 - 2 / (sp.exp(2 * x) + 1),
+    sp.sinh: lambda x: (sp.exp(x) - sp.exp(-x)) / 2,
+    sp.cosh: lambda x: (sp.exp(x) + sp.exp(-x)) / 2,
+    sp.atan: lambda x: sp.atan2(x, sp.Integer(1), evaluate=False),
+    sp.asin: lambda x: sp.atan2(x, sp.sqrt(1 - x**2), evaluate=False),
+    sp.acos: lambda x: sp.atan2(sp.sqrt(1 - x**2), x, evaluate=False),
+}
+
+
+class Node(NamedTuple):
+    """One operation; `args` are positions of earlier nodes. value: Fraction of a "const", Symbol of a "leaf"."""
+
+    op: str
+    args: tuple[int, ...] = ()
+    value: Any = None
+
+
+@dataclass(frozen=True)
+class Tape:
+    """nodes in order of evaluation; outputs: positions in `nodes`, flat, in the order of the function's outputs."""
+
+    nodes: tuple[Node, ...]
+    outputs: tuple[int, ...]
+
+    @classmethod
+    def of(cls, function: SymbolicFunction, lowering: Lowering = "exact") -> Tape:
+        """The shorter of the definitions as given and the definitions after a common-subexpression search."""
+        expressions = [e for output in function.outputs for e in output.expressions]
+        leaves = {s for argument in function.inputs for s in argument.symbols}
+        if function.struct is not None:
+            leaves |= set(function.struct.symbols)
+        if lowering == "smooth":
+            leaves |= set(primitives.WIDTHS)
+        return cls.from_expressions(expressions, function.definitions, leaves, lowering, function.name)
+
+    @classmethod
+    def from_expressions(
+        cls,
+        expressions: Sequence[sp.Expr],
+        definitions: Sequence[tuple[sp.Symbol, sp.Expr]],
+        leaves: Iterable[sp.Symbol],
+        lowering: Lowering = "exact",
+        where: str = "expression",
+    ) -> Tape:
+        """ValueError names the function and the symbol or operation that no target can evaluate."""
+        known = frozenset(leaves)
+        outputs = [_lower(e, lowering) for e in expressions]
+        named = [(symbol, _lower(e, lowering)) for symbol, e in definitions]
+        plain = _Builder(named, {}, known, where).tape(outputs)
+        replacements, reduced = sp.cse(
+            [e for _, e in named] + outputs, symbols=sp.numbered_symbols("cse_", cls=sp.Dummy), order="none"
+        )
+        if not replacements:
+            return plain
+        shared = [(symbol, e) for (symbol, _), e in zip(named, reduced, strict=False)]
+        searched = _Builder(shared, dict(replacements), known, where).tape(reduced[len(named) :])
+        return searched if searched.cost() < plain.cost() else plain
+
+    def count(self) -> dict[str, int]:
+        """Operations by kind; "arithmetic" is the sum of add, sub, mul, div and neg; "sincos" counts angles."""
+        kinds = Counter(node.op for node in self.nodes)
+        angles = {node.args[0] for node in self.nodes if node.op in ("sin", "cos")}
+        count = {"arithmetic": sum(kinds[op] for op in ARITHMETIC), "sincos": len(angles)}
+        others = sorted(set(kinds) - {"const", "leaf", "sin", "cos", *ARITHMETIC})
+        return count | {op: kinds[op] for op in ARITHMETIC if kinds[op]} | {op: kinds[op] for op in others if kinds[op]}
+
+    def cost(self) -> int:
+        """Operations, a sine-cosine pair at its rough price of 20."""
+        count = self.count()
+        rest = sum(n for op, n in count.items() if op not in (*ARITHMETIC, "arithmetic", "sincos"))
+        return count["arithmetic"] + 20 * (count["sincos"] + rest)
+
+    def uses(self) -> list[int]:
+        """How often each node is read, by other nodes and by outputs."""
+        uses = [0] * len(self.nodes)
+        for node in self.nodes:
+            for arg in node.args:
+                uses[arg] += 1
+        for output in self.outputs:
+            uses[output] += 1
+        return uses
+
+    def evaluate(self, values: Mapping[sp.Symbol, Any], operations: Mapping[str, Callable[..., Any]]) -> list[Any]:
+        """Outputs for numbers of any kind; `operations` supplies "const" (of a Fraction) and what is not arithmetic."""
+        table = _ARITHMETIC | dict(operations)
+        results: list[Any] = []
+        for node in self.nodes:
+            if node.op == "leaf":
+                results.append(values[node.value])
+            elif node.op == "const":
+                results.append(table["const"](node.value))
+            else:
+                results.append(table[node.op](*(results[a] for a in node.args)))
+        return [results[i] for i in self.outputs]
+
+    def magnitude(self, values: Mapping[sp.Symbol, float]) -> list[float]:
+        """Sum of the absolute values of the terms of each output, the scale of its rounding errors.
+
+        Sums add, products multiply; a quotient and an inner function carry the condition number of
+        their argument, so that inverse maps are judged by how well they can be computed at all.
+        """
+        pairs: list[tuple[float, float]] = []
+        for node in self.nodes:
+            if node.op == "leaf":
+                value = float(values[node.value])
+                pairs.append((value, abs(value)))
+            elif node.op == "const":
+                pairs.append((float(node.value), abs(float(node.value))))
+            else:
+                # An angle that is an input as given has no error of its own to amplify.
+                exact = node.op in ("sin", "cos") and self.nodes[node.args[0]].op == "leaf"
+                pairs.append(_scale(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args)))
+        return [pairs[i][1] for i in self.outputs]
+
+
+def _scale(op: str, a: tuple[float, float], b: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
+    """(value, sum of the absolute values of its terms) of one operation on two such pairs."""
+    (x, mx), (y, my) = a, b
+    if op in ("add", "sub"):
+        return (x + y if op == "add" else x - y), mx + my
+    if op == "mul":
+        return x * y, mx * my
+    if op == "div":
+        return x / y, mx / abs(y) * (my / abs(y))
+    if op in ("neg", "abs"):
+        return (-x if op == "neg" else abs(x)), mx
+    if op in ("sin", "cos"):
+        value, slope = (math.sin(x), math.cos(x)) if op == "sin" else (math.cos(x), math.sin(x))
+        return value, abs(value) + abs(slope) * mx
+    if op in ("max", "min"):
+        return (max(x, y) if op == "max" else min(x, y)), max(mx, my)
+    if op in ("sgn", "step"):
+        value = float((x > 0) - (x < 0)) if op == "sgn" else float(x > 0)
+        return value, abs(value)
+    if op == "ramp":
+        return max(x, 0.0), mx if x > 0 else 0.0
+    return _transcendental(op, x, mx, y, my)
+
+
+def _transcendental(op: str, x: float, mx: float, y: float, my: float) -> tuple[float, float]:
+    if op == "sqrt":
+        value = math.sqrt(x)
+        return value, value * (mx / x) if x > 0 else 0.0
+    if op == "exp":
+        value = math.exp(min(x, 700.0))
+        return value, value * (1 + mx)
+    if op == "log":
+        return math.log(x), abs(math.log(x)) + mx / abs(x)
+    if op == "atan2":
+        value = math.atan2(x, y)
+        return value, abs(value) + (abs(y) * mx + abs(x) * my) / (x * x + y * y)
+    if x <= 0:
+        return 0.0, 0.0
+    value = x**y
+    return value, value * (1 + abs(y) * mx / x + abs(math.log(x)) * my)
+
+
+_ARITHMETIC: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+}
+
+
+def _lower(expr: sp.Expr, lowering: Lowering) -> sp.Expr:
+    expr = sp.sympify(expr)
+    return primitives.smooth(expr) if lowering == "smooth" and expr.has(*_PRIMITIVES) else expr
+
+
+Ref = tuple[int, int]
+"""(sign, node): a value up to its sign, so that negations are only made where they cannot be folded."""
+
+
+class _Builder:
+    """Value numbering; `lazy` are definitions that are looked up when a symbol is met."""
+
+    def __init__(
+        self,
+        definitions: Sequence[tuple[sp.Symbol, sp.Expr]],
+        lazy: Mapping[sp.Symbol, sp.Expr],
+        leaves: frozenset[sp.Symbol],
+        where: str,
+    ) -> None:
+        self.definitions, self.lazy, self.leaves, self.where = definitions, lazy, leaves, where
+        self.nodes: list[Node] = []
+        self.index: dict[Node, int] = {}
+        self.memo: dict[sp.Expr, Ref] = {}
+
+    def tape(self, outputs: Sequence[sp.Expr]) -> Tape:
+        for symbol, expr in self.definitions:
+            self.memo[symbol] = self.value(expr)
+        refs = [self.value(e) for e in outputs]
+        return _live(self.nodes, [self.plain(self._turned(ref, refs)) for ref in refs])
+
+    def node(self, op: str, *args: int, value: Any = None) -> int:
+        node = Node(op, args, value)
+        if node not in self.index:
+            self.index[node] = len(self.nodes)
+            self.nodes.append(node)
+        return self.index[node]
+
+    def const(self, value: Fraction) -> Ref:
+        return (-1 if value < 0 else 1), self.node("const", value=abs(value))
+
+    def number(self, ref: Ref) -> Fraction | None:
+        node = self.nodes[ref[1]]
+        return ref[0] * node.value if node.op == "const" else None
+
+    def plain(self, ref: Ref) -> int:
+        """The node that holds the value with its sign."""
+        sign, i = ref
+        if sign > 0:
+            return i
+        node = self.nodes[i]
+        return self.node("const", value=-node.value) if node.op == "const" else self.node("neg", i)
+
+    def _turned(self, ref: Ref, outputs: Sequence[Ref]) -> Ref:
+        """−(a − b) as b − a, where nothing else needs a − b."""
+        sign, i = ref
+        node = self.nodes[i]
+        if sign > 0 or node.op != "sub":
+            return ref
+        read = sum(i in n.args for n in self.nodes) + sum(i == j and s > 0 for s, j in outputs)
+        return ref if read else (1, self.node("sub", node.args[1], node.args[0]))
+
+    def value(self, expr: sp.Expr) -> Ref:
+        found = self.memo.get(expr)
+        if found is None:
+            found = self.memo[expr] = self._convert(expr)
+        return found
+
+    def _convert(self, e: sp.Expr) -> Ref:
+        if e.is_Symbol:
+            return self._symbol(e)
+        if e.is_Rational:
+            return self.const(Fraction(int(e.p), int(e.q)))
+        if e.is_Float:
+            return self.const(Fraction(repr(float(e))))
+        if e.is_number and e.is_real:
+            return self.const(Fraction(str(sp.N(e, 40))))
+        if e.is_Add:
+            return self._sum(e)
+        if e.is_Mul:
+            return self._product(e)
+        if e.is_Pow:
+            return self._power(e.base, e.exp)
+        return self._call(e)
+
+    def _symbol(self, symbol: sp.Symbol) -> Ref:
+        if symbol in self.lazy:
+            return self.value(self.lazy[symbol])
+        if symbol not in self.leaves:
+            raise ValueError(f"{self.where}: {symbol} is neither an input, a parameter nor defined before its use")
+        return 1, self.node("leaf", value=symbol)
+
+    def _sum(self, e: sp.Expr) -> Ref:
+        """SymPy spreads a number over a sum; where all terms share it, it is taken out again."""
+        split = [term.as_coeff_Mul() for term in e.args]
+        scales = {abs(c) for c, _ in split}
+        common = scales.pop() if len(scales) == 1 else sp.S.One
+        if common == 1 or not common.is_Rational or any(t.is_number for _, t in split):
+            return self._fold(self.add, [self.value(term) for term in e.args])
+        inner = [(s, i) if c > 0 else (-s, i) for (c, _), (s, i) in zip(split, (self.value(t) for _, t in split))]
+        return self.mul(self.value(common), self._fold(self.add, inner))
+
+    def _product(self, e: sp.Expr) -> Ref:
+        """Numerator by denominator, the number last, so that products without it are shared."""
+        number, above, below = Fraction(1), [], []
+        for factor in e.args:
+            if factor.is_Pow and factor.exp.is_Rational and factor.exp < 0:
+                below.append(self._power(factor.base, -factor.exp))
+                continue
+            ref = self.value(factor)
+            value = self.number(ref)
+            if value is None:
+                above.append(ref)
+            else:
+                number *= value
+        if above:
+            result = self.mul(self.const(number), self._fold(self.mul, above))
+        else:
+            result = self.const(number)
+        return self.div(result, self._fold(self.mul, below)) if below else result
+
+    def _power(self, base: sp.Expr, exponent: sp.Expr) -> Ref:
+        if exponent.is_Integer:
+            n = int(exponent)
+            if n < 0:
+                return self.div(self.const(Fraction(1)), self._integer_power(self.value(base), -n))
+            return self._integer_power(self.value(base), n)
+        if exponent.is_Rational and exponent.q == 2:
+            if exponent < 0:
+                return self.div(self.const(Fraction(1)), self._power(base, -exponent))
+            root = 1, self.node("sqrt", self.plain(self.value(base)))
+            return self.mul(root, self._integer_power(self.value(base), int(exponent.p) // 2))
+        if base == sp.E:
+            return 1, self.node("exp", self.plain(self.value(exponent)))
+        return 1, self.node("pow", self.plain(self.value(base)), self.plain(self.value(exponent)))
+
+    def _integer_power(self, base: Ref, n: int) -> Ref:
+        if n == 0:
+            return self.const(Fraction(1))
+        if n == 1:
+            return base
+        half = self._integer_power(base, n // 2)
+        square = self.mul(half, half)
+        return self.mul(square, base) if n % 2 else square
+
+    def _call(self, e: sp.Expr) -> Ref:
+        kind = e.func
+        if kind in (sp.sin, primitives.sgn, sp.sign):
+            sign, i = self.value(e.args[0])
+            return sign, self.node("sin" if kind is sp.sin else "sgn", i)
+        if kind in (sp.cos, sp.Abs):
+            return 1, self.node("cos" if kind is sp.cos else "abs", self.value(e.args[0])[1])
+        if kind in _PRIMITIVES or kind in _UNARY:
+            return 1, self.node((_PRIMITIVES | _UNARY)[kind], self.plain(self.value(e.args[0])))
+        if kind is sp.atan2:
+            return 1, self.node("atan2", *(self.plain(self.value(a)) for a in e.args))
+        if kind in (sp.Max, sp.Min):
+            op = "max" if kind is sp.Max else "min"
+            ids = sorted(self.plain(self.value(a)) for a in e.args)
+            result = ids[0]
+            for i in ids[1:]:
+                result = self.node(op, result, i)
+            return 1, result
+        if kind in _REWRITE:
+            return self.value(_REWRITE[kind](*e.args))
+        raise ValueError(
+            f"{self.where}: no target can evaluate {kind.__name__}; use sgn, step, ramp, sin, cos, exp, log, powers, "
+            "Abs, Min, Max or atan2"
+        )
+
+    def _fold(self, operation: Callable[[Ref, Ref], Ref], refs: Sequence[Ref]) -> Ref:
+        result = refs[0]
+        for ref in refs[1:]:
+            result = operation(result, ref)
+        return result
+
+    def add(self, a: Ref, b: Ref) -> Ref:
+        x, y = self.number(a), self.number(b)
+        if x is not None and y is not None:
+            return self.const(x + y)
+        if x == 0:
+            return b
+        if y == 0:
+            return a
+        (s, i), (r, j) = a, b
+        if s == r:
+            return s, self.node("add", min(i, j), max(i, j))
+        if i == j:
+            return self.const(Fraction(0))
+        positive, negative = (i, j) if s > 0 else (j, i)
+        if Node("sub", (negative, positive)) in self.index:
+            return -1, self.node("sub", negative, positive)
+        return 1, self.node("sub", positive, negative)
+
+    def mul(self, a: Ref, b: Ref) -> Ref:
+        x, y = self.number(a), self.number(b)
+        if x is not None and y is not None:
+            return self.const(x * y)
+        if x is None and y is not None:
+            a, b, x = b, a, y
+        if x == 0:
+            return self.const(Fraction(0))
+        (s, i), (r, j) = a, b
+        if x is not None and abs(x) == 1:
+            return s * r, j
+        inner = self.nodes[j]
+        if x is not None and inner.op == "mul" and self.nodes[inner.args[0]].op == "const":
+            return self.mul(self.const(x * self.nodes[inner.args[0]].value), (r, inner.args[1]))
+        if x is None:
+            i, j = min(i, j), max(i, j)
+        return s * r, self.node("mul", i, j)
+
+    def div(self, a: Ref, b: Ref) -> Ref:
+        y = self.number(b)
+        if y is not None:
+            if y == 0:
+                raise ValueError(f"{self.where}: division by zero")
+            return self.mul(a, self.const(1 / y))
+        if self.number(a) == 0:
+            return a
+        (s, i), (r, j) = a, b
+        return (s * r, self.node("div", i, j)) if i != j else self.const(Fraction(s * r))
+
+
+def _live(nodes: Sequence[Node], outputs: Sequence[int]) -> Tape:
+    """Only what the outputs need, renumbered."""
+    needed = set(outputs)
+    for i in range(len(nodes) - 1, -1, -1):
+        if i in needed:
+            needed.update(nodes[i].args)
+    place: dict[int, int] = {}
+    kept = []
+    for i, node in enumerate(nodes):
+        if i in needed:
+            place[i] = len(kept)
+            kept.append(node._replace(args=tuple(place[a] for a in node.args)))
+    return Tape(tuple(kept), tuple(place[i] for i in outputs))

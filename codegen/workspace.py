@@ -1,0 +1,65 @@
+"""Generated and compiled code of an arm or a library in the user's cache, made when it is first needed.
+
+An entry's name is a hash of the model's content and of the sources that derive and print it, so that a
+second call imports no SymPy at all.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from codegen import build
+
+if TYPE_CHECKING:
+    from symbolic.arm import Arm
+    from symbolic.effects.declaration import Effect
+
+_ROOT = Path(__file__).resolve().parent.parent
+
+
+@functools.cache
+def _sources() -> str:
+    """A hash of everything that derives and prints."""
+    digest = hashlib.sha256(f"sympy {version('sympy')}".encode())
+    for folder in ("symbolic", "codegen"):
+        for path in sorted((_ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".j2"):
+                digest.update(str(path.relative_to(_ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def _fill(directory: Path, files: Mapping[str, str]) -> None:
+    for path, text in files.items():
+        (directory / path).write_text(text, encoding="utf-8")
+    build.compile_shared(directory, [path for path in files if path.endswith("_f64.c")], "lib.so")
+
+
+def prepare_arm(arm: Arm) -> Path:
+    """The directory that holds render.arm_files(derive(arm)) and `lib.so` of the double-precision code."""
+
+    def fill(directory: Path) -> None:
+        from codegen import render
+        from symbolic.model import derive
+
+        _fill(directory, render.arm_files(derive(arm)))
+
+    return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
+
+
+def prepare_effects(effects: Iterable[Effect] | None = None) -> Path:
+    """The directory that holds render.effect_files(effects) and `lib.so`; None stands for the library as shipped."""
+    chosen = None if effects is None else tuple(effects)
+    content = "library" if chosen is None else "\n".join(map(repr, chosen))
+
+    def fill(directory: Path) -> None:
+        from codegen import render
+        from symbolic.effects import LIBRARY
+
+        _fill(directory, render.effect_files(tuple(LIBRARY.values()) if chosen is None else chosen))
+
+    return build.entry(f"effects-{build.key(_sources(), content)}", fill)

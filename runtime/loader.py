@@ -1,0 +1,391 @@
+"""The generated code as NumPy functions: an arm's Model and the Library of effects.
+
+All arrays are C-contiguous float64 with the samples last: q (n, N). A call without samples, q (n,), gives a
+result without samples.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class LoaderError(ValueError):
+    """Arrays or names that do not fit the model; the message says what was expected."""
+
+
+@dataclass(frozen=True)
+class GridInfo:
+    """Where a shape parameter is looked for; see symbolic/effects/declaration.py."""
+
+    low: float
+    high: float
+    count: int
+    of: str
+    spacing: str
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """A parameter of an effect: role "linear" or "shape", physical bounds (±inf where there is none)."""
+
+    name: str
+    units: Mapping[str, str]
+    meaning: str
+    role: str
+    bounds: tuple[float, float]
+    grid: GridInfo | None
+
+    def unit(self, joint_type: str = "revolute") -> str:
+        """For people, e.g. `N m s/rad`."""
+        return self.units[joint_type]
+
+
+@dataclass(frozen=True)
+class EffectInfo:
+    """An effect as declared, without its equations in symbols."""
+
+    name: str
+    scope: str
+    family: str
+    summary: str
+    equation: str
+    trace: str
+    experiment: str
+    source: str
+    dissipates: bool
+    generalises: tuple[str, ...]
+    signals: tuple[str, ...]
+    parameters: tuple[ParameterInfo, ...]
+    states: tuple[str, ...]
+
+    @property
+    def linear(self) -> tuple[ParameterInfo, ...]:
+        return tuple(p for p in self.parameters if p.role == "linear")
+
+    @property
+    def shape(self) -> tuple[ParameterInfo, ...]:
+        return tuple(p for p in self.parameters if p.role == "shape")
+
+    def parameter(self, name: str) -> ParameterInfo:
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        names = ", ".join(p.name for p in self.parameters)
+        raise LoaderError(f'effect "{self.name}" has no parameter "{name}"; it has: {names or "none"}')
+
+
+@dataclass(frozen=True)
+class LumpInfo:
+    """A base inertial parameter: value from the model file; joint counts from 1."""
+
+    name: str
+    unit: str
+    meaning: str
+    joint: int
+    value: float
+
+
+@dataclass(frozen=True)
+class JointInfo:
+    """A joint as the model file has it; effects: name -> parameter values (those that are known)."""
+
+    type: str
+    rotor_inertia: float
+    gear_ratio: float
+    torque_constant: float | None
+    position_limits: tuple[float, float] | None
+    speed_limit: float | None
+    torque_limit: float | None
+    effects: Mapping[str, Mapping[str, float]]
+    force_unit: str
+    position_unit: str
+
+
+def load_library(directory: Path) -> Library:
+    """The library of effects in a directory of codegen.workspace.prepare_effects."""
+    return Library(Path(directory))
+
+
+def load_model(directory: Path, effects: Library) -> Model:
+    """The arm in a directory of codegen.workspace.prepare_arm."""
+    return Model(Path(directory), effects)
+
+
+def _open(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:
+    try:
+        data = json.loads((directory / page).read_text(encoding="utf-8"))
+        return data, ctypes.CDLL(str(directory / "lib.so"))
+    except OSError as error:
+        raise LoaderError(f"{directory}: no compiled code here ({error}); codegen.workspace makes it") from error
+
+
+def _pointer(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+class Model:
+    """An arm's functions. `lumps` (p,) replaces the base inertial parameters of the model file for one call."""
+
+    def __init__(self, directory: Path, library: Library) -> None:
+        self.directory, self.library = directory, library
+        self.metadata, self._lib = _open(directory, "metadata.json")
+        self.name: str = self.metadata["name"]
+        self.n: int = self.metadata["n"]
+        self.gravity: tuple[float, float] = tuple(self.metadata["gravity"])
+        self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
+        self.contact: dict[str, Any] | None = self.metadata["contact"]
+        self.joints = tuple(_joint(data) for data in self.metadata["joints"])
+        self.lumps = tuple(LumpInfo(**data) for data in self.metadata["lumps"])
+        self.lump_values: Array = np.array([lump.value for lump in self.lumps])
+        self._defaults: Array = np.array([field["default"] for field in self.metadata["struct"]])
+        self.functions = tuple(self.metadata["functions"])
+
+    def call(self, function: str, arguments: Mapping[str, ArrayLike], lumps: ArrayLike | None = None) -> Array:
+        """Any generated function by name. Inputs (*shape, N), output (*shape, N); see metadata["functions"]."""
+        if function not in self.metadata["functions"]:
+            raise LoaderError(f'arm "{self.name}" has no function "{function}"; it has: {", ".join(self.functions)}')
+        page = self.metadata["functions"][function]
+        arrays, count = self._arrays(function, page["inputs"], arguments)
+        shape = tuple(page["outputs"][0][1])
+        samples = () if count is None else (count,)
+        out = np.empty((*shape, *samples))
+        parameters = self._parameters(lumps)
+        kernel = getattr(self._lib, f"{self.name}_{function}_batch_f64")
+        kernel(
+            ctypes.c_size_t(1 if count is None else count),
+            *(_pointer(a) for a in (parameters, *arrays, out)),
+        )
+        return out
+
+    def _arrays(
+        self, function: str, inputs: list[Any], arguments: Mapping[str, ArrayLike]
+    ) -> tuple[list[Array], int | None]:
+        """Inputs in order, and the number of samples (None: a call without samples)."""
+        arrays = [np.ascontiguousarray(arguments[name], dtype=np.float64) for name, _ in inputs]
+        count: int | None = None
+        for (name, shape), array in zip(inputs, arrays, strict=True):
+            if array.ndim == len(shape) + 1:
+                count = array.shape[-1]
+                break
+            if name == inputs[0][0] and array.ndim == len(shape):
+                break
+        for i, ((name, shape), array) in enumerate(zip(inputs, arrays, strict=True)):
+            expected = (*shape,) if count is None else (*shape, count)
+            if not shape and count is not None and array.ndim == 0:
+                arrays[i] = np.full(count, float(array))
+            elif array.shape != expected:
+                rows = ", ".join(map(str, shape))
+                hint = f"({rows}{', ' if rows else ''}N), the samples last"
+                raise LoaderError(
+                    f"{function}: {name} has shape {array.shape}, expected {expected} for {self.name}; pass {name} as {hint}"
+                )
+        return arrays, count
+
+    def _parameters(self, lumps: ArrayLike | None) -> Array:
+        if lumps is None:
+            return self._defaults
+        values = np.asarray(lumps, dtype=np.float64)
+        if values.shape != self.lump_values.shape:
+            raise LoaderError(f"lumps has shape {values.shape}, expected {self.lump_values.shape} for {self.name}")
+        return np.concatenate([values, self._defaults[len(values) :]])
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """Motor torques of the rigid arm, (n, N) N m or N."""
+        return self.call("inverse_dynamics", {"q": q, "qd": qd, "qdd": qdd}, lumps)
+
+    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """Accelerations under the torques tau, (n, N)."""
+        return self.call("forward_dynamics", {"q": q, "qd": qd, "tau": tau}, lumps)
+
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Derivative of the inverse dynamics by the lumps, (n, p, N)."""
+        return self.call("regressor", {"q": q, "qd": qd, "qdd": qdd})
+
+    def inertia(self, q: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """D(q), (n, n, N)."""
+        return self.call("inertia", {"q": q}, lumps)
+
+    def coriolis(self, q: ArrayLike, qd: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """C(q, qd), (n, n, N)."""
+        return self.call("coriolis", {"q": q, "qd": qd}, lumps)
+
+    def gravity_torque(self, q: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """g(q), (n, N)."""
+        return self.call("gravity", {"q": q}, lumps)
+
+    def tip(self, q: ArrayLike) -> Array:
+        """End-effector's x, y and angle in the base frame, (3, N)."""
+        return self.call("tip", {"q": q})
+
+    def tip_jacobian(self, q: ArrayLike) -> Array:
+        """Derivative of the tip by q, (3, n, N)."""
+        return self.call("tip_jacobian", {"q": q})
+
+    def tip_load(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Torque that a unit mass at the end-effector asks of each joint, (n, N)."""
+        return self.call("tip_load", {"q": q, "qd": qd, "qdd": qdd})
+
+    def moment_jacobian(self, q: ArrayLike) -> Array:
+        """Derivative of the first mass moment (base x, y) by q, (2, n, N)."""
+        return self.call("moment_jacobian", {"q": q})
+
+    def contact_coordinates(self, q: ArrayLike) -> Array:
+        """w = phi(q), (4, N)."""
+        return self.call("contact_coordinates", {"q": q})
+
+    def contact_jacobian(self, q: ArrayLike) -> Array:
+        """J_w(q), (4, 4, N)."""
+        return self.call("contact_jacobian", {"q": q})
+
+    def contact_bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """b_w(q, qd), the part of wdd that does not depend on qdd, (4, N)."""
+        return self.call("contact_bias", {"q": q, "qd": qd})
+
+    def contact_inverse(self, w: ArrayLike, elbow: ArrayLike) -> Array:
+        """q of contact coordinates w; elbow: the sign of sin q2, a number or (N,). (4, N)."""
+        return self.call("contact_inverse", {"w": w, "elbow": elbow})
+
+    def contact_acceleration(self, q: ArrayLike, qd: ArrayLike, wdd: ArrayLike) -> Array:
+        """qdd of contact accelerations wdd, (4, N)."""
+        return self.call("contact_acceleration", {"q": q, "qd": qd, "wdd": wdd})
+
+
+def _joint(data: Mapping[str, Any]) -> JointInfo:
+    limits = data["limits"]
+    return JointInfo(
+        type=data["type"],
+        rotor_inertia=data["rotor_inertia"],
+        gear_ratio=data["gear_ratio"],
+        torque_constant=data["torque_constant"],
+        position_limits=None if limits["position"] is None else tuple(limits["position"]),
+        speed_limit=limits["speed"],
+        torque_limit=limits["torque"],
+        effects=data["effects"],
+        force_unit=data["units"]["force"],
+        position_unit=data["units"]["position"],
+    )
+
+
+class Library:
+    """The effects' torques and regressors along recorded signals."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.metadata, self._lib = _open(directory, "effects.json")
+        self.signals: tuple[str, ...] = tuple(s["name"] for s in self.metadata["signals"])
+        self.effects: dict[str, EffectInfo] = {e["name"]: _effect(e) for e in self.metadata["effects"]}
+
+    def __getitem__(self, effect: str) -> EffectInfo:
+        if effect not in self.effects:
+            raise LoaderError(f'there is no effect "{effect}"; tendon effects lists them all')
+        return self.effects[effect]
+
+    def columns(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float = 0.0,
+    ) -> Array:
+        """Regressor (1 + k, N): the part without linear parameters, then a row for each of the k linear ones.
+
+        `parameters` needs the shape parameters only; dt (s) only matters to effects with states.
+        """
+        info = self[effect]
+        return self._call(info, "columns", 1 + len(info.linear), signals, parameters, dt)
+
+    def torque(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float = 0.0,
+    ) -> Array:
+        """The effect's part of the motor torque, (N,); all parameters are needed."""
+        return self._call(self[effect], "torque", 1, signals, parameters, dt)[0]
+
+    def _call(
+        self,
+        info: EffectInfo,
+        what: str,
+        rows: int,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float,
+    ) -> Array:
+        values = self._values(info, parameters, what == "torque")
+        if info.states and not dt > 0:
+            raise LoaderError(f'effect "{info.name}" has a memory and needs the step dt > 0, found {dt}')
+        arrays, count = self._signals(info, signals)
+        pointers = (ctypes.c_void_p * len(self.signals))(
+            *(arrays[name].ctypes.data if name in arrays else None for name in self.signals)
+        )
+        out = np.empty((rows, count))
+        kernel = getattr(self._lib, f"tendon_{info.name}_{what}_batch_f64")
+        kernel(ctypes.c_size_t(count), pointers, ctypes.c_double(dt), _pointer(values), _pointer(out))
+        return out
+
+    def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:
+        for name in parameters:
+            info.parameter(name)
+        needed = [p.name for p in info.parameters if linear_too or p.role == "shape"]
+        missing = [name for name in needed if name not in parameters]
+        if missing:
+            raise LoaderError(f'effect "{info.name}" needs a value of: {", ".join(missing)}')
+        return np.array([float(parameters.get(p.name, 0.0)) for p in info.parameters], dtype=np.float64)
+
+    def _signals(self, info: EffectInfo, signals: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
+        """Those that the effect reads, each (N,); N is the length of the arrays in `signals`, read or not."""
+        missing = [name for name in info.signals if name not in signals]
+        if missing:
+            raise LoaderError(f'effect "{info.name}" reads {", ".join(missing)}, which is not among the signals given')
+        lengths = {name: np.shape(value)[0] for name, value in signals.items() if np.ndim(value) == 1}
+        if len(set(lengths.values())) > 1:
+            text = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise LoaderError(f"signals differ in length: {text}")
+        count = next(iter(lengths.values()), 1)
+        arrays = {}
+        for name in info.signals:
+            array = np.asarray(signals[name], dtype=np.float64)
+            if array.ndim > 1:
+                raise LoaderError(f'signal "{name}" has shape {array.shape}, expected a number or (N,)')
+            arrays[name] = np.full(count, float(array)) if array.ndim == 0 else np.ascontiguousarray(array)
+        return arrays, count
+
+
+def _effect(data: Mapping[str, Any]) -> EffectInfo:
+    parameters = tuple(
+        ParameterInfo(
+            name=p["name"],
+            units=p["unit"],
+            meaning=p["meaning"],
+            role=p["role"],
+            bounds=(
+                -inf if p["bounds"][0] is None else float(p["bounds"][0]),
+                inf if p["bounds"][1] is None else float(p["bounds"][1]),
+            ),
+            grid=None if p["grid"] is None else GridInfo(**p["grid"]),
+        )
+        for p in data["parameters"]
+    )
+    plain = {key: data[key] for key in ("name", "scope", "family", "summary", "equation", "trace", "experiment")}
+    return EffectInfo(
+        **plain,
+        source=data["source"],
+        dissipates=data["dissipates"],
+        generalises=tuple(data["generalises"]),
+        signals=tuple(data["signals"]),
+        parameters=parameters,
+        states=tuple(data["states"]),
+    )
