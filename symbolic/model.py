@@ -9,6 +9,7 @@ import sympy as sp
 
 from symbolic import contact, dynamics, kinematics
 from symbolic.arm import Arm
+from symbolic.checks import ModelError
 from symbolic.functions import Struct, SymbolicFunction
 from symbolic.kinematics import Author, Coordinates
 from symbolic.layout import Field, Layout, choose_layout
@@ -42,7 +43,7 @@ class ArmModel:
 def derive(arm: Arm) -> ArmModel:
     """The model of an arm with everything that is generated from it.
 
-    Raises ValueError if the arm's file holds a value for a base parameter that this arm does not have.
+    Raises ModelError if the arm's file holds a value for a base parameter that this arm does not have.
     """
     base = base_parameters(arm)
     layout = choose_layout(arm, base)
@@ -75,7 +76,7 @@ def _struct(lumps: tuple[Lump, ...], fields: tuple[Field, ...]) -> Struct:
 def named_lumps(arm: Arm, base: BaseParameters, layout: Layout) -> tuple[Lump, ...]:
     """The base parameters as people see them; values that an identification left in the file replace the links'.
 
-    Raises ValueError for a value in the file whose name this arm does not have.
+    Raises ModelError for a value in the file whose name this arm does not have.
     """
     scale = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else None
     lumps = []
@@ -95,7 +96,9 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: Layout) -> tuple[Lump, .
         if name not in names:
             near = difflib.get_close_matches(name, names, 1)
             hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise ValueError(f'inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})')
+            raise ModelError(
+                f'{arm.name}: inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})'
+            )
     return tuple(lumps)
 
 

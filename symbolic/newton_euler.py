@@ -168,7 +168,7 @@ def _directions(chain: Chain, frame: int, q: list[Any], notes: Notes) -> tuple[d
 
 
 def _base_acceleration(gravity: Gravity | None, orientation: Any, notes: Notes) -> tuple[Any, Any]:
-    """(b, y) of the base, accelerated against gravity, in a frame turned by `orientation` (the number 0: not at all)."""
+    """(b, y) of the base, accelerated against gravity, in a frame turned by `orientation` (an int: not at all)."""
     if gravity is None:
         return 0, 0
     if isinstance(orientation, int):
