@@ -107,14 +107,14 @@ VISCOUS_CUBIC = Effect(
     "IEEE Trans. Robotics and Automation 12(3)",
 )
 
-# At rest the base is 1 in place of 0, so that no target has to raise 0 to a power; sgn makes the torque 0 there.
-_BASE = SPEED + 1 - step(SPEED, WIDTH_RATE)
+# Far below any rate, level or resolution: what keeps a power and a quotient finite at 0, where another factor is 0.
+_TINY = sp.Rational(1, 10**9)
 
 VISCOUS_POWER = Effect(
     name="viscous_power",
     scope="joint",
     family="friction",
-    torque=parameter("torque") * _BASE ** parameter("exponent") * SIGN,
+    torque=parameter("torque") * (SPEED + _TINY) ** parameter("exponent") * SIGN,
     parameters=(
         Parameter("torque", u.FORCE, "torque at 1 rad/s (1 m/s)", bounds=NOT_NEGATIVE),
         Parameter(
@@ -197,9 +197,9 @@ FRICTION_PATCH = Effect(
 )
 
 # The bristle's torque z follows dz/dt = stiffness (qd - |qd| z/level): the LuGre model with the joint's own Coulomb
-# level as g(qd). Where the level is 0 the divisor is 1 and z, then 0, stays there.
+# level as g(qd).
 _Z = state("bristle")
-_LEVEL = LEVEL + 1 - step(LEVEL, WIDTH_FORCE)
+_LEVEL = LEVEL + _TINY
 _DECAY = sp.exp(-parameter("stiffness") * SPEED * DT / _LEVEL)
 
 LUGRE = Effect(
