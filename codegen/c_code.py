@@ -26,6 +26,10 @@ F64 = Precision("double", "f64", C_DOUBLE)
 F32 = Precision("float", "f32", C_FLOAT)
 
 
+LOOP = "TENDON_INDEPENDENT"
+"""Tells the compiler that a loop's iterations do not depend on each other."""
+
+
 @dataclass(frozen=True)
 class Routine:
     """A generated function: comment, declaration without semicolon, and the body's lines."""
@@ -127,7 +131,7 @@ def batch(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precis
     lines, texts = Printer(precision.language, tape, leaves, _taken(function)).print()
     targets = [f"{o.name}[{row(i)}]" for o in function.outputs for i in range(len(o.expressions))]
     lines += assign(targets, texts)
-    body = [*unused(function, tape), "for (size_t k = 0; k < count; ++k) {"]
+    body = [*unused(function, tape), LOOP, "for (size_t k = 0; k < count; ++k) {"]
     return Routine(
         comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),
         declaration(f"void {name}", arguments),

@@ -12,7 +12,7 @@ from dataclasses import replace
 import sympy as sp
 
 from codegen import effect_functions as ef
-from codegen.c_code import Precision, Routine, assign, comment, declaration, describe, indent, row
+from codegen.c_code import LOOP, Precision, Routine, assign, comment, declaration, describe, indent, row
 from codegen.printers import Printer, identifier
 from codegen.tape import Tape
 from symbolic.effects.declaration import DT, SIGNALS, Effect
@@ -108,7 +108,8 @@ def _batch(effect: Effect, function: SymbolicFunction, precision: Precision) -> 
     head = [f"const {kind} *restrict {s.name} = s->{s.name};" for s in effect.signals if s.symbol in pointers]
     used = {leaves[symbol].split("[")[0] for symbol in pointers if symbol in leaves}
     unread = [name for name, read in (("s", head), ("dt", DT in pointers), ("p", "p" in used)) if not read]
-    body = [*(f"(void){name};" for name in unread), *head, *before, "for (size_t k = 0; k < count; ++k) {"]
+    body = [*(f"(void){name};" for name in unread), *head, *before, *([] if steps else [LOOP])]
+    body.append("for (size_t k = 0; k < count; ++k) {")
     arguments = ["size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
     return Routine(
         comment(f"{function.name} along `count` samples, {rows} row{'s' if rows > 1 else ''} in `out`."),

@@ -10,7 +10,7 @@ from typing import Any
 from codegen.tape import Tape
 from symbolic import units as u
 from symbolic.arm import Joint
-from symbolic.effects.declaration import SIGNALS, Effect, Parameter
+from symbolic.effects.declaration import SIGNALS, Effect, Parameter, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.units import Unit
 
@@ -100,6 +100,8 @@ def _effect(effect: Effect) -> dict[str, Any]:
         "generalises": list(effect.generalises),
         "signals": [s.name for s in effect.signals],
         "parameters": [_parameter(p) for p in effect.parameters],
+        "coefficients": [_parameter(c) for c in effect.coefficients],
+        "recover": None if effect.form is None else [prefix(e) for e in effect.form.recover],
         "states": [s.name for s in effect.states],
     }
 
@@ -111,6 +113,7 @@ def _parameter(parameter: Parameter) -> dict[str, Any]:
         "unit": _unit(parameter.unit),
         "meaning": parameter.meaning,
         "role": parameter.role,
+        "default": parameter.default,
         "bounds": [bound if isfinite(bound) else None for bound in parameter.bounds],
         "grid": None
         if grid is None

@@ -53,9 +53,56 @@ def float32(number: Fraction) -> str:
 
 # Words of C and names of the parameters of generated functions; a temporary may not hide one of them.
 _C_WORDS = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long "
-    "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
-    "asm typeof count parameters s p x dt k out NULL bool true false".split()
+    [
+        "auto",
+        "break",
+        "case",
+        "char",
+        "const",
+        "continue",
+        "default",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "extern",
+        "float",
+        "for",
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+        "while",
+        "asm",
+        "typeof",
+        "count",
+        "parameters",
+        "s",
+        "p",
+        "x",
+        "dt",
+        "k",
+        "out",
+        "NULL",
+        "bool",
+        "true",
+        "false",
+    ]
 )
 
 

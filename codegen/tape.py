@@ -7,7 +7,6 @@ them, and what no output needs is removed.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import sympy as sp
 
+from codegen import magnitude
 from symbolic import primitives
 from symbolic.functions import SymbolicFunction
 
@@ -138,50 +138,10 @@ class Tape:
             else:
                 # An angle that is an input as given has no error of its own to amplify.
                 exact = node.op in ("sin", "cos") and self.nodes[node.args[0]].op == "leaf"
-                pairs.append(_scale(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args)))
+                pairs.append(
+                    magnitude.scale(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args))
+                )
         return [pairs[i][1] for i in self.outputs]
-
-
-def _scale(op: str, a: tuple[float, float], b: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
-    """(value, sum of the absolute values of its terms) of one operation on two such pairs."""
-    (x, mx), (y, my) = a, b
-    if op in ("add", "sub"):
-        return (x + y if op == "add" else x - y), mx + my
-    if op == "mul":
-        return x * y, mx * my
-    if op == "div":
-        return x / y, mx / abs(y) * (my / abs(y))
-    if op in ("neg", "abs"):
-        return (-x if op == "neg" else abs(x)), mx
-    if op in ("sin", "cos"):
-        value, slope = (math.sin(x), math.cos(x)) if op == "sin" else (math.cos(x), math.sin(x))
-        return value, abs(value) + abs(slope) * mx
-    if op in ("max", "min"):
-        return (max(x, y) if op == "max" else min(x, y)), max(mx, my)
-    if op in ("sgn", "step"):
-        value = float((x > 0) - (x < 0)) if op == "sgn" else float(x > 0)
-        return value, abs(value)
-    if op == "ramp":
-        return max(x, 0.0), mx if x > 0 else 0.0
-    return _transcendental(op, x, mx, y, my)
-
-
-def _transcendental(op: str, x: float, mx: float, y: float, my: float) -> tuple[float, float]:
-    if op == "sqrt":
-        value = math.sqrt(x)
-        return value, value * (mx / x) if x > 0 else 0.0
-    if op == "exp":
-        value = math.exp(min(x, 700.0))
-        return value, value * (1 + mx)
-    if op == "log":
-        return math.log(x), abs(math.log(x)) + mx / abs(x)
-    if op == "atan2":
-        value = math.atan2(x, y)
-        return value, abs(value) + (abs(y) * mx + abs(x) * my) / (x * x + y * y)
-    if x <= 0:
-        return 0.0, 0.0
-    value = x**y
-    return value, value * (1 + abs(y) * mx / x + abs(math.log(x)) * my)
 
 
 _ARITHMETIC: dict[str, Callable[..., Any]] = {
@@ -291,7 +251,7 @@ class _Builder:
         common = scales.pop() if len(scales) == 1 else sp.S.One
         if common == 1 or not common.is_Rational or any(t.is_number for _, t in split):
             return self._fold(self.add, [self.value(term) for term in e.args])
-        inner = [(s, i) if c > 0 else (-s, i) for (c, _), (s, i) in zip(split, (self.value(t) for _, t in split))]
+        inner = [(s if c > 0 else -s, i) for c, (s, i) in ((c, self.value(t)) for c, t in split)]
         return self.mul(self.value(common), self._fold(self.add, inner))
 
     def _product(self, e: sp.Expr) -> Ref:
@@ -307,10 +267,8 @@ class _Builder:
                 above.append(ref)
             else:
                 number *= value
-        if above:
-            result = self.mul(self.const(number), self._fold(self.mul, above))
-        else:
-            result = self.const(number)
+        scale = self.const(number)
+        result = self.mul(scale, self._fold(self.mul, above)) if above else scale
         return self.div(result, self._fold(self.mul, below)) if below else result
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> Ref:
@@ -423,7 +381,7 @@ def _live(nodes: Sequence[Node], outputs: Sequence[int]) -> Tape:
         if i in needed:
             needed.update(nodes[i].args)
     place: dict[int, int] = {}
-    kept = []
+    kept: list[Node] = []
     for i, node in enumerate(nodes):
         if i in needed:
             place[i] = len(kept)

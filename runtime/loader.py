@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf
+from math import atan2, inf, nan, prod
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,8 @@ class GridInfo:
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """A parameter of an effect: role "linear" or "shape", physical bounds (±inf where there is none)."""
+    """A parameter of an effect: role "linear", "shape" or "given" (then with a default), physical bounds
+    (±inf where there is none)."""
 
     name: str
     units: Mapping[str, str]
@@ -45,6 +46,7 @@ class ParameterInfo:
     role: str
     bounds: tuple[float, float]
     grid: GridInfo | None
+    default: float | None
 
     def unit(self, joint_type: str = "revolute") -> str:
         """For people, e.g. `N m s/rad`."""
@@ -67,6 +69,8 @@ class EffectInfo:
     generalises: tuple[str, ...]
     signals: tuple[str, ...]
     parameters: tuple[ParameterInfo, ...]
+    coefficients: tuple[ParameterInfo, ...]
+    recover: tuple[Any, ...] | None
     states: tuple[str, ...]
 
     @property
@@ -186,9 +190,9 @@ class Model:
                 arrays[i] = np.full(count, float(array))
             elif array.shape != expected:
                 rows = ", ".join(map(str, shape))
-                hint = f"({rows}{', ' if rows else ''}N), the samples last"
+                hint = f"pass ({rows}{', ' if rows else ''}N), the samples last"
                 raise LoaderError(
-                    f"{function}: {name} has shape {array.shape}, expected {expected} for {self.name}; pass {name} as {hint}"
+                    f"{self.name}: {function}: {name} has shape {array.shape}, expected {expected}; {hint}"
                 )
         return arrays, count
 
@@ -303,7 +307,7 @@ class Library:
         `parameters` needs the shape parameters only; dt (s) only matters to effects with states.
         """
         info = self[effect]
-        return self._call(info, "columns", 1 + len(info.linear), signals, parameters, dt)
+        return self._call(info, "columns", 1 + len(info.coefficients), signals, parameters, dt)
 
     def torque(
         self,
@@ -314,6 +318,18 @@ class Library:
     ) -> Array:
         """The effect's part of the motor torque, (N,); all parameters are needed."""
         return self._call(self[effect], "torque", 1, signals, parameters, dt)[0]
+
+    def recover(self, effect: str, coefficients: ArrayLike, shape: Mapping[str, float]) -> dict[str, float]:
+        """All parameters of an effect from its coefficients (k,) and its shape and given parameters."""
+        info = self[effect]
+        values = np.asarray(coefficients, dtype=np.float64)
+        found = {p.name: float(shape.get(p.name, p.default or 0.0)) for p in info.parameters if p.role != "linear"}
+        if info.recover is None:
+            solved = dict(zip((p.name for p in info.linear), map(float, values), strict=True))
+        else:
+            known = {**found, **dict(zip((c.name for c in info.coefficients), map(float, values), strict=True))}
+            solved = {p.name: _evaluate(form, known) for p, form in zip(info.linear, info.recover, strict=True)}
+        return {p.name: {**found, **solved}[p.name] for p in info.parameters}
 
     def _call(
         self,
@@ -339,11 +355,11 @@ class Library:
     def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:
         for name in parameters:
             info.parameter(name)
-        needed = [p.name for p in info.parameters if linear_too or p.role == "shape"]
+        needed = [p.name for p in info.parameters if p.role == "shape" or (linear_too and p.role == "linear")]
         missing = [name for name in needed if name not in parameters]
         if missing:
             raise LoaderError(f'effect "{info.name}" needs a value of: {", ".join(missing)}')
-        return np.array([float(parameters.get(p.name, 0.0)) for p in info.parameters], dtype=np.float64)
+        return np.array([float(parameters.get(p.name, p.default or 0.0)) for p in info.parameters], dtype=np.float64)
 
     def _signals(self, info: EffectInfo, signals: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
         """Those that the effect reads, each (N,); N is the length of the arrays in `signals`, read or not."""
@@ -364,21 +380,41 @@ class Library:
         return arrays, count
 
 
-def _effect(data: Mapping[str, Any]) -> EffectInfo:
-    parameters = tuple(
-        ParameterInfo(
-            name=p["name"],
-            units=p["unit"],
-            meaning=p["meaning"],
-            role=p["role"],
-            bounds=(
-                -inf if p["bounds"][0] is None else float(p["bounds"][0]),
-                inf if p["bounds"][1] is None else float(p["bounds"][1]),
-            ),
-            grid=None if p["grid"] is None else GridInfo(**p["grid"]),
-        )
-        for p in data["parameters"]
+def _evaluate(form: Any, known: Mapping[str, float]) -> float:
+    """A form of symbolic.effects.declaration.prefix; nan where it has no value (a division by zero)."""
+    if isinstance(form, str):
+        return known[form]
+    if isinstance(form, list):
+        arguments = [_evaluate(argument, known) for argument in form[1:]]
+        try:
+            return float(_OPERATIONS[form[0]](arguments))
+        except (ZeroDivisionError, OverflowError):
+            return nan
+    return float(form)
+
+
+_OPERATIONS: dict[str, Callable[[list[float]], float]] = {
+    "add": sum,
+    "mul": prod,
+    "pow": lambda a: a[0] ** a[1],
+    "atan2": lambda a: atan2(a[0], a[1]),
+}
+
+
+def _parameter(data: Mapping[str, Any]) -> ParameterInfo:
+    low, high = data["bounds"]
+    return ParameterInfo(
+        name=data["name"],
+        units=data["unit"],
+        meaning=data["meaning"],
+        role=data["role"],
+        bounds=(-inf if low is None else float(low), inf if high is None else float(high)),
+        grid=None if data["grid"] is None else GridInfo(**data["grid"]),
+        default=data["default"],
     )
+
+
+def _effect(data: Mapping[str, Any]) -> EffectInfo:
     plain = {key: data[key] for key in ("name", "scope", "family", "summary", "equation", "trace", "experiment")}
     return EffectInfo(
         **plain,
@@ -386,6 +422,8 @@ def _effect(data: Mapping[str, Any]) -> EffectInfo:
         dissipates=data["dissipates"],
         generalises=tuple(data["generalises"]),
         signals=tuple(data["signals"]),
-        parameters=parameters,
+        parameters=tuple(_parameter(p) for p in data["parameters"]),
+        coefficients=tuple(_parameter(c) for c in data["coefficients"]),
+        recover=None if data["recover"] is None else tuple(data["recover"]),
         states=tuple(data["states"]),
     )
