@@ -1,0 +1,75 @@
+"""The band in which model and measurement are compared, chosen from the data.
+
+A cut-off too high lets the encoder's noise, twice differentiated, into the regressors, and a memory
+effect is then found that is not there; one too low throws away what would tell effects apart. The
+cut-off is where inertia times the noise of q̈ reaches the torque noise inside the band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from runtime.recording import Recording
+
+Array = NDArray[np.float64]
+
+_HIGHEST = 100.0
+_LOWEST = 8.0
+_OF_SAMPLING = 0.2
+_SEGMENT = 1024
+
+
+@dataclass(frozen=True)
+class Band:
+    """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position."""
+
+    cutoff: float
+    reason: str
+    torque_density: Array
+    position_density: Array
+
+    def torque_floor(self) -> Array:
+        """Standard deviation of white torque noise inside the band, (n,)."""
+        return np.sqrt(self.torque_density * self.cutoff)
+
+
+def white_density(x: Array, rate: float, low: float = 0.3, high: float = 0.45) -> float:
+    """One-sided density of the white noise in x, from `low` to `high` of the sampling rate.
+
+    Medians over time and frequency, so that shocks and single lines do not count as noise.
+    """
+    f, density = welch(x, rate, nperseg=min(_SEGMENT, len(x)), average="median")
+    inside = (f > low * rate) & (f < high * rate)
+    return float(np.median(density[inside]))
+
+
+def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
+    """Cut-off for all joints of all recordings together.
+
+    inertia (n,): D_ii of the model, kg m² (kg).
+    """
+    rate = min(1 / r.dt for r in recordings)
+    n = len(inertia)
+    torque, position = np.zeros(n), np.zeros(n)
+    for i in range(n):
+        longest = [(r, max(r.segments, key=lambda s: s.stop - s.start)) for r in recordings]
+        torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
+        position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
+    with np.errstate(divide="ignore"):
+        balance = (5 * torque / (inertia**2 * position)) ** 0.25 / (2 * np.pi)
+    joint = int(np.argmin(balance))
+    ceiling = min(_HIGHEST, _OF_SAMPLING * rate)
+    cutoff = float(np.clip(balance[joint], _LOWEST, ceiling))
+    cutoff = float(f"{cutoff:.3g}")
+    if balance[joint] >= ceiling:
+        reason = f"the position is clean enough for the whole band up to {cutoff:g} Hz"
+    elif balance[joint] <= _LOWEST:
+        reason = f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
+    else:
+        reason = f"above {cutoff:g} Hz the encoder noise of joint {joint + 1}, as an inertial torque, exceeds the torque noise"
+    return Band(cutoff, reason, torque, position)

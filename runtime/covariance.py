@@ -1,0 +1,207 @@
+"""Uncertainty of a fit: intervals that hold with autocorrelated residuals, and what cannot be separated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import Model
+from runtime.terms import Term, Values, unit_of
+
+if TYPE_CHECKING:
+    from runtime.identify import Fit, Problem
+
+Array = NDArray[np.float64]
+
+_BLOCK_S = 1.0
+_SIGMAS = 1.96
+_SEPARABLE = 1e-4
+_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval; `with_others`: parameters with which it can only be told together."""
+
+    value: float
+    interval: tuple[float, float] | None
+    unit: str
+    with_others: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        document: dict[str, Any] = {
+            "value": self.value,
+            "unit": self.unit,
+            "interval": list(self.interval) if self.interval else None,
+        }
+        if self.with_others:
+            document["inseparable_from"] = list(self.with_others)
+        return document
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Estimates of everything that a fit has found."""
+
+    lumps: tuple[Estimate, ...]
+    values: dict[Term, dict[str, Estimate]]
+    skew: float
+    skew_interval: tuple[float, float] | None
+
+    def skew_json(self) -> dict[str, Any]:
+        return {
+            "value": self.skew,
+            "unit": "samples",
+            "interval": list(self.skew_interval) if self.skew_interval else None,
+            "estimated": self.skew_interval is not None,
+        }
+
+    def to_json(self, model: Model) -> dict[str, Any]:
+        return {
+            "inertial": [
+                {"joint": info.joint, "name": info.name, "model": info.value, "fit": e.value, **_rest(e)}
+                for info, e in zip(model.lumps, self.lumps, strict=True)
+            ],
+            "effects": [
+                {"effect": term.effect, "joint": term.joint, "parameters": {k: e.to_json() for k, e in values.items()}}
+                for term, values in self.values.items()
+            ],
+        }
+
+
+def _rest(e: Estimate) -> dict[str, Any]:
+    document = e.to_json()
+    del document["value"]
+    return document
+
+
+def infer(problem: Problem, fit: Fit, estimated_skew: bool) -> Inference:
+    """Cluster-robust covariance over blocks of a second, shape parameters and skew included.
+
+    Source: Liang & Zeger 1986 for the sandwich.
+    """
+    names, jacobian = _jacobian(problem, fit, estimated_skew)
+    bread, meat = _sandwich_parts(problem, fit, jacobian)
+    scale = np.sqrt(np.diag(bread))
+    scale = np.where(scale > 0, scale, 1.0)
+    value, vector = np.linalg.eigh(bread / np.outer(scale, scale))
+    unseen = value < _SEPARABLE**2 * max(float(value[-1]), 1e-300)
+    inverse = np.where(unseen, 0.0, 1 / np.where(unseen, 1.0, value))
+    inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
+    covariance = inverted @ meat @ inverted
+    tangled = _tangled(names, vector[:, unseen])
+    layout = problem.layout
+    lumps = tuple(
+        _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
+        for k, info in enumerate(problem.model.lumps)
+    )
+    values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
+    interval = None
+    if estimated_skew:
+        spread = _SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
+        interval = (fit.skew - spread, fit.skew + spread)
+    return Inference(lumps, values, fit.skew, interval)
+
+
+def _jacobian(problem: Problem, fit: Fit, estimated_skew: bool) -> tuple[list[str], list[Array]]:
+    """Names of all unknowns and per joint (K', M) derivatives of the predicted torque."""
+    model = problem.model
+    names = [lump.name for lump in model.lumps]
+    for term in problem.layout.terms:
+        names += [f"{term} {c.name}" for c in model.library.effects[term.effect].coefficients]
+    rows = [problem.rows(i, fit.shapes)[0] for i in range(model.n)]
+    for term, name, step in shape_steps(problem, fit):
+        names.append(f"{term} {name}")
+        for i in range(model.n):
+            rows[i] = np.vstack([rows[i], shape_derivative(problem, fit, term, name, step, i)])
+    if estimated_skew:
+        names.append("skew")
+        rows = [np.vstack([r, -problem.regressors.skew(i)]) for i, r in enumerate(rows)]
+    return names, rows
+
+
+def shape_steps(problem: Problem, fit: Fit) -> list[tuple[Term, str, float]]:
+    """Every shape parameter with a step for its derivative."""
+    found = []
+    for term in problem.layout.terms:
+        for name, value in fit.shapes[term].items():
+            parameter = problem.model.library.effects[term.effect].parameter(name)
+            if parameter.grid is not None and parameter.grid.count > 2:
+                found.append((term, name, 1e-3 * abs(value) if value else 1e-3))
+    return found
+
+
+def shape_derivative(problem: Problem, fit: Fit, term: Term, name: str, step: float, joint: int) -> Array:
+    """(M,) derivative of a joint's predicted torque by a shape parameter."""
+    sides = []
+    for sign in (1, -1):
+        moved = {**fit.shapes[term], name: fit.shapes[term][name] + sign * step}
+        x, fixed = problem.rows(joint, {**fit.shapes, term: moved})
+        sides.append(fixed + fit.coefficients @ x)
+    return (sides[0] - sides[1]) / (2 * step)
+
+
+def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:
+    size = len(jacobian[0])
+    motion = problem.motion
+    block = np.floor(motion.row_time / _BLOCK_S).astype(int) + motion.row_piece * 1_000_000
+    _, index = np.unique(block, return_inverse=True)
+    scores = np.zeros((index.max() + 1, size))
+    bread = np.zeros((size, size))
+    for i, x in enumerate(jacobian):
+        use, w = motion.moving(i), problem.weights[i]
+        bread += (x[:, use] * w**2) @ x[:, use].T
+        contribution = x * (w**2 * fit.residual[i])
+        for k in range(size):
+            scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))
+    used = len(scores)
+    return bread, scores.T @ scores * used / max(1, used - size)
+
+
+def _tangled(names: list[str], null: Array) -> dict[int, tuple[str, ...]]:
+    found: dict[int, set[str]] = {}
+    for direction in null.T:
+        members = np.flatnonzero(np.abs(direction) > _SHARE)
+        for k in members:
+            found.setdefault(int(k), set()).update(names[int(j)] for j in members if j != k)
+    return {k: tuple(sorted(others)) for k, others in found.items()}
+
+
+def _estimate(value: float, variance: float, unit: str, others: tuple[str, ...]) -> Estimate:
+    spread = _SIGMAS * float(np.sqrt(max(variance, 0.0)))
+    return Estimate(float(value), None if others else (float(value) - spread, float(value) + spread), unit, others)
+
+
+def _term_estimates(
+    problem: Problem, fit: Fit, term: Term, covariance: Array, names: list[str], tangled: dict[int, tuple[str, ...]]
+) -> dict[str, Estimate]:
+    """Declared parameters out of linear coefficients and shapes, by the delta method."""
+    library, part = problem.model.library, problem.layout.slices[term]
+    coefficients = fit.coefficients[part]
+    where = list(range(part.start, part.stop))
+    shape: Values = fit.shapes[term]
+    free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
+    where += [names.index(f"{term} {name}", problem.layout.size) for name in free]
+    base = library.recover(term.effect, coefficients, shape)
+    gradient = {name: np.zeros(len(where)) for name in base}
+    for k in range(len(where)):
+        moved, moved_shape = coefficients.copy(), dict(shape)
+        at = moved[k] if k < len(moved) else shape[free[k - len(moved)]]
+        step = 1e-5 * abs(at) if at else 1e-8
+        if k < len(moved):
+            moved[k] += step
+        else:
+            moved_shape[free[k - len(moved)]] += step
+        after = library.recover(term.effect, moved, moved_shape)
+        for name in base:
+            gradient[name][k] = (after[name] - base[name]) / step
+    part_covariance = covariance[np.ix_(where, where)]
+    found = {}
+    for name, value in base.items():
+        others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in tangled.get(k, ())}
+        variance = float(gradient[name] @ part_covariance @ gradient[name])
+        found[name] = _estimate(value, variance, unit_of(problem.model, term, name), tuple(sorted(others)))
+    return found

@@ -1,0 +1,235 @@
+"""Statistics of nested linear models on autocorrelated rows: cross-validation, whitening, BIC, Vuong.
+
+A `Rows` object holds one joint's torque and base regressors; a candidate adds a block of columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FOLDS = 10
+_MOST_LAGS = 12
+_RANK = 1e-7
+
+
+@dataclass(frozen=True)
+class Block:
+    """A candidate's columns at one choice of its shape.
+
+    fixed (M,) or None: torque without a free coefficient; columns (k, M); bounds of their coefficients.
+    """
+
+    columns: Array
+    fixed: Array | None
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Least squares of base and candidate: sse over the used rows, coefficients (base first), residual (M,)."""
+
+    sse: float
+    coefficients: Array
+    residual: Array
+
+
+@dataclass(frozen=True)
+class Rows:
+    """y (M,), base (b, M), use (M,) rows that count, piece (M,) the stretch of time and fold (M,) the part
+    of a cross-validation to which a row belongs."""
+
+    y: Array
+    base: Array
+    use: Mask
+    piece: NDArray[np.intp]
+    fold: NDArray[np.intp]
+
+    @cached_property
+    def count(self) -> int:
+        return int(self.use.sum())
+
+    @cached_property
+    def fold_sizes(self) -> Array:
+        return np.bincount(self.fold[self.use], minlength=FOLDS).astype(float)
+
+    def rank(self, block: Block | None = None) -> int:
+        """Number of separate linear directions that base and block span on the used rows."""
+        x = self.base if block is None else np.vstack([self.base, block.columns])
+        unit = _unit(x[:, self.use])
+        return int(np.linalg.matrix_rank(unit @ unit.T, tol=1e-9, hermitian=True)) if len(x) else 0
+
+    def orthogonal(self, columns: Array) -> Array:
+        """(k, M) what of each column the base cannot take over, zero in unused rows."""
+        x, b = np.where(self.use, columns, 0.0), np.where(self.use, self.base, 0.0)
+        return x - np.array([_solve(b @ b.T, b @ row) for row in x]).reshape(len(x), len(b)) @ b
+
+    def solve(self, block: Block | None = None) -> Solution:
+        """Least squares on the used rows; coefficients of the block stay within their bounds."""
+        x, y = self.base, self.y
+        if block is not None:
+            x = np.vstack([x, block.columns])
+            y = y if block.fixed is None else y - block.fixed
+        gram = x[:, self.use] @ x[:, self.use].T
+        moment = x[:, self.use] @ y[self.use]
+        b = len(self.base)
+        theta = _bounded(gram, moment, b, block)
+        residual = np.where(self.use, y - theta @ x, 0.0)
+        return Solution(float(residual @ residual), theta, residual)
+
+    def cross_validate(self, blocks: Sequence[Block | None]) -> tuple[Array, Array]:
+        """Held-out and training SSE (FOLDS,) where every fold takes the block that trains best without it."""
+        grams = [self._fold_grams(block) for block in blocks]
+        held, trained = np.zeros(FOLDS), np.zeros(FOLDS)
+        for fold in range(FOLDS):
+            best = np.inf
+            for block, gram in zip(blocks, grams, strict=True):
+                rest = gram.sum(axis=0) - gram[fold]
+                theta = _bounded(rest[:-1, :-1], rest[:-1, -1], len(self.base), block)
+                direction = np.append(theta, -1.0)
+                sse = float(direction @ rest @ direction)
+                if sse < best:
+                    best, held[fold] = sse, float(direction @ gram[fold] @ direction)
+            trained[fold] = best
+        return held, trained
+
+    def _fold_grams(self, block: Block | None) -> Array:
+        """(FOLDS, b + k + 1, b + k + 1), the torque last."""
+        y = self.y if block is None or block.fixed is None else self.y - block.fixed
+        parts = [self.base, y[None]] if block is None else [self.base, block.columns, y[None]]
+        x = np.vstack(parts)[:, self._by_fold]
+        edges = np.concatenate([[0], np.cumsum(self.fold_sizes).astype(int)])
+        return np.array([x[:, lo:hi] @ x[:, lo:hi].T for lo, hi in pairwise(edges)])
+
+    @cached_property
+    def _by_fold(self) -> NDArray[np.intp]:
+        used = np.flatnonzero(self.use)
+        return used[np.argsort(self.fold[used], kind="stable")]
+
+    def whitened(self, ar: Array) -> Rows:
+        """The same rows through the autoregressive filter `ar` (1, a1, ...), piece by piece."""
+        return Rows(self.whiten(self.y[None], ar)[0], self.whiten(self.base, ar), self.use, self.piece, self.fold)
+
+    def whiten(self, x: Array, ar: Array) -> Array:
+        """x (k, M) through the filter; rows that do not count enter as zero on both sides of the equation."""
+        x = np.where(self.use, x, 0.0)
+        edges = np.flatnonzero(np.diff(self.piece)) + 1
+        parts = [_filtered(part, ar) for part in np.split(x, edges, axis=1)]
+        return np.where(self.use, np.concatenate(parts, axis=1), 0.0)
+
+    def whiten_block(self, block: Block, ar: Array) -> Block:
+        fixed = None if block.fixed is None else self.whiten(block.fixed[None], ar)[0]
+        return Block(self.whiten(block.columns, ar), fixed, block.lower, block.upper)
+
+    def autoregression(self, residual: Array) -> Array:
+        """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
+        covariance = np.zeros(_MOST_LAGS + 1)
+        r = np.where(self.use, residual, 0.0)
+        for lag in range(_MOST_LAGS + 1):
+            pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
+            covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
+        return _levinson(covariance, self.count)
+
+
+def _filtered(x: Array, ar: Array) -> Array:
+    out = ar[0] * x
+    for lag in range(1, len(ar)):
+        out[:, lag:] += ar[lag] * x[:, :-lag]
+    return out
+
+
+def _unit(x: Array) -> Array:
+    norm = np.linalg.norm(x, axis=1, keepdims=True)
+    return x / np.where(norm > 0, norm, 1.0)
+
+
+def _bounded(gram: Array, moment: Array, b: int, block: Block | None) -> Array:
+    """Normal equations, base free, the block's coefficients at a bound where they would leave it."""
+    theta = _solve(gram, moment)
+    if block is None:
+        return theta
+    fixed: dict[int, float] = {}
+    for _ in range(len(block.lower)):
+        free_part = theta[b:]
+        broken = [
+            (k, bound)
+            for k in range(len(block.lower))
+            if b + k not in fixed
+            for bound in (block.lower[k] if free_part[k] < block.lower[k] else block.upper[k],)
+            if free_part[k] < block.lower[k] or free_part[k] > block.upper[k]
+        ]
+        if not broken:
+            break
+        fixed.update({b + k: float(bound) for k, bound in broken})
+        free = [i for i in range(len(theta)) if i not in fixed]
+        held = list(fixed)
+        values = np.array([fixed[i] for i in held])
+        theta = np.zeros(len(moment))
+        theta[held] = values
+        theta[free] = _solve(gram[np.ix_(free, free)], moment[free] - gram[np.ix_(free, held)] @ values)
+    return theta
+
+
+def _solve(gram: Array, moment: Array) -> Array:
+    """Least squares from normal equations, scaled; directions that the rows do not see stay zero."""
+    scale = np.sqrt(np.diag(gram))
+    scale = np.where(scale > 0, scale, 1.0)
+    value, vector = np.linalg.eigh(gram / np.outer(scale, scale))
+    inverse = np.where(value > _RANK * value[-1], 1 / np.where(value > 0, value, 1.0), 0.0) if len(value) else value
+    return (vector @ (inverse * (vector.T @ (moment / scale)))) / scale
+
+
+def _levinson(covariance: Array, count: int) -> Array:
+    ar, error = np.array([1.0]), covariance[0]
+    best, best_score = ar, count * np.log(max(error, 1e-300))
+    for order in range(1, len(covariance)):
+        reflection = -(ar @ covariance[order:0:-1]) / error
+        ar = np.append(ar, 0.0) + reflection * np.append(ar, 0.0)[::-1]
+        error *= 1 - reflection**2
+        if error <= 0:
+            break
+        score = count * np.log(error) + order * np.log(count)
+        if score < best_score:
+            best, best_score = ar, score
+    return best
+
+
+def time_folds(use: Mask) -> NDArray[np.intp]:
+    """(M,) FOLDS contiguous stretches with equally many used rows."""
+    order = np.cumsum(use) - 1
+    return np.clip(order * FOLDS // max(1, int(use.sum())), 0, FOLDS - 1)
+
+
+def bic(sse: float, count: int, parameters: int) -> float:
+    return count * float(np.log(sse / count)) + parameters * float(np.log(count))
+
+
+def log_likelihood(held: Array, trained: Array, sizes: Array) -> float:
+    """Held-out Gaussian log-likelihood, each fold with the variance of its training rows."""
+    variance = trained / (sizes.sum() - sizes)
+    return float(np.sum(-0.5 * sizes * np.log(2 * np.pi * variance) - held / (2 * variance)))
+
+
+def vuong(better: Array, worse: Array, use: Mask) -> float:
+    """Vuong's statistic of two residuals (M,) with a variance robust to autocorrelation.
+
+    Source: Vuong 1989; Newey & West 1987 for the variance.
+    """
+    a, b = better[use], worse[use]
+    variance = float(a @ a) / len(a)
+    gain = (b**2 - a**2) / (2 * variance)
+    centred = gain - gain.mean()
+    lags = int(4 * (len(a) / 100) ** (2 / 9)) + 1
+    spread = float(centred @ centred)
+    for lag in range(1, lags + 1):
+        spread += 2 * (1 - lag / (lags + 1)) * float(centred[lag:] @ centred[:-lag])
+    return float(gain.sum() / np.sqrt(max(spread, 1e-300)))

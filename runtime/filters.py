@@ -1,0 +1,108 @@
+"""Zero-phase FIR filters: derivatives of measured positions, and the band in which model and torque are compared.
+
+Every regressor and the torque pass the same linear-phase low-pass and decimation, so that a linear
+model holds between filtered quantities exactly as between raw ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
+
+Array = NDArray[np.float64]
+
+SMOOTHING_OVER_CUTOFF = 3.0
+"""The position's smoothing stops at this multiple of the cut-off: inside the band it is flat."""
+_STOPBAND_DB = 70.0
+
+
+@dataclass(frozen=True)
+class Differentiator:
+    """FIR kernels (2 half + 1,) for position, rate and acceleration out of sampled positions."""
+
+    position: Array
+    rate: Array
+    acceleration: Array
+
+    @property
+    def half(self) -> int:
+        return len(self.position) // 2
+
+    def __call__(self, x: Array) -> tuple[Array, Array, Array]:
+        """x (N,) -> smoothed x, x', x'' (N − 2 half,) each: only samples that a whole kernel covers."""
+        parts = [oaconvolve(x - x[0], kernel, mode="valid") for kernel in (self.position, self.rate, self.acceleration)]
+        return parts[0] + x[0], parts[1], parts[2]
+
+
+def differentiator(cutoff: float, rate: float) -> Differentiator:
+    """Kernels flat up to `cutoff` Hz and stopping at SMOOTHING_OVER_CUTOFF times that; `rate` in Hz.
+
+    The derivatives are (jω)^k times the smoothing's own response, so they agree with it at every
+    frequency; the moments are then made exact, so that constants, ramps and parabolas come out
+    exactly (a droop at DC would be read as an offset or a spring).
+    """
+    cutoff = min(cutoff, 0.45 * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
+    passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, 0.499 * rate)
+    taps, beta = kaiserord(_STOPBAND_DB, (stopband - passband) / (rate / 2))
+    taps |= 1
+    smoothing = firwin(taps, (passband + stopband) / rate, window=("kaiser", beta))
+    pad, size = taps // 2, 8 * taps
+    spectrum = np.fft.fft(smoothing, size)
+    omega = 2 * np.pi * np.fft.fftfreq(size, 1 / rate)
+    length = taps + 2 * pad
+    kernels = [np.roll(np.fft.ifft(spectrum * (1j * omega) ** k).real, pad)[:length] for k in range(3)]
+    t = (np.arange(length) - length // 2) / rate
+    window = np.kaiser(length, beta)
+    window /= window.sum()
+    curved = window * t**2
+    curved -= window * curved.sum()
+    position, slope, curvature = kernels
+    slope = (slope - slope[::-1]) / 2
+    slope /= -(slope @ t)
+    curvature = (curvature + curvature[::-1]) / 2
+    curvature -= window * curvature.sum()
+    curvature += curved * (2 - curvature @ t**2) / (curved @ t**2)
+    return Differentiator(position / position.sum(), slope, curvature)
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Linear-phase low-pass to `cutoff` Hz with decimation by `factor`; kernel (2 half + 1,)."""
+
+    cutoff: float
+    rate: float
+    factor: int
+    half: int
+    beta: float
+
+    def __call__(self, x: Array, delay: float = 0.0) -> Array:
+        """x (..., N) -> (..., M): in-band samples at centres(N), of x delayed by `delay` samples (|delay| < 4)."""
+        n = np.arange(-self.half, self.half + 1) - delay
+        width = 2 * self.cutoff / self.rate
+        inside = np.clip(1 - (n / (self.half + 4.0)) ** 2, 0, None)
+        kernel = np.sinc(width * n) * np.i0(self.beta * np.sqrt(inside))
+        kernel /= kernel.sum()
+        size = x.shape[-1]
+        out = upfirdn(kernel, x, up=1, down=1, axis=-1) if self.factor == 1 else self._decimate(kernel, x)
+        first = 2 * self.half if self.factor == 1 else 0
+        return np.ascontiguousarray(out[..., first : first + len(self.centres(size))])
+
+    def _decimate(self, kernel: Array, x: Array) -> Array:
+        # upfirdn keeps outputs 0, factor, 2 factor...: leading zeros move the first whole window onto one of them.
+        lead = -2 * self.half % self.factor
+        out = upfirdn(np.concatenate([np.zeros(lead), kernel]), x, up=1, down=self.factor, axis=-1)
+        return out[..., (2 * self.half + lead) // self.factor :]
+
+    def centres(self, size: int) -> NDArray[np.intp]:
+        """Indices of the input samples on which the outputs sit."""
+        return np.arange(self.half, size - self.half, self.factor)
+
+
+def low_pass(cutoff: float, rate: float) -> LowPass:
+    """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
+    cutoff = min(cutoff, 0.39 * rate)
+    taps, beta = kaiserord(60.0, 0.5 * cutoff / (rate / 2))
+    return LowPass(cutoff, rate, max(1, int(rate / (2.5 * cutoff))), taps // 2, beta)

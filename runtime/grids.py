@@ -1,0 +1,87 @@
+"""Where the shape parameters of effects are looked for, given what a motion covers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import ParameterInfo
+from runtime.motion import Motion
+from runtime.terms import Regressors, Term, Values, joints_of
+
+Array = NDArray[np.float64]
+
+_EDGE = 0.02
+
+
+def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[float, float]:
+    """Offset and scale by which a grid's low and high are read for this term; `known`: values chosen so far."""
+    joints = list(joints_of(regressors.model, term))
+    pieces = regressors.motion.pieces
+    if of == "one":
+        return 0.0, 1.0
+    if of == "duration":
+        return 0.0, max(float(p.t[-1]) for p in pieces)
+    if of == "rate":
+        return 0.0, max(float(np.abs(p.qd[joints]).max()) for p in pieces)
+    if of in ("position", "tip"):
+        values = _everywhere(regressors, "q" if of == "position" else "tip_y", joints)
+        return float(values.min()), float(np.ptp(values))
+    if of == "link_inertia":
+        return 0.0, float(np.median(_everywhere(regressors, of, joints)))
+    if of == "critical":
+        inertia = max(float(np.median(_everywhere(regressors, "link_inertia", joints))), 0.0)
+        return 0.0, 2 * float(np.sqrt(known["stiffness"] * inertia))
+    if of == "level_per_range":
+        level = float(np.max(_everywhere(regressors, "level", joints)))
+        return 0.0, level / float(np.ptp(_everywhere(regressors, "q", joints)))
+    return 0.0, float(np.max(np.abs(_everywhere(regressors, of, joints))))
+
+
+def _everywhere(regressors: Regressors, signal: str, joints: list[int]) -> Array:
+    return np.concatenate([np.atleast_1d(s.get(signal, i)) for s in regressors.signals for i in joints])
+
+
+def axis(regressors: Regressors, term: Term, parameter: ParameterInfo, known: Values) -> Array:
+    """Grid values of one shape parameter, ascending; `known` holds the shape parameters declared before it."""
+    grid = parameter.grid
+    if grid is None:
+        raise ValueError(f'{term}: shape parameter "{parameter.name}" has no grid')
+    offset, scale = _span(regressors, term, grid.of, known)
+    spaced = np.geomspace if grid.spacing == "log" else np.linspace
+    return offset + scale * spaced(grid.low, grid.high, grid.count)
+
+
+def points(regressors: Regressors, term: Term) -> list[Values]:
+    """All combinations of the shape parameters' grid values; one empty choice for a term without shape.
+
+    Empty if the data give the grid no scale (no link inertia for an elasticity, no friction for bristles).
+    """
+    found: list[Values] = [{}]
+    for parameter in regressors.model.library.effects[term.effect].shape:
+        found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
+    usable = [v for v in found if all(np.isfinite(x) for x in v.values())]
+    return [v for v in usable if v.get("start", 0.0) <= v.get("end", np.inf) and v.get("stiffness", 1.0) > 0]
+
+
+def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
+    """Whether any shape value sits at an end of its grid, where a search proves nothing."""
+    for parameter in regressors.model.library.effects[term.effect].shape:
+        values = axis(regressors, term, parameter, shape)
+        if len(values) < 3:
+            continue
+        logarithmic = parameter.grid is not None and parameter.grid.spacing == "log"
+        x = (
+            np.log(np.maximum([values[0], shape[parameter.name], values[-1]], 1e-300))
+            if logarithmic
+            else np.array([values[0], shape[parameter.name], values[-1]])
+        )
+        if x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]):
+            return True
+    return False
+
+
+def covered(motion: Motion) -> Array:
+    """(n, 2) smallest and largest |rate| of each joint in the motion."""
+    fastest = np.max([np.abs(p.qd).max(axis=1) for p in motion.pieces], axis=0)
+    return np.stack([motion.standstill, fastest], axis=1)

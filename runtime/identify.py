@@ -1,0 +1,302 @@
+"""Identification: base inertial parameters and effects of all joints at once, from recordings.
+
+Linear coefficients are solved exactly for every trial of the shape parameters and of the skew between
+torque and encoder (variable projection, Golub & Pereyra 1973). The inertia matrix stays positive
+definite over the recorded motion, and effects stay within their physical bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from runtime import grids
+from runtime.band import choose_band
+from runtime.constrained import minimise
+from runtime.covariance import Inference, infer
+from runtime.loader import Model
+from runtime.motion import Motion, prepare
+from runtime.recording import Recording
+from runtime.terms import Prediction, Regressors, Structure, Term, Values, joints_of, structure
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SKEW_RANGE = (0.0, 1.5)
+"""Samples between a torque and the encoder reading beside it that a hold can explain."""
+_PASSES = 3
+_CONFIGURATIONS = 60
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The solution of one least-squares problem.
+
+    prediction    inertial parameters and effects' values
+    coefficients  (K,) linear unknowns in the order of `Layout.names`
+    shapes        shape parameters by term
+    skew          samples by which the torque is taken later
+    residual      per joint (M,), unweighted, zero in rows that do not count
+    weights       (n,) 1/σ by which joints were weighted
+    """
+
+    prediction: Prediction
+    coefficients: Array
+    shapes: dict[Term, Values]
+    skew: float
+    residual: list[Array]
+    weights: Array
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Order of the linear unknowns: base inertial parameters, then each term's coefficients."""
+
+    terms: tuple[Term, ...]
+    slices: dict[Term, slice]
+    lumps: slice
+    lower: Array
+    upper: Array
+
+    @property
+    def size(self) -> int:
+        return len(self.lower)
+
+    @classmethod
+    def of(cls, model: Model, terms: Sequence[Term]) -> Layout:
+        start, slices = len(model.lumps), {}
+        lower, upper = [-np.inf] * start, [np.inf] * start
+        for term in terms:
+            info = model.library.effects[term.effect]
+            slices[term] = slice(start, start + len(info.coefficients))
+            start += len(info.coefficients)
+            lower += [c.bounds[0] for c in info.coefficients]
+            upper += [c.bounds[1] for c in info.coefficients]
+        return cls(tuple(terms), slices, slice(0, len(model.lumps)), np.array(lower), np.array(upper))
+
+
+class Problem:
+    """Least squares of one structure on one motion, for any shapes and skew."""
+
+    def __init__(self, model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction | None) -> None:
+        self.model, self.motion = model, motion
+        self.layout = Layout.of(model, terms)
+        self.regressors = Regressors(model, motion, prediction)
+        self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
+
+    def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
+        """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
+        rigid = self.regressors.rigid(joint)
+        x = np.zeros((self.layout.size, rigid.shape[1]))
+        x[self.layout.lumps] = rigid
+        fixed = np.zeros(rigid.shape[1])
+        for term in self.layout.terms:
+            if joint in joints_of(self.model, term):
+                columns = self.regressors.columns(term, joint, shapes[term])
+                fixed += columns[0]
+                x[self.layout.slices[term]] = columns[1:]
+        return x, fixed
+
+    def solve(self, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, list[Array]]:
+        """Coefficients (K,) and per joint the unweighted residual (M,)."""
+        gram = np.zeros((self.layout.size, self.layout.size))
+        moment = np.zeros(self.layout.size)
+        parts = []
+        for i in range(self.model.n):
+            x, fixed = self.rows(i, shapes)
+            use = self.motion.moving(i)
+            y = self.motion.torque(i, skew) - fixed
+            weighted = x[:, use] * self.weights[i]
+            gram += weighted @ weighted.T
+            moment += weighted @ (y[use] * self.weights[i])
+            parts.append((x, y, use))
+        theta = minimise(gram, moment, self.layout.lower, self.layout.upper, self._inertia_cuts)
+        return theta, [np.where(use, y - theta @ x, 0.0) for x, y, use in parts]
+
+    def _inertia_cuts(self, theta: Array) -> Array | None:
+        """Rows c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
+        q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in self.motion.pieces], axis=1)
+        value, vector = np.linalg.eigh(np.moveaxis(self.model.inertia(q, theta[self.layout.lumps]), 2, 0))
+        worst = int(np.argmin(value[:, 0]))
+        if value[worst, 0] > 0:
+            return None
+        v, at = vector[worst, :, 0], q[:, worst : worst + 1]
+        cut = np.zeros(len(theta))
+        for k in range(len(self.model.lumps)):
+            unit = np.zeros(len(self.model.lumps))
+            unit[k] = 1.0
+            cut[k] = v @ self.model.inertia(at, unit)[:, :, 0] @ v
+        return cut
+
+    def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:
+        values = {t: self._values(t, theta, shapes[t]) for t in self.layout.terms}
+        return Prediction(theta[self.layout.lumps], values)
+
+    def _values(self, term: Term, theta: Array, shape: Values) -> Values:
+        return self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)
+
+
+def _start(problem: Problem, known: Structure, skew: float) -> dict[Term, Values]:
+    """Shape values from the file where it states them, else the best of the grid, one term after another."""
+    shapes: dict[Term, Values] = {}
+    open_terms: list[tuple[Term, list[Values]]] = []
+    for term in problem.layout.terms:
+        names = [p.name for p in problem.model.library.effects[term.effect].shape]
+        given = {k: v for k, v in known.get(term, {}).items() if k in names}
+        choices = grids.points(problem.regressors, term)
+        choices = list({tuple({**c, **given}.items()): {**c, **given} for c in choices}.values())
+        shapes[term] = choices[len(choices) // 2]
+        if len(choices) > 1:
+            open_terms.append((term, choices))
+    for term, choices in open_terms:
+        errors = [_error(problem.solve({**shapes, term: c}, skew)[1], problem.weights) for c in choices]
+        shapes[term] = choices[int(np.argmin(errors))]
+    return shapes
+
+
+def _error(residual: Sequence[Array], weights: Array) -> float:
+    return float(sum(w**2 * (r @ r) for r, w in zip(residual, weights, strict=True)))
+
+
+def solve(
+    model: Model, motion: Motion, known: Structure, skew: float | None, start: Fit | None = None
+) -> tuple[Problem, Fit]:
+    """Fit all of a structure's parameters.
+
+    known   active terms with the values from which the search starts (shapes; linear ones need none)
+    skew    samples, or None to estimate it within SKEW_RANGE
+    start   an earlier fit with at least some of the terms, for its shapes and prediction
+    """
+    terms = tuple(known)
+    needs = [t for t in terms if _needs_prediction(model, t)]
+    prediction = start.prediction if start else None
+    shapes: dict[Term, Values] = dict(start.shapes) if start else {}
+    if prediction is None and needs:
+        _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
+        prediction, shapes = plain.prediction, dict(plain.shapes)
+    at = skew if skew is not None else (start.skew if start else 0.5)
+    problem, fit = _refine(model, motion, known, shapes, at, skew is None, prediction)
+    for _ in range(_PASSES - 1 if needs else 0):
+        before = fit.prediction.lumps
+        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, skew is None, fit.prediction)
+        if np.allclose(before, fit.prediction.lumps, rtol=1e-3):
+            break
+    return problem, fit
+
+
+def _needs_prediction(model: Model, term: Term) -> bool:
+    return bool(
+        {"load", "link_inertia", "level", "predicted", "predicted_rate"}
+        & set(model.library.effects[term.effect].signals)
+    )
+
+
+def _refine(
+    model: Model,
+    motion: Motion,
+    known: Structure,
+    shapes: dict[Term, Values],
+    skew: float,
+    free_skew: bool,
+    prediction: Prediction | None,
+) -> tuple[Problem, Fit]:
+    problem = Problem(model, motion, tuple(known), prediction)
+    missing = {t: v for t, v in known.items() if t not in shapes}
+    found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, skew) if missing else shapes
+    shapes = {t: found[t] for t in known}
+    for _ in range(2):
+        shapes, skew = _search(problem, shapes, skew, free_skew)
+        theta, residual = problem.solve(shapes, skew)
+        count = np.array([max(1, motion.moving(i).sum()) for i in range(model.n)])
+        rms = np.sqrt([r @ r for r in residual] / count)
+        problem.weights = 1 / np.maximum(rms, 1e-12)
+        if model.n == 1:
+            break
+    theta, residual = problem.solve(shapes, skew)
+    return problem, Fit(problem.prediction(theta, shapes), theta, shapes, skew, residual, problem.weights)
+
+
+def _search(
+    problem: Problem, shapes: dict[Term, Values], skew: float, free_skew: bool
+) -> tuple[dict[Term, Values], float]:
+    """Shape parameters and skew that minimise the weighted residual, from a start that a grid gave."""
+    names, x0, lower, upper = [], [], [], []
+    for term, shape in shapes.items():
+        for parameter in problem.model.library.effects[term.effect].shape:
+            values = grids.axis(problem.regressors, term, parameter, shape)
+            if len(values) > 2:
+                low, high = float(values[0]), float(values[-1])
+                names.append((term, parameter.name))
+                lower.append(low)
+                upper.append(high)
+                x0.append(float(np.clip(shape[parameter.name], low, high)))
+    if free_skew:
+        x0, lower, upper = [*x0, skew], [*lower, SKEW_RANGE[0]], [*upper, SKEW_RANGE[1]]
+    if not x0:
+        return shapes, skew
+    lo, scale = np.array(lower), np.array(upper) - np.array(lower)
+
+    def unpack(z: Array) -> tuple[dict[Term, Values], float]:
+        x = lo + z * scale
+        changed = {t: dict(s) for t, s in shapes.items()}
+        for (term, name), value in zip(names, x, strict=False):
+            changed[term][name] = float(value)
+        return changed, float(x[-1]) if free_skew else skew
+
+    def residual(z: Array) -> Array:
+        parts = problem.solve(*unpack(z))[1]
+        return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
+
+    z0 = np.clip((np.array(x0) - lo) / scale, 1e-6, 1 - 1e-6)
+    found = least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=1e-4, xtol=1e-5, ftol=1e-7, max_nfev=25)
+    return unpack(found.x)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A fit with its uncertainty, and the same fit without skew correction beside it."""
+
+    model: Model
+    motion: Motion
+    problem: Problem
+    fit: Fit
+    inference: Inference
+    uncorrected: Inference | None
+
+    def to_json(self) -> dict[str, Any]:
+        """As `tendon identify --json`; intervals are 95 %."""
+        document: dict[str, Any] = {
+            "band": {"cutoff_hz": self.motion.band.cutoff, "reason": self.motion.band.reason},
+            "skew": self.inference.skew_json(),
+            **self.inference.to_json(self.model),
+        }
+        document["uncorrected"] = None if self.uncorrected is None else self.uncorrected.to_json(self.model)
+        return document
+
+
+def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Identification:
+    """Fit the model file's structure to recordings; `skew` in samples, None to estimate it."""
+    motion = prepare(recordings, choose_band(recordings, _diagonal(model)))
+    return identify_motion(model, motion, structure(model), skew)
+
+
+def identify_motion(
+    model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
+) -> Identification:
+    """As `identify`, on a motion that is already prepared and for any structure."""
+    problem, fit = solve(model, motion, known, skew, start)
+    uncorrected = None
+    if skew is None:
+        plain_problem, plain = solve(model, motion, known, 0.0, fit)
+        uncorrected = infer(plain_problem, plain, estimated_skew=False)
+    return Identification(model, motion, problem, fit, infer(problem, fit, estimated_skew=skew is None), uncorrected)
+
+
+def _diagonal(model: Model) -> Array:
+    """(n,) D_ii of the model file at q = 0."""
+    return np.diagonal(model.inertia(np.zeros((model.n, 1)))[:, :, 0]).copy()

@@ -1,0 +1,154 @@
+"""Recordings as the model sees them: smoothed motion at full rate, torque and regressors inside the band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.band import Band
+from runtime.filters import LowPass, differentiator, low_pass
+from runtime.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STANDSTILL_S = 0.004
+"""Samples this close to standstill are left out: there the sign of the rate is noise."""
+_NOISE_MULTIPLE = 4.0
+_OF_TOP_SPEED = 0.002
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One gap-free stretch of one recording.
+
+    t (N,) s; q, qd, qdd, tau (n, N); warmth (n, N) K; measured (n,) whether a temperature was.
+    """
+
+    recording: int
+    run: int
+    dt: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    warmth: Array
+    measured: Mask
+    low_pass: LowPass
+
+    @cached_property
+    def centres(self) -> NDArray[np.intp]:
+        return self.low_pass.centres(len(self.t))
+
+    def in_band(self, x: Array) -> Array:
+        """x (..., N) -> (..., M)."""
+        return self.low_pass(x)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """All pieces, and which of their in-band rows may be used for each joint.
+
+    standstill (n,): rates below which a joint counts as at rest.
+    """
+
+    band: Band
+    pieces: tuple[Piece, ...]
+    standstill: Array
+
+    @property
+    def n(self) -> int:
+        return len(self.standstill)
+
+    def moving(self, joint: int) -> Mask:
+        """(M,) rows at which the joint (0-based) moves."""
+        return self._moving[joint]
+
+    @cached_property
+    def _moving(self) -> list[Mask]:
+        return [np.concatenate([_moving(p, i, self.standstill[i]) for p in self.pieces]) for i in range(self.n)]
+
+    @cached_property
+    def row_piece(self) -> NDArray[np.intp]:
+        """(M,) the piece of each in-band row."""
+        return np.concatenate([np.full(len(p.centres), k) for k, p in enumerate(self.pieces)])
+
+    @cached_property
+    def row_time(self) -> Array:
+        return np.concatenate([p.t[p.centres] for p in self.pieces])
+
+    @cached_property
+    def row_rate(self) -> float:
+        """In-band rows a second."""
+        first = self.pieces[0]
+        return 1 / (first.dt * first.low_pass.factor)
+
+    def rows(self, name: str) -> Array:
+        """(n, M): `q`, `qd`, `qdd` or `warmth` at the in-band rows (not filtered again)."""
+        return np.concatenate([getattr(p, name)[:, p.centres] for p in self.pieces], axis=1)
+
+    def torque(self, joint: int, skew: float) -> Array:
+        """(M,) measured torque in the band, `skew` samples later than recorded."""
+        return np.concatenate([p.low_pass(p.tau[joint], skew) for p in self.pieces])
+
+
+def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
+    still = np.abs(piece.qd[joint]) < standstill
+    reach = max(1, round(_STANDSTILL_S / piece.dt))
+    count = np.concatenate([[0], np.cumsum(still)])
+    lo = np.clip(piece.centres - reach, 0, len(still))
+    hi = np.clip(piece.centres + reach + 1, 0, len(still))
+    return count[hi] == count[lo]
+
+
+def prepare(recordings: Sequence[Recording], band: Band) -> Motion:
+    """Smooth and differentiate positions once; keep torque raw for the band's filter.
+
+    Stretches shorter than the filters are dropped.
+    """
+    pieces: list[Piece] = []
+    for number, recording in enumerate(recordings):
+        rate = 1 / recording.dt
+        derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate)
+        for segment in recording.segments:
+            if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
+                pieces.append(_piece(recording, number, segment, derive, band_filter))
+    if not pieces:
+        raise ValueError("no stretch of the recordings is long enough for the filters; record longer without gaps")
+    n = len(recordings[0].q)
+    top = np.max([np.abs(p.qd).max(axis=1) for p in pieces], axis=0)
+    smoothing = 2 * band.cutoff
+    noise = np.sqrt(band.position_density * (2 * np.pi) ** 2 * smoothing**3 / 3)
+    return Motion(band, tuple(pieces), np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n])
+
+
+def _piece(recording: Recording, number: int, segment: slice, derive, band_filter: LowPass) -> Piece:  # type: ignore[no-untyped-def]
+    n = len(recording.q)
+    parts = [derive(recording.q[i, segment]) for i in range(n)]
+    q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
+    inner = slice(segment.start + derive.half, segment.stop - derive.half)
+    first = int(np.argmax(recording.run == recording.run[segment.start]))
+    warmth, measured = np.zeros_like(q), np.zeros(n, dtype=bool)
+    for i in range(n):
+        temperature = recording.temperature[i] if i < len(recording.temperature) else None
+        if temperature is not None:
+            measured[i] = True
+            warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - np.median(temperature[:200])
+    t = recording.t[inner] - recording.t[first]
+    tau = recording.tau[:, inner]
+    return Piece(
+        number, int(recording.run[segment.start]), recording.dt, t, q, qd, qdd, tau, warmth, measured, band_filter
+    )
+
+
+def _smooth_temperature(x: Array, dt: float) -> Array:
+    """Moving mean over a second: gears warm slowly, sensors are coarse."""
+    width = min(len(x), max(1, round(1.0 / dt)) | 1)
+    padded = np.pad(x, width // 2, mode="edge")
+    total = np.concatenate([[0.0], np.cumsum(padded)])
+    return (total[width:] - total[:-width]) / width

@@ -1,0 +1,223 @@
+"""Terms of a model's equation of motion (effects at joints) and their regressors along a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import Model
+from runtime.motion import Motion, Piece
+
+Array = NDArray[np.float64]
+Values = dict[str, float]
+
+_LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
+"""The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
+
+
+@dataclass(frozen=True, order=True)
+class Term:
+    """An effect at a joint (1-based), or of the whole arm or the contact (joint None)."""
+
+    effect: str
+    joint: int | None = None
+
+    def __str__(self) -> str:
+        return self.effect if self.joint is None else f"{self.effect}@{self.joint}"
+
+
+Structure = dict[Term, Values]
+"""Active terms with the parameter values that are known."""
+
+
+def structure(model: Model) -> Structure:
+    """What the model file activates."""
+    found: Structure = {}
+    for number, joint in enumerate(model.joints, start=1):
+        for name, values in joint.effects.items():
+            found[Term(name, number)] = dict(values)
+    for name, values in model.effects.items():
+        found[Term(name)] = dict(values)
+    if model.contact is not None:
+        for name, values in model.contact["effects"].items():
+            found[Term(name)] = dict(values)
+    return found
+
+
+def joints_of(model: Model, term: Term) -> tuple[int, ...]:
+    """Indices (0-based) of the joints on whose torque the term acts."""
+    if term.joint is None:
+        return tuple(range(model.n))
+    if model.library.effects[term.effect].scope == "joints":
+        return (term.joint - 1, term.joint)
+    return (term.joint - 1,)
+
+
+def unit_of(model: Model, term: Term, parameter: str) -> str:
+    """Unit of a parameter at this joint, for people."""
+    info = model.library.effects[term.effect].parameter(parameter)
+    return info.unit(model.joints[(term.joint or 1) - 1].type)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Base inertial parameters (p,) and all parameter values of all terms: what a fit found."""
+
+    lumps: Array
+    values: Mapping[Term, Values]
+
+
+@dataclass
+class Signals:
+    """The signals that effects read, along one piece, computed when first asked for.
+
+    `prediction` is None as long as nothing is identified: then signals that need it are not there.
+    """
+
+    model: Model
+    piece: Piece
+    prediction: Prediction | None
+    _cache: dict[tuple[str, int], Array | float] = field(default_factory=dict)
+
+    def of(self, effect: str, joint: int) -> dict[str, Array | float]:
+        """What the effect reads at a joint (0-based), and the time, which tells how many samples there are."""
+        return {name: self.get(name, joint) for name in ("t", *self.model.library.effects[effect].signals)}
+
+    def get(self, name: str, joint: int) -> Array | float:
+        key = (name, joint)
+        if key not in self._cache:
+            self._cache[key] = self._READERS[name](self, joint)
+        return self._cache[key]
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(n, N) D qdd + C qd + g with the identified inertial parameters."""
+        p = self.piece
+        return self.model.inverse_dynamics(p.q, p.qd, p.qdd, self._known.lumps)
+
+    @property
+    def _known(self) -> Prediction:
+        if self.prediction is None:
+            raise RuntimeError("this signal needs an identified model")
+        return self.prediction
+
+    @cached_property
+    def _tip(self) -> tuple[Array, Array]:
+        return self.model.tip(self.piece.q), self.model.tip_jacobian(self.piece.q)
+
+    def _rotor(self, joint: int) -> Array:
+        return self.model.joints[joint].rotor_inertia * self.piece.qdd[joint]
+
+    def _link_inertia(self, joint: int) -> Array:
+        diagonal = self.model.inertia(self.piece.q, self._known.lumps)[joint, joint]
+        return diagonal - self.model.joints[joint].rotor_inertia
+
+    def _plate(self) -> float:
+        return self._known.values.get(Term("plate"), {}).get("position", -np.inf)
+
+    def _level(self, joint: int) -> Array:
+        total = np.zeros_like(self.piece.t)
+        for effect in _LEVEL_EFFECTS:
+            term = Term(effect, joint + 1)
+            if term in self._known.values:
+                total += self.torque(term, joint)
+        return np.abs(total)
+
+    def _predicted(self, joint: int) -> Array:
+        total = self.rigid[joint].copy()
+        for term in self._known.values:
+            if joint in joints_of(self.model, term) and "predicted" not in self._reads(term):
+                total += self.torque(term, joint)
+        return total
+
+    def _reads(self, term: Term) -> str:
+        return " ".join(self.model.library.effects[term.effect].signals)
+
+    def torque(self, term: Term, joint: int) -> Array:
+        """(N,) torque of a term of the prediction at a joint (0-based)."""
+        values = self._known.values[term]
+        return self.model.library.torque(term.effect, self.term_signals(term, joint), values, self.piece.dt)
+
+    def term_signals(self, term: Term, joint: int) -> dict[str, Array | float]:
+        """As `of`, with the place of the joint in a pair of joints."""
+        signals = self.of(term.effect, joint)
+        if "has_next" in signals:
+            signals["has_next"] = 1.0 if term.joint is not None and joint == term.joint - 1 else 0.0
+        return signals
+
+    _READERS: dict[str, Callable[[Signals, int], Array | float]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        n = self.model.n
+        self._READERS = {
+            "q": lambda s, i: s.piece.q[i],
+            "qd": lambda s, i: s.piece.qd[i],
+            "qdd": lambda s, i: s.piece.qdd[i],
+            "t": lambda s, i: s.piece.t,
+            "load": lambda s, i: s.rigid[i] - s._rotor(i),
+            "link_inertia": lambda s, i: s._link_inertia(i),
+            "level": lambda s, i: s._level(i),
+            "predicted": lambda s, i: s._predicted(i),
+            "predicted_rate": lambda s, i: np.gradient(np.asarray(s.get("predicted", i)), s.piece.dt),
+            "warmth": lambda s, i: s.piece.warmth[i],
+            "unmeasured": lambda s, i: 0.0 if s.piece.measured[i] else 1.0,
+            "qd_next": lambda s, i: s.piece.qd[i + 1] if i + 1 < n else 0.0,
+            "qd_previous": lambda s, i: s.piece.qd[i - 1] if i else 0.0,
+            "has_next": lambda s, i: 1.0,
+            "moment_x": lambda s, i: s.model.moment_jacobian(s.piece.q)[0, i],
+            "moment_y": lambda s, i: s.model.moment_jacobian(s.piece.q)[1, i],
+            "tip_load": lambda s, i: s.model.tip_load(s.piece.q, s.piece.qd, s.piece.qdd)[i],
+            "tip_y": lambda s, i: s._tip[0][1],
+            "tip_yd": lambda s, i: np.sum(s._tip[1][1] * s.piece.qd, axis=0),
+            "tip_row": lambda s, i: s._tip[1][1, i],
+            "plate_y": lambda s, i: s._plate(),
+            "ratio": lambda s, i: s.model.joints[i].gear_ratio,
+        }
+
+
+@dataclass
+class Regressors:
+    """In-band regressors of one model along one motion; asked for again, they are not computed again."""
+
+    model: Model
+    motion: Motion
+    prediction: Prediction | None = None
+    _columns: dict[tuple[Term, int, tuple[float, ...]], Array] = field(default_factory=dict)
+
+    @cached_property
+    def signals(self) -> tuple[Signals, ...]:
+        return tuple(Signals(self.model, piece, self.prediction) for piece in self.motion.pieces)
+
+    @cached_property
+    def _rigid(self) -> list[Array]:
+        """Per piece (n, p, M)."""
+        return [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+
+    def rigid(self, joint: int) -> Array:
+        """(p, M) derivative of the joint's torque (0-based) by the base inertial parameters."""
+        return np.concatenate([part[joint] for part in self._rigid], axis=1)
+
+    def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
+        """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
+        key = (term, joint, tuple(shape.values()))
+        if key not in self._columns:
+            rows = [
+                p.in_band(self.raw_columns(s, term, joint, shape))
+                for s, p in zip(self.signals, self.motion.pieces, strict=True)
+            ]
+            self._columns[key] = np.concatenate(rows, axis=1)
+        return self._columns[key]
+
+    def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
+        """(1 + k, N) at full rate along one piece."""
+        library = self.model.library
+        return library.columns(term.effect, signals.term_signals(term, joint), shape, signals.piece.dt)
+
+    def skew(self, joint: int) -> Array:
+        """(M,) change of the in-band torque when it is taken one sample later."""
+        late, early = self.motion.torque(joint, 0.5), self.motion.torque(joint, -0.5)
+        return late - early
