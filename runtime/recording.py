@@ -55,15 +55,15 @@ class Recording:
     run: NDArray[np.int64]
     q: Array
     tau: Array
-    qd: Array | None
-    q_desired: Array | None
-    q_link: Array | None
-    tau_link: Array | None
-    tau_rigid: Array | None
-    temperature: tuple[Array | None, ...]
-    force: Array | None
-    segments: tuple[slice, ...]
     types: tuple[str, ...]
+    segments: tuple[slice, ...]
+    temperature: tuple[Array | None, ...]
+    qd: Array | None = None
+    q_desired: Array | None = None
+    q_link: Array | None = None
+    tau_link: Array | None = None
+    tau_rigid: Array | None = None
+    force: Array | None = None
 
     @property
     def dt(self) -> float:

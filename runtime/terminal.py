@@ -1,0 +1,246 @@
+"""Results for people: tables from the same dictionaries that --json writes."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+Document = Mapping[str, Any]
+_PATIENCE = 2.0  # s
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """Says on standard error what is going on: a spinner on a terminal, else one line after two seconds."""
+    console = Console(stderr=True, markup=False, highlight=False)
+    if console.is_terminal:
+        with console.status(f"{what} …"):
+            yield
+        return
+    timer = threading.Timer(_PATIENCE, lambda: print(f"{what} …", file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def say(*lines: str) -> None:
+    """Plain lines on standard output."""
+    for line in lines:
+        _console().print(line, soft_wrap=True)
+
+
+def effects(document: Document) -> None:
+    """The library, one line an effect."""
+    table = _table("effect", "scope", "parameters", "what it is")
+    for effect in document["effects"]:
+        parameters = ", ".join(p["name"] for p in effect["parameters"])
+        table.add_row(effect["name"], effect["scope"], parameters, effect["summary"])
+    _console().print(table)
+
+
+def effect(document: Document) -> None:
+    """One effect's page."""
+    say(f"{document['name']}: {document['summary']}", f"  {document['equation']}", "")
+    table = _table("parameter", "unit", "role", "bounds", "meaning")
+    for p in document["parameters"]:
+        units = dict.fromkeys(p["unit"].values())
+        low, high = p["bounds"]
+        bounds = f"{'-∞' if low is None else f'{low:g}'} … {'∞' if high is None else f'{high:g}'}"
+        table.add_row(p["name"], " or ".join(units), p["role"], bounds, p["meaning"])
+    _console().print(table)
+    facts = {
+        "acts on": document["scope"],
+        "family": document["family"],
+        "memory": ", ".join(s if isinstance(s, str) else s["name"] for s in document["states"]),
+        "replaces": ", ".join(document["generalises"]),
+        "trace": document["trace"],
+        "experiment": document["experiment"],
+        "source": document["source"],
+    }
+    say(*(f"{name + ':':12}{text}" for name, text in facts.items() if text))
+
+
+def identify(document: Document) -> None:
+    """Base inertial parameters and effects with their 95 % intervals, with and without skew correction."""
+    skew = document["skew"]
+    origin = "estimated" if skew.get("estimated") else "given"
+    say(f"Band up to {_g(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
+    say(f"Skew between torque and motion: {_g(skew['value'])} {skew['unit']} ({origin}){_interval(skew)}.")
+    _fit(document)
+    if document.get("uncorrected"):
+        say("Without skew correction:")
+        _fit(document["uncorrected"])
+
+
+def _fit(document: Document) -> None:
+    table = _table("joint", "parameter", "file", "fit", "95 % interval", "unit")
+    for p in document["inertial"]:
+        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), p["unit"])
+    for entry in document["effects"]:
+        for name, p in entry["parameters"].items():
+            label = f"{entry['effect']}: {name}"
+            table.add_row(_joint(entry["joint"]), label, "", _g(p["value"]), _interval(p, ""), p["unit"])
+    _console().print(table)
+
+
+def compare(document: Document) -> None:
+    """Where the model fails: the residual's size, and what it follows."""
+    _joints(document)
+    for joint in document["joints"]:
+        follows = [f"{s['signal']} {_percent(s['share'])}" for s in joint.get("structure", []) if s["share"] > 0.005]
+        if follows:
+            say(f"Joint {joint['joint']}: of the residual's power, explained by " + ", ".join(follows) + ".")
+
+
+def diagnosis(document: Document) -> None:
+    """The verdict in one sentence, then its evidence."""
+    say(f"{document['verdict'].upper()}: {document['reason']}", "")
+    if document.get("joints"):
+        _joints(document)
+    _parameters(document.get("parameters") or [])
+    for finding in document.get("findings") or []:
+        _finding(finding)
+    seen = document.get("would_have_seen") or []
+    if seen:
+        table = _table("would have seen", "joint", "from")
+        for s in seen:
+            side, limit = ("below", s["below"]) if "below" in s else ("above", s.get("above"))
+            table.add_row(s["effect"], _joint(s["joint"]), f"{s['parameter']} {side} {_g(limit)} {s['unit']}")
+        _console().print(table)
+
+
+def _finding(finding: Document) -> None:
+    before, after = finding["rms_before"], finding["rms_after"]
+    say(
+        f"{finding['effect']}{_at(finding['joint'])}: residual {_g(before)} -> {_g(after)}, "
+        f"{_percent(finding['share'])} of what was missing."
+    )
+    if finding.get("held_out_before") is not None:
+        say(f"  held out: {_g(finding['held_out_before'])} -> {_g(finding['held_out_after'])}")
+    for name, p in finding["parameters"].items():
+        say(f"  {name} = {_g(p['value'])} {p['unit']}{_interval(p)}")
+    evidence = ", ".join(f"{name} {_g(value)}" for name, value in (finding.get("evidence") or {}).items())
+    if evidence:
+        say(f"  evidence: {evidence}")
+    rivals = finding.get("rivals") or []
+    if rivals:
+        names = ", ".join(f"{r['effect']}{_at(r['joint'])}" for r in rivals)
+        say(f"  this data cannot tell it from {names}")
+        if finding.get("experiment"):
+            say(f"  what would: {finding['experiment']}")
+    if finding.get("remainder"):
+        say(f"  left over: {finding['remainder']}")
+    say("")
+
+
+def _parameters(parameters: Sequence[Document]) -> None:
+    if not parameters:
+        return
+    table = _table("joint", "parameter", "file", "fit", "95 % interval", "unit")
+    for p in parameters:
+        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), p["unit"])
+    say("The file's values disagree with the recordings:")
+    _console().print(table)
+
+
+def improvement(document: Document) -> None:
+    """The error at every step, fitted and held out, and the verdict on what is left."""
+    history = document["history"]
+    held = any(step.get("held_out") for step in history)
+    headings = ["model", "error", "rms"] + (["held-out error", "held-out rms"] if held else [])
+    table = _table(*headings)
+    for step in history:
+        row = [f"+ {step['added']}" if step["added"] else "as in the file"]
+        row += [_list(step["relative"], _percent), _list(step["rms"], _g)]
+        if held:
+            row += [_list(step.get("held_out_relative"), _percent), _list(step.get("held_out"), _g)]
+        table.add_row(*row)
+    _console().print(table)
+    floors = [f"joint {j['joint']} {_g(j['floor'])} ({j['floor_source']})" for j in document.get("joints", [])]
+    if floors:
+        say("Noise floor (rms): " + ", ".join(floors) + ".")
+    say("What is left:")
+    diagnosis({**document, "joints": []})
+
+
+def verify(document: Document) -> None:
+    """Worst case of each function and target, in units of its tolerance."""
+    table = _table("function", "target", "worst error", "tolerance", "of it", "at")
+    for row in document["functions"]:
+        inputs = row.get("input") or {}
+        at = ", ".join(f"{name}={_short(value)}" for name, value in inputs.items())
+        share = row["error"] / row["tolerance"] if row["tolerance"] else 0.0
+        table.add_row(
+            row["function"], row["target"], f"{row['error']:.2g}", f"{row['tolerance']:.2g}", _percent(share), at
+        )
+    _console().print(table)
+    say("equal" if document["equal"] else "NOT equal")
+
+
+# --- cells ---
+
+
+def _joints(document: Document) -> None:
+    table = _table("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable")
+    for j in document["joints"]:
+        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")]
+        table.add_row(
+            _joint(j["joint"]), _g(j["rms"]), _percent(j["relative"]), _g(j["floor"]), j["floor_source"], repeats
+        )
+    _console().print(table)
+
+
+def _console() -> Console:
+    # Off a terminal, a fixed width keeps tables whole in files and pipes.
+    width = None if sys.stdout.isatty() else 140
+    return Console(markup=False, highlight=False, width=width)
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, overflow="fold", no_wrap=k == 0)
+    return table
+
+
+def _g(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.2f} %" if abs(value) < 0.1 else f"{100 * value:.1f} %"
+
+
+def _interval(p: Document, before: str = ", 95 % in ") -> str:
+    interval = p.get("interval")
+    text = f"{before}[{_g(interval[0])}, {_g(interval[1])}]" if interval else ""
+    tangled = p.get("inseparable_from")
+    return f"{text} only together with {', '.join(tangled)}".strip() if tangled else text
+
+
+def _list(values: Sequence[float] | None, show: Any) -> str:
+    return "–" if values is None else ", ".join(show(v) for v in values)
+
+
+def _joint(joint: int | None) -> str:
+    return "arm" if joint is None else str(joint)
+
+
+def _at(joint: int | None) -> str:
+    return "" if joint is None else f" on joint {joint}"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return "[" + " ".join(_short(v) for v in value) + "]"
+    return f"{value:.3g}" if isinstance(value, (int, float)) else str(value)
