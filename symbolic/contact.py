@@ -109,9 +109,8 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     elbow = Argument("elbow", (sp.Symbol("elbow", real=True),), (), "1", "sign of sin q_2: 1 or -1")
     w1, w2, w3, w4 = w.symbols
     l1, l2, l3, l4 = lengths
-    c3, s3 = recorder.sincos(w3)
-    c4, s4 = recorder.sincos(let("theta4", w3 + w4))
-    del s3, s4
+    c3, _ = recorder.sincos(w3)
+    c4, _ = recorder.sincos(let("theta4", w3 + w4))
     x = let("x", w1 - l3 * c3 - l4 * c4)
     cosine = let("c", (x * x + w2 * w2 - l1 * l1 - l2 * l2) / (2 * l1 * l2))
     sine = let("s", elbow.symbols[0] * sp.sqrt(1 - cosine * cosine))
@@ -140,7 +139,8 @@ def _acceleration(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     # [−y1 −y2; x1 x2] [al1; al2] = [ax; ay], of determinant x1 y2 − x2 y1 = l1 l2 sin q_2.
     ax = let("ax", v1 + x[0] * w[0] + x[1] * w[1] + x[2] * w[2] + x[3] * w[3] + y[2] * al3 + y[3] * al4)
     ay = let("ay", v2 + y[0] * w[0] + y[1] * w[1])
-    scale = let("scale", 1 / (x[0] * y[1] - x[1] * y[0]))
+    _, elbow = recorder.sincos(author.coordinates.symbols("q")[1])
+    scale = let("scale", 1 / (lengths[0] * lengths[1] * elbow))  # exactly infinite at q_2 = 0, unlike a difference
     al1 = let("al1", (x[1] * ax + y[1] * ay) * scale)
     al2 = let("al2", -(x[0] * ax + y[0] * ay) * scale)
     return author.function(

@@ -42,6 +42,10 @@ class Layout:
     metric: Chain
     fields: tuple[Field, ...]
 
+    def metres(self, kind: str) -> int:
+        """The power of the reference length that multiplies base parameters of this kind."""
+        return {"J": 0, "I": 0, "mu": 2, "h": 1, "hy": 1}[kind] if self.reference else 0
+
 
 def choose_layout(arm: Arm, base: BaseParameters) -> Layout:
     """The layout whose inverse dynamics count fewest operations; the metre is preferred where that is equal.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import sympy as sp
 
@@ -78,17 +79,17 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: Layout) -> tuple[Lump, .
 
     Raises ModelError for a value in the file whose name this arm does not have.
     """
-    scale = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else None
+    scale = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else Fraction(1)
     lumps = []
     for (kind, i), value in base.values.items():
         sliding = arm.joints[i].type == "prismatic"
-        power = {"J": 0, "I": 0, "mu": 2, "h": 1, "hy": 1}[kind] if scale else 0
+        power = layout.metres(kind)
         name = f"{'M' if sliding and kind == 'mu' else kind}{i + 1}"
         own = {"J": "kg m^2", "I": "kg" if sliding else "kg m^2", "mu": "kg", "h": "kg m", "hy": "kg m"}[kind]
         unit = "kg m^2" if power else own
         note = f", times l{layout.reference}{'^2' if power == 2 else ''}" if power else ""
         also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
-        scaled = value * scale**power if scale else value
+        scaled = value * scale**power
         text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
         lumps.append(Lump(name, unit, text, i + 1, arm.inertial.get(name, float(scaled))))
     names = [lump.name for lump in lumps]
