@@ -8,7 +8,7 @@ definite over the recorded motion, and effects stay within their physical bounds
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -259,7 +259,7 @@ def _search(
 
 @dataclass(frozen=True)
 class Identification:
-    """A fit with its uncertainty, and the same fit without skew correction beside it."""
+    """A fit with its uncertainty; beside it the same fit with no skew correction and no row left out."""
 
     model: Model
     motion: Motion
@@ -281,8 +281,12 @@ class Identification:
 
 def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Identification:
     """Fit the model file's structure to recordings; `skew` in samples, None to estimate it."""
-    motion = prepare(recordings, choose_band(recordings, _diagonal(model)))
-    return identify_motion(model, motion, structure(model), skew)
+    return identify_motion(model, prepared(model, recordings), structure(model), skew)
+
+
+def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
+    """Recordings in the band that suits their noise and the model's inertia."""
+    return prepare(recordings, choose_band(recordings, _diagonal(model)))
 
 
 def identify_motion(
@@ -292,7 +296,7 @@ def identify_motion(
     problem, fit = solve(model, motion, known, skew, start)
     uncorrected = None
     if skew is None:
-        plain_problem, plain = solve(model, motion, known, 0.0, fit)
+        plain_problem, plain = solve(model, replace(motion, standstill=np.zeros(model.n)), known, 0.0, fit)
         uncorrected = infer(plain_problem, plain, estimated_skew=False)
     return Identification(model, motion, problem, fit, infer(problem, fit, estimated_skew=skew is None), uncorrected)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.candidates import Candidate, Field
-from runtime.evidence import Rows, bic, log_likelihood, vuong
+from runtime.evidence import bic, log_likelihood, vuong
 from runtime.terms import Term, joints_of
 
 Array = NDArray[np.float64]
@@ -158,15 +158,3 @@ def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:
         if statistic < VUONG_APART or first.delta_bic - other.delta_bic < BIC_APART:
             found.append(other.term)
     return tuple(found)
-
-
-def detectable(field: Field, joint: int, floor: float, candidate: Candidate) -> float:
-    """Coefficient above which a single-coefficient candidate would have passed the gates on its size.
-
-    The gates on evidence ask for a fall of BIC by LEAST_DELTA_BIC, the one on size for LEAST_EFFECT.
-    """
-    rows: Rows = field.rows(joints_of(field.model, candidate.term), field.replaced(candidate.term))
-    column = rows.orthogonal(candidate.block.columns[:1])[0]
-    rms = float(np.sqrt(column @ column / rows.count))
-    statistical = floor * np.sqrt((LEAST_DELTA_BIC + np.log(rows.count)) / rows.count)
-    return float(max(LEAST_EFFECT * floor, statistical) / rms) if rms > 0 else float("inf")
