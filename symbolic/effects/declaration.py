@@ -78,14 +78,17 @@ class Grid:
          "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
          "load"             largest |load|
          "duration"         of the longest run, s
-         "link_inertia"     largest link_inertia: for a stiffness low and high are then angular frequencies squared
+         "link_inertia"     median link_inertia: for a stiffness low and high are then angular frequencies squared
+         "critical"         2 sqrt(stiffness · median link_inertia), with the stiffness that is tried
          "level_per_range"  largest level over the range of q: a stiffness whose deflection is a part of the range
     """
 
     low: float
     high: float
     count: int
-    of: Literal["one", "rate", "position", "tip", "load", "duration", "link_inertia", "level_per_range"] = "one"
+    of: Literal["one", "rate", "position", "tip", "load", "duration", "link_inertia", "critical", "level_per_range"] = (
+        "one"
+    )
     spacing: Literal["log", "linear"] = "log"
 
 

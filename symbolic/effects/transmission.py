@@ -58,9 +58,7 @@ ELASTICITY = Effect(
             (0.0, inf),
             Grid((2 * pi * 5) ** 2, (2 * pi * 200) ** 2, 28, "link_inertia"),
         ),
-        Parameter(
-            "damping", u.VISCOUS, "of the transmission", "shape", (0.0, inf), Grid(0.05, 2000.0, 8, "link_inertia")
-        ),
+        Parameter("damping", u.VISCOUS, "of the transmission", "shape", (0.0, inf), Grid(0.003, 0.6, 6, "critical")),
     ),
     states=(
         State("deflection", u.POSITION, "motor less link", _NEXT[0], initial=LOAD / _K),
