@@ -140,7 +140,8 @@ def _acceleration(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     ax = let("ax", v1 + x[0] * w[0] + x[1] * w[1] + x[2] * w[2] + x[3] * w[3] + y[2] * al3 + y[3] * al4)
     ay = let("ay", v2 + y[0] * w[0] + y[1] * w[1])
     _, elbow = recorder.sincos(author.coordinates.symbols("q")[1])
-    scale = let("scale", 1 / (lengths[0] * lengths[1] * elbow))  # exactly infinite at q_2 = 0, unlike a difference
+    determinant = let("det", lengths[0] * lengths[1] * elbow)  # exactly 0 at q_2 = 0, unlike a difference of products
+    scale = let("scale", 1 / determinant)
     al1 = let("al1", (x[1] * ax + y[1] * ay) * scale)
     al2 = let("al2", -(x[0] * ax + y[0] * ay) * scale)
     return author.function(

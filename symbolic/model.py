@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -10,7 +9,7 @@ import sympy as sp
 
 from symbolic import contact, dynamics, kinematics
 from symbolic.arm import Arm
-from symbolic.checks import ModelError
+from symbolic.checks import ModelError, nearest
 from symbolic.functions import Struct, SymbolicFunction
 from symbolic.kinematics import Author, Coordinates
 from symbolic.layout import Field, Layout, choose_layout
@@ -95,8 +94,8 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: Layout) -> tuple[Lump, .
     names = [lump.name for lump in lumps]
     for name in arm.inertial:
         if name not in names:
-            near = difflib.get_close_matches(name, names, 1)
-            hint = f'; did you mean "{near[0]}"?' if near else ""
+            near = nearest(name, names)
+            hint = f'; did you mean "{near}"?' if near else ""
             raise ModelError(
                 f'{arm.name}: inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})'
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -204,3 +205,13 @@ def chain_of(types: str, gravity: tuple[float, float] = (0.0, 0.0), across: floa
             for i, t in enumerate(types)
         ),
     )
+
+
+def in_floats(model: ArmModel, name: str) -> Callable[..., list[float]]:
+    """A function of the model on lists of floats, one list an input, with the struct's defaults; outputs flat."""
+    f = model.function(name)
+    inputs = [list(argument.symbols) for argument in f.inputs]
+    struct = list(model.struct.symbols)
+    outputs = [e for output in f.outputs for e in output.expressions]
+    compiled = sp.lambdify([struct, *inputs], outputs, modules="math", cse=lambda _: (list(f.definitions), outputs))
+    return lambda *vectors: compiled(model.struct.defaults, *vectors)

@@ -42,7 +42,7 @@ def test_recursion_on_lumps_is_the_lagrangian_of_the_physical_parameters(case: e
 
 def test_inertia_is_symmetric_and_positive_definite(case: exact.Case) -> None:
     D = case.matrix("inertia", q=case.point(2)["q"])
-    assert D == [list(column) for column in zip(*D, strict=True)]
+    assert [list(column) for column in zip(*D, strict=True)] == D
     for k in range(case.n):  # exact elimination: all pivots positive
         assert D[k][k] > 0
         for i in range(k + 1, case.n):
@@ -134,4 +134,6 @@ def test_straight_angles_are_no_exception() -> None:
         state = case.point(7) | {"q": [turn] * 4}
         D, g = case.true(case.truth.D, q=state["q"]), case.true(case.truth.g, q=state["q"])
         state["qd"] = [Fraction(0)] * 4
-        assert case.call("inverse_dynamics", **state) == [a + b for a, b in zip(product(D, state["qdd"]), g, strict=True)]
+        assert case.call("inverse_dynamics", **state) == [
+            a + b for a, b in zip(product(D, state["qdd"]), g, strict=True)
+        ]
