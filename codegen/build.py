@@ -15,8 +15,11 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-FLAGS = ("-O3", "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
-"""-ffp-contract=off: the same bits from every compiler; no -march and no -ffast-math for the same reason."""
+FLAGS = (
+    *("-O3", "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    *("-fPIC", "-shared"),
+)
+"""-ffp-contract=off: the same bits from every compiler; no -march=native and no -ffast-math for the same reason."""
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wfloat-conversion"),
     *("-Wshadow", "-Wundef", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla", "-Werror"),
@@ -56,6 +59,18 @@ def compiler() -> tuple[str, ...]:
 
 
 @functools.cache
+def vector_flags() -> tuple[str, ...]:
+    """-mavx2 where this processor has it: twice as fast, the same bits, as it brings no fused multiply-add."""
+    if platform.machine() not in ("x86_64", "AMD64") or "ziglang" in compiler():
+        return ()
+    try:
+        flags = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
+    except (OSError, StopIteration):
+        return ()
+    return ("-mavx2",) if "avx2" in flags.split() else ()
+
+
+@functools.cache
 def _identity(command: tuple[str, ...]) -> str:
     """What would change the machine code besides the sources: the compiler and the processor's family."""
     path = Path(shutil.which(command[0]) or command[0]).resolve()
@@ -66,7 +81,7 @@ def _identity(command: tuple[str, ...]) -> str:
 def key(*parts: str) -> str:
     """Name of a cache entry: a hash of everything that decides its content, the compiler included."""
     digest = hashlib.sha256()
-    for part in (*parts, _identity(compiler()), *FLAGS):
+    for part in (*parts, _identity(compiler()), *FLAGS, *vector_flags()):
         digest.update(f"{len(part)}:{part}".encode())
     return digest.hexdigest()[:32]
 
@@ -98,7 +113,7 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
 
 def compile_shared(directory: Path, sources: list[str], output: str) -> None:
     """Compile `sources` of `directory` into the shared library `output` there."""
-    command = [*compiler(), *FLAGS, *sources, "-o", output, "-lm"]
+    command = [*compiler(), *FLAGS, *vector_flags(), *sources, "-o", output, "-lm"]
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig")}
     try:
         result = subprocess.run(command, cwd=directory, capture_output=True, text=True, env=environment, check=False)
