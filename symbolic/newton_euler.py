@@ -1,6 +1,6 @@
 """Inverse dynamics as a recursion on lumped parameters: what is emitted.
 
-It stands here once and runs on SymPy symbols, floats, fractions and residues modulo a prime (see
+It stands here once and runs on SymPy symbols, fractions and residues modulo a prime (see
 straightline.py). What makes it short:
 
 - Rates and angles are absolute, and all vectors are written in the frame of one chosen link, whose

@@ -1,4 +1,4 @@
-"""Straight-line programs: the same recursion run on SymPy symbols, on floats or in an exact ring.
+"""Straight-line programs: the same recursion run on SymPy symbols or on numbers of an exact ring.
 
 A recursion takes a `Notes` object and passes every intermediate value through `let`. On SymPy that
 records a definition, so that the emitted code is the recursion itself and no search for common
@@ -7,7 +7,6 @@ subexpressions is needed; on numbers it merely hands the value back.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -108,13 +107,6 @@ class Exact:
 
     def sincos(self, angle: Any) -> tuple[Any, Any]:
         return (angle.cos, angle.sin) if isinstance(angle, Turn) else (1, 0)
-
-
-class Floats(Exact):
-    """Floating point; angles in rad."""
-
-    def sincos(self, angle: Any) -> tuple[Any, Any]:
-        return math.cos(angle), math.sin(angle)
 
 
 class Residues(Exact):
