@@ -39,7 +39,8 @@ def record(seed: int, hidden: bool = True, repeats: int = 2) -> tuple[Array, Arr
     rng = np.random.default_rng(seed)
     t, desired = motion(rng, repeats)
     q, torque = closed_loop(desired, stick_slip(lambda speed, side, *_: friction(speed, side, hidden)))
-    return t, q, torque + TORQUE_NOISE * rng.standard_normal(len(t))
+    noise: Array = TORQUE_NOISE * rng.standard_normal(len(t))
+    return t, q, torque + noise
 
 
 def friction(speed: float, side: int, hidden: bool) -> float:
@@ -63,7 +64,8 @@ def motion(rng: np.random.Generator, repeats: int) -> tuple[Array, Array]:
     block = np.concatenate([_smooth(np.concatenate(pieces)), _sweep(rng.uniform(10.0, 14.0))])
     rate = np.tile(block, repeats)
     angle = np.cumsum(rate) * PERIOD
-    return np.arange(len(rate)) * PERIOD, np.stack([angle, rate, np.gradient(rate, PERIOD)])
+    t = np.arange(len(rate), dtype=np.float64) * PERIOD
+    return t, np.stack([angle, rate, np.gradient(rate, PERIOD)])
 
 
 def _leg(speed: float, seconds: float) -> Array:
