@@ -415,10 +415,10 @@ def _name_page(page: str | None, json: str | None) -> None:
         say(f"Report: {page}")
 
 
-@app.command(epilog="Example: tendon verify symbolic/arms/vishard4.toml --vectors vectors.json")
+@app.command(epilog="Example: tendon verify symbolic/arms/vishard4.toml --json vectors.json")
 def verify(
     model: ModelFile,
-    samples: Annotated[int, typer.Option(min=1, max=100_000, help="Random inputs of each function.")] = 200,
+    samples: Annotated[int, typer.Option(min=1, max=100_000, help="Random inputs of each function.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Another seed is other inputs.")] = 0,
     effects: EffectsFile = None,
     json: Json = None,
@@ -427,14 +427,56 @@ def verify(
     from runtime import terminal
 
     boundary.check_writable(json)
-    arm = Source.read(model, effects).arm()
+    source = Source.read(model, effects)
+    arm = source.arm()
     from codegen.verify import verify as verified
 
     with terminal.working(f"comparing SymPy, C and CasADi of {arm.name}"):
-        document = verified(arm, samples, seed).to_json()
+        document = verified(arm, samples, seed, source.library.values()).to_json()
     emit(json, document, terminal.verify)
     if not document["equal"]:
         raise typer.Exit(boundary.NO)
+
+
+@app.command(epilog="Example: tendon simulate drive.toml --out run.csv.gz --hide stribeck@1:torque=0.6,speed=0.15")
+def simulate(
+    model: ModelFile,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Recording to write; compressed if it ends in .gz.")],
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="An effect that the model file does not have."),
+    ] = None,
+    motion: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with t,q1,... to follow.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is another motion and other noise.")] = 0,
+    seconds: Annotated[float, typer.Option(min=2.0, max=3600.0, help="Length of the motion.")] = 40.0,
+    repeats: Annotated[int, typer.Option(min=1, max=100, help="Equal parts that it consists of.")] = 2,
+    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Torque noise, part of the torque's rms.")] = 0.03,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Make a recording of the model itself, with a hidden effect if wanted, to try a diagnosis on."""
+    from runtime import terminal
+
+    boundary.check_writable(json, out)
+    source = Source.read(model, effects)
+    source.arm()
+    with terminal.working("deriving and compiling the model"):
+        loaded = source.model()
+    from runtime import recording
+    from runtime import simulate as simulation
+
+    hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
+    path = None if motion is None else simulation.read_motion(motion, loaded.n)
+    with terminal.working("simulating"):
+        made, values = simulation.simulate(loaded, hidden, seed, path, seconds, repeats, noise)
+    recording.write(out, made)
+    secret = {h.term for h in hidden}
+    present = [
+        {"effect": term.effect, "joint": term.joint, "hidden": term in secret, "values": dict(v)}
+        for term, v in values.items()
+    ]
+    document = {"out": str(out), "samples": len(made.t), "seconds": len(made.t) * made.dt, "seed": seed}
+    emit(json, {**document, "effects": present}, terminal.simulation)
 
 
 @app.command(epilog="Example: tendon demo")
@@ -447,7 +489,7 @@ def demo(
     """The main job on a simulated drive with a hidden effect: compare, diagnose, add, refit, report."""
     import symbolic
     from runtime import files, terminal
-    from runtime.demo_plant import record_files
+    from runtime.demo import record_files
 
     boundary.check_writable(json)
     boundary.check_directory(out)

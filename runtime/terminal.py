@@ -100,6 +100,7 @@ def compare(document: Document) -> None:
         follows = [f"{s['signal']} {_percent(s['share'])}" for s in joint.get("structure", []) if s["share"] > 0.005]
         if follows:
             say(f"Joint {joint['joint']}: of the residual's power, explained by " + ", ".join(follows) + ".")
+    _warnings(document)
 
 
 def diagnosis(document: Document) -> None:
@@ -117,6 +118,11 @@ def diagnosis(document: Document) -> None:
             side, limit = ("below", s["below"]) if "below" in s else ("above", s.get("above"))
             table.add_row(s["effect"], _joint(s["joint"]), f"{s['parameter']} {side} {_g(limit)} {s['unit']}")
         _console().print(table)
+    _warnings(document)
+
+
+def _warnings(document: Document) -> None:
+    say(*(f"Warning: {warning}" for warning in document.get("warnings") or []))
 
 
 def _finding(finding: Document) -> None:
@@ -129,7 +135,8 @@ def _finding(finding: Document) -> None:
         say(f"  held out: {_g(finding['held_out_before'])} -> {_g(finding['held_out_after'])}")
     for name, p in finding["parameters"].items():
         say(f"  {name} = {_g(p['value'])} {p['unit']}{_interval(p)}")
-    evidence = ", ".join(f"{name} {_g(value)}" for name, value in (finding.get("evidence") or {}).items())
+    figures = {k: v for k, v in (finding.get("evidence") or {}).items() if isinstance(v, (int, float))}
+    evidence = ", ".join(f"{name} {_g(value)}" for name, value in figures.items())
     if evidence:
         say(f"  evidence: {evidence}")
     rivals = finding.get("rivals") or []
@@ -149,7 +156,7 @@ def _parameters(parameters: Sequence[Document]) -> None:
     table = _table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in parameters:
         table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), p["unit"])
-    say("The file's values disagree with the recordings:")
+    say("Base inertial parameters:")
     _console().print(table)
 
 
@@ -173,18 +180,55 @@ def improvement(document: Document) -> None:
     diagnosis({**document, "joints": []})
 
 
+def step(message: str) -> None:
+    """A line of progress on standard error."""
+    print(message, file=sys.stderr, flush=True)
+
+
 def verify(document: Document) -> None:
-    """Worst case of each function and target, in units of its tolerance."""
-    table = _table("function", "target", "worst error", "tolerance", "of it", "at")
-    for row in document["functions"]:
-        inputs = row.get("input") or {}
-        at = ", ".join(f"{name}={_short(value)}" for name, value in inputs.items())
-        share = row["error"] / row["tolerance"] if row["tolerance"] else 0.0
+    """The worst case of each target, as a part of its tolerance, and every case that is not equal."""
+    cases: Sequence[Document] = document["cases"]
+    worst: dict[str, Document] = {}
+    for case in cases:
+        if case["target"] not in worst or _ratio(case) > _ratio(worst[case["target"]]):
+            worst[case["target"]] = case
+    wrong = [case for case in cases if not case["equal"]]
+    table = _table("target", "functions", "worst", "of its tolerance", "SymPy", "target's", "at")
+    for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]:
+        at = ", ".join(f"{name}={_short(value)}" for name, value in case["inputs"].items())
+        count = sum(other["target"] == case["target"] for other in cases)
         table.add_row(
-            row["function"], row["target"], f"{row['error']:.2g}", f"{row['tolerance']:.2g}", _percent(share), at
+            case["target"],
+            str(count),
+            f"{case['function']}: {case['output']}",
+            _percent(case["ratio"]),
+            _digits(case["expected"]),
+            _digits(case["found"]),
+            at,
         )
     _console().print(table)
-    say("equal" if document["equal"] else "NOT equal")
+    vectors = f"{len(document['vectors'])} test vectors with --json"
+    if wrong:
+        say(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}.")
+    else:
+        say(f"Equal: {len(cases)} comparisons at {document['samples']} points each; {vectors}.")
+
+
+def _ratio(case: Document) -> float:
+    return float("inf") if case["ratio"] is None else float(case["ratio"])
+
+
+def _digits(value: float | None) -> str:
+    return "–" if value is None else f"{value:.9g}"
+
+
+def simulation(document: Document) -> None:
+    """What is in a simulated recording."""
+    hidden = [entry for entry in document["effects"] if entry["hidden"]]
+    say(f"{document['out']}: {document['samples']} samples, {_g(document['seconds'])} s")
+    for entry in hidden:
+        values = ", ".join(f"{name} {_g(value)}" for name, value in entry["values"].items())
+        say(f"hidden: {entry['effect']}{_at(entry['joint'])}: {values}")
 
 
 # --- cells ---
