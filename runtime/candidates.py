@@ -104,18 +104,19 @@ class Field:
     def _stack(self, joints: tuple[int, ...], without: tuple[Term, ...]) -> Rows:
         parts = [self._joint_rows(i, without) for i in joints]
         weights = self._weights(joints)
-        size = sum(len(base) for _, base in parts)
-        base = np.zeros((size, sum(len(y) for y, _ in parts)))
+        size = sum(len(base) for _, base, _ in parts)
+        base = np.zeros((size, sum(len(y) for y, _, _ in parts)))
         row = column = 0
-        for (y, part), weight in zip(parts, weights, strict=True):
+        for (y, part, _), weight in zip(parts, weights, strict=True):
             base[row : row + len(part), column : column + len(y)] = weight * part
             row, column = row + len(part), column + len(y)
         use = np.concatenate([self.motion.moving(i) for i in joints])
         fold = np.concatenate([time_folds(self.motion.moving(i)) for i in joints])
         pieces = self.motion.row_piece.max() + 1
         piece = np.concatenate([self.motion.row_piece + k * pieces for k in range(len(joints))])
-        y = np.concatenate([w * y for (y, _), w in zip(parts, weights, strict=True)])
-        return Rows(y, base, use, piece, fold)
+        y = np.concatenate([w * y for (y, _, _), w in zip(parts, weights, strict=True)])
+        bounds = np.vstack([part_bounds for _, _, part_bounds in parts])
+        return Rows(y, base, bounds[:, 0], bounds[:, 1], use, piece, fold)
 
     def _weights(self, joints: tuple[int, ...]) -> Array:
         """1 for a single joint; for several, the inverse residuals relative to the first."""
@@ -124,7 +125,8 @@ class Field:
         rms = np.array([np.sqrt(np.mean(self.fit.residual[i][self.motion.moving(i)] ** 2)) for i in joints])
         return rms[0] / np.maximum(rms, 1e-300)
 
-    def _joint_rows(self, joint: int, without: tuple[Term, ...]) -> tuple[Array, Array]:
+    def _joint_rows(self, joint: int, without: tuple[Term, ...]) -> tuple[Array, Array, Array]:
+        """y (M,), base (b, M) and the bounds (b, 2) of its coefficients at one joint (0-based)."""
         x, fixed = self.problem.rows(joint, self.fit.shapes)
         y = self.motion.torque(joint, self.fit.skew) - fixed
         slices = [self.problem.layout.slices[t] for t in without]
@@ -138,7 +140,11 @@ class Field:
                 rows.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
         if self.skew_inside:
             rows.append(-self.problem.regressors.skew(joint)[None])
-        return y, np.vstack(rows)
+        base = np.vstack(rows)
+        bounds = np.tile([-np.inf, np.inf], (len(base), 1))
+        layout = self.problem.layout
+        bounds[: int(keep.sum())] = np.stack([layout.lower[keep], layout.upper[keep]], axis=1)
+        return y, base, bounds
 
     def block(self, term: Term, joints: tuple[int, ...], shape: Values) -> Block:
         """The candidate's columns on the (stacked) rows of its joints."""
@@ -164,7 +170,7 @@ class Field:
         for shape in choices:
             block = self.block(term, joints, shape)
             if np.all(np.isfinite(block.columns)) and (block.fixed is None or np.all(np.isfinite(block.fixed))):
-                scored.append((rows.solve(block).sse, shape, block))
+                scored.append((rows.sse(block), shape, block))
         if not scored:
             return None
         scored.sort(key=lambda s: s[0])
@@ -198,7 +204,7 @@ class Field:
         def error(z: Array) -> float:
             if np.any(np.abs(z) > 1.5):
                 return float("inf")
-            return candidate.rows.solve(self.block(candidate.term, joints, shape_at(z))).sse
+            return candidate.rows.sse(self.block(candidate.term, joints, shape_at(z)))
 
         simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
         options = {"maxfev": _REFINE_STEPS, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.0}

@@ -45,11 +45,13 @@ class Solution:
 
 @dataclass(frozen=True)
 class Rows:
-    """y (M,), base (b, M), use (M,) rows that count, piece (M,) the stretch of time and fold (M,) the part
-    of a cross-validation to which a row belongs."""
+    """y (M,), base (b, M) with bounds (b,) of its coefficients, use (M,) rows that count, piece (M,) the
+    stretch of time and fold (M,) the part of a cross-validation to which a row belongs."""
 
     y: Array
     base: Array
+    lower: Array
+    upper: Array
     use: Mask
     piece: NDArray[np.intp]
     fold: NDArray[np.intp]
@@ -74,17 +76,45 @@ class Rows:
         return x - np.array([_solve(b @ b.T, b @ row) for row in x]).reshape(len(x), len(b)) @ b
 
     def solve(self, block: Block | None = None) -> Solution:
-        """Least squares on the used rows; coefficients of the block stay within their bounds."""
-        x, y = self.base, self.y
-        if block is not None:
-            x = np.vstack([x, block.columns])
-            y = y if block.fixed is None else y - block.fixed
-        gram = x[:, self.use] @ x[:, self.use].T
-        moment = x[:, self.use] @ y[self.use]
-        b = len(self.base)
-        theta = _bounded(gram, moment, b, block)
-        residual = np.where(self.use, y - theta @ x, 0.0)
+        """Least squares on the used rows, every coefficient within its bounds."""
+        y = self._used_y if block is None or block.fixed is None else self._used_y - block.fixed[self.use]
+        gram, moment, x = self._base_gram, self._used_base @ y, self._used_base
+        if block is not None and len(block.columns):
+            own = block.columns[:, self.use]
+            cross = own @ x.T
+            gram = np.block([[gram, cross.T], [cross, own @ own.T]])
+            moment, x = np.append(moment, own @ y), np.vstack([x, own])
+        theta = _bounded(gram, moment, *self._bounds(block))
+        residual = np.zeros(len(self.use))
+        residual[self.use] = y - theta @ x
         return Solution(float(residual @ residual), theta, residual)
+
+    def sse(self, block: Block) -> float:
+        """As `solve(block).sse`, without the residual: for grids."""
+        y = self._used_y if block.fixed is None else self._used_y - block.fixed[self.use]
+        own = block.columns[:, self.use]
+        cross = own @ self._used_base.T
+        gram = np.block([[self._base_gram, cross.T], [cross, own @ own.T]])
+        moment = np.append(self._used_base @ y, own @ y)
+        theta = _bounded(gram, moment, *self._bounds(block))
+        return float(y @ y - 2 * theta @ moment + theta @ gram @ theta)
+
+    @cached_property
+    def _used_base(self) -> Array:
+        return np.ascontiguousarray(self.base[:, self.use])
+
+    @cached_property
+    def _used_y(self) -> Array:
+        return self.y[self.use]
+
+    @cached_property
+    def _base_gram(self) -> Array:
+        return self._used_base @ self._used_base.T
+
+    def _bounds(self, block: Block | None) -> tuple[Array, Array]:
+        if block is None:
+            return self.lower, self.upper
+        return np.append(self.lower, block.lower), np.append(self.upper, block.upper)
 
     def cross_validate(self, blocks: Sequence[Block | None]) -> tuple[Array, Array]:
         """Held-out and training SSE (FOLDS,) where every fold takes the block that trains best without it."""
@@ -94,7 +124,7 @@ class Rows:
             best = np.inf
             for block, gram in zip(blocks, grams, strict=True):
                 rest = gram.sum(axis=0) - gram[fold]
-                theta = _bounded(rest[:-1, :-1], rest[:-1, -1], len(self.base), block)
+                theta = _bounded(rest[:-1, :-1], rest[:-1, -1], *self._bounds(block))
                 direction = np.append(theta, -1.0)
                 sse = float(direction @ rest @ direction)
                 if sse < best:
@@ -117,7 +147,8 @@ class Rows:
 
     def whitened(self, ar: Array) -> Rows:
         """The same rows through the autoregressive filter `ar` (1, a1, ...), piece by piece."""
-        return Rows(self.whiten(self.y[None], ar)[0], self.whiten(self.base, ar), self.use, self.piece, self.fold)
+        y, base = self.whiten(self.y[None], ar)[0], self.whiten(self.base, ar)
+        return Rows(y, base, self.lower, self.upper, self.use, self.piece, self.fold)
 
     def whiten(self, x: Array, ar: Array) -> Array:
         """x (k, M) through the filter; rows that do not count enter as zero on both sides of the equation."""
@@ -152,30 +183,19 @@ def _unit(x: Array) -> Array:
     return x / np.where(norm > 0, norm, 1.0)
 
 
-def _bounded(gram: Array, moment: Array, b: int, block: Block | None) -> Array:
-    """Normal equations, base free, the block's coefficients at a bound where they would leave it."""
+def _bounded(gram: Array, moment: Array, lower: Array, upper: Array) -> Array:
+    """Normal equations with each coefficient at the bound that it would otherwise leave."""
     theta = _solve(gram, moment)
-    if block is None:
-        return theta
-    fixed: dict[int, float] = {}
-    for _ in range(len(block.lower)):
-        free_part = theta[b:]
-        broken = [
-            (k, bound)
-            for k in range(len(block.lower))
-            if b + k not in fixed
-            for bound in (block.lower[k] if free_part[k] < block.lower[k] else block.upper[k],)
-            if free_part[k] < block.lower[k] or free_part[k] > block.upper[k]
-        ]
-        if not broken:
+    held = np.zeros(len(theta), dtype=bool)
+    for _ in range(len(theta)):
+        broken = ~held & ((theta < lower) | (theta > upper))
+        if not broken.any():
             break
-        fixed.update({b + k: float(bound) for k, bound in broken})
-        free = [i for i in range(len(theta)) if i not in fixed]
-        held = list(fixed)
-        values = np.array([fixed[i] for i in held])
-        theta = np.zeros(len(moment))
-        theta[held] = values
-        theta[free] = _solve(gram[np.ix_(free, free)], moment[free] - gram[np.ix_(free, held)] @ values)
+        held |= broken
+        theta = np.where(held, np.clip(theta, lower, upper), theta)
+        free = ~held
+        rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
+        theta[free] = _solve(gram[np.ix_(free, free)], rest)
     return theta
 
 

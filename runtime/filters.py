@@ -7,6 +7,7 @@ model holds between filtered quantities exactly as between raw ones.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,15 +81,21 @@ class LowPass:
 
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x delayed by `delay` samples (|delay| < 4)."""
-        n = np.arange(-self.half, self.half + 1) - delay
-        width = 2 * self.cutoff / self.rate
-        inside = np.clip(1 - (n / (self.half + 4.0)) ** 2, 0, None)
-        kernel = np.sinc(width * n) * np.i0(self.beta * np.sqrt(inside))
-        kernel /= kernel.sum()
+        kernel = self._centred if delay == 0 else self._kernel(delay)
         size = x.shape[-1]
         out = upfirdn(kernel, x, up=1, down=1, axis=-1) if self.factor == 1 else self._decimate(kernel, x)
         first = 2 * self.half if self.factor == 1 else 0
         return np.ascontiguousarray(out[..., first : first + len(self.centres(size))])
+
+    def _kernel(self, delay: float) -> Array:
+        n = np.arange(-self.half, self.half + 1) - delay
+        inside = np.clip(1 - (n / (self.half + 4.0)) ** 2, 0, None)
+        kernel = np.sinc(2 * self.cutoff / self.rate * n) * np.i0(self.beta * np.sqrt(inside))
+        return kernel / kernel.sum()
+
+    @cached_property
+    def _centred(self) -> Array:
+        return self._kernel(0.0)
 
     def _decimate(self, kernel: Array, x: Array) -> Array:
         # upfirdn keeps outputs 0, factor, 2 factor...: leading zeros move the first whole window onto one of them.

@@ -124,7 +124,7 @@ VISCOUS_POWER = Effect(
             "shape",
             (0.0, 5.0),
             # Odd multiples of 0.05, so that the exponent 1, which is viscous friction, is not on the grid.
-            Grid(0.15, 2.95, 29, spacing="linear"),
+            Grid(0.05, 2.95, 30, spacing="linear"),
         ),
     ),
     summary="Friction that grows with a power of the speed other than the first.",
