@@ -180,4 +180,12 @@ def declaration(head: str, arguments: list[str]) -> str:
 
 
 def indent(lines: list[str], depth: int) -> str:
-    return "\n".join("    " * depth + line for line in lines)
+    """Statements as a block, long ones over several lines."""
+    pad = "    " * depth
+    parts = [
+        textwrap.wrap(line, 116, initial_indent=pad, subsequent_indent=pad + "    ", break_on_hyphens=False)
+        if len(line) > 110
+        else [pad + line]
+        for line in lines
+    ]
+    return "\n".join(part for group in parts for part in group)
