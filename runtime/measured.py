@@ -1,0 +1,249 @@
+"""The verbs that work on recordings: identify, compare, diagnose, improve, simulate, demo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from runtime import boundary
+from runtime.boundary import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report, UsageError, emit
+
+if TYPE_CHECKING:
+    from runtime.cli import Source
+    from runtime.improve import Improvement
+    from runtime.loader import Model
+    from runtime.recording import Recording
+
+app = typer.Typer()
+
+
+def _source(model: Path, effects: Path | None) -> Source:
+    # The command line knows both ends; these verbs only the recordings' end.
+    from runtime.cli import Source
+
+    return Source.read(model, effects)
+
+
+def _inputs(
+    model: Path, recordings: list[Path], effects: Path | None, maps: list[str] | None, allow_gaps: bool
+) -> tuple[Source, list[Recording], Model]:
+    """Everything that a user can have wrong is checked before the first work that takes time."""
+    from runtime.terminal import working
+
+    mapping = boundary.mapping(maps)
+    source = _source(model, effects)
+    data = source.recordings(recordings, mapping, allow_gaps)
+    with working("deriving and compiling the model"):
+        return source, data, source.model()
+
+
+@app.command(epilog="Example: tendon identify drive.toml run1.csv run2.csv.gz --write")
+def identify(
+    model: ModelFile,
+    recordings: Recordings,
+    write: Annotated[bool, typer.Option("--write", help="Put the fitted values into the model file.")] = False,
+    skew: Annotated[
+        float | None, typer.Option(help="Samples by which the torque leads the motion; estimated if not given.")
+    ] = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Fit the parameters to recordings. Base inertial ones and those of the effects, with intervals."""
+    from runtime import terminal
+
+    boundary.check_writable(json, model if write else None)
+    source, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
+    from runtime.identify import identify as fit
+
+    with terminal.working("fitting the model"):
+        document = fit(loaded, data, skew=skew).to_json()
+    if write:
+        source.replace(source.put(source.text, document))
+    emit(json, document, terminal.identify)
+
+
+@app.command(epilog="Example: tendon compare drive.toml run1.csv")
+def compare(
+    model: ModelFile,
+    recordings: Recordings,
+    report: Report = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Where does the model fail. The residual of each joint, its noise floor, and what it follows."""
+    from runtime import terminal
+
+    boundary.check_writable(json)
+    boundary.check_directory(report)
+    _, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
+    from runtime.compare import compare as compared
+
+    with terminal.working("comparing"):
+        result = compared(loaded, data)
+    page = _report(report, result)
+    emit(json, result.to_json(), terminal.compare)
+    _name_page(page, json)
+
+
+@app.command(epilog="Example: tendon diagnose drive.toml run1.csv --report report")
+def diagnose(
+    model: ModelFile,
+    recordings: Recordings,
+    report: Report = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Which physical effect is missing? Exit 1 if the answer is "unexplained" or "refused"."""
+    from runtime import terminal
+
+    boundary.check_writable(json)
+    boundary.check_directory(report)
+    _, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
+    from runtime.diagnose import diagnose as diagnosed
+
+    with terminal.working("looking for missing effects"):
+        result = diagnosed(loaded, data)
+    page = _report(report, result)
+    document = result.to_json()
+    emit(json, document, terminal.diagnosis)
+    _name_page(page, json)
+    if document["verdict"] in ("unexplained", "refused"):
+        raise typer.Exit(boundary.NO)
+
+
+@app.command(epilog="Example: tendon improve drive.toml run1.csv --held-out run2.csv --out better.toml --report report")
+def improve(
+    model: ModelFile,
+    recordings: Recordings,
+    held_out: Annotated[
+        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted.")
+    ] = None,
+    write: Annotated[bool, typer.Option("--write", help="Replace the model file by the improved one.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the improved model there.")] = None,
+    report: Report = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Add what is missing, as long as it helps. Fits, diagnoses and adds; on a copy unless told to write."""
+    from runtime import terminal
+
+    if write and out:
+        raise UsageError("--write and --out exclude each other: the model is written to one place")
+    boundary.check_writable(json, out, model if write else None)
+    boundary.check_directory(report)
+    for path in held_out or ():
+        if path.resolve() in {p.resolve() for p in recordings}:
+            raise UsageError(f"{path}: is fitted and held out; give it once")
+    source, data, _ = _inputs(model, [*recordings, *(held_out or ())], effects, maps, allow_gaps)
+    result = _improved(source, data[: len(recordings)], data[len(recordings) :])
+    page = _report(report, result)
+    if write:
+        source.replace(result.model_text)
+    elif out:
+        from runtime import files
+
+        files.replace(out, result.model_text.encode())
+    emit(json, result.to_json(), terminal.improvement)
+    _name_page(page, json)
+
+
+def _improved(source: Source, fitted: list[Recording], held_out: list[Recording]) -> Improvement:
+    from runtime import terminal
+    from runtime.improve import improve as improved
+
+    with terminal.working("fitting and looking for missing effects"):
+        return improved(source.text, source.model, source.add, source.put, fitted, held_out, terminal.step)
+
+
+def _report(directory: Path | None, result: Any) -> str | None:
+    """The page's path, if one was asked for."""
+    if directory is None:
+        return None
+    from runtime.report import write_report
+
+    return str(write_report(directory, result))
+
+
+def _name_page(page: str | None, json: str | None) -> None:
+    if page and json != "-":
+        from runtime.terminal import say
+
+        say(f"Report: {page}")
+
+
+@app.command(epilog="Example: tendon simulate drive.toml --out run.csv.gz --hide stribeck@1:torque=0.6,speed=0.15")
+def simulate(
+    model: ModelFile,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Recording to write; compressed if it ends in .gz.")],
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="An effect that the model file does not have."),
+    ] = None,
+    motion: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with t,q1,... to follow.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is another motion and other noise.")] = 0,
+    seconds: Annotated[float, typer.Option(min=2.0, max=3600.0, help="Length of the motion.")] = 40.0,
+    repeats: Annotated[int, typer.Option(min=1, max=100, help="Equal parts that it consists of.")] = 2,
+    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Torque noise, part of the torque's rms.")] = 0.03,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Record the model itself. With a hidden effect if wanted, to try a diagnosis on."""
+    from runtime import terminal
+
+    boundary.check_writable(json, out)
+    source = _source(model, effects)
+    source.arm()
+    with terminal.working("deriving and compiling the model"):
+        loaded = source.model()
+    from runtime import recording
+    from runtime import simulate as simulation
+
+    hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
+    path = None if motion is None else simulation.read_motion(motion, loaded.n)
+    with terminal.working("simulating"):
+        made, values = simulation.simulate(loaded, hidden, seed, path, seconds, repeats, noise)
+    recording.write(out, made)
+    secret = {h.term for h in hidden}
+    present = [
+        {"effect": term.effect, "joint": term.joint, "hidden": term in secret, "values": dict(v)}
+        for term, v in values.items()
+    ]
+    document = {"out": str(out), "samples": len(made.t), "seconds": len(made.t) * made.dt, "seed": seed}
+    emit(json, {**document, "effects": present}, terminal.simulation)
+
+
+@app.command(epilog="Example: tendon demo")
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Recordings, improved model and report.")] = Path(
+        "demo-report"
+    ),
+    json: Json = None,
+) -> None:
+    """The main job on a simulated drive. Compare, diagnose, add the hidden effect, refit, report."""
+    from runtime import files, terminal
+    from runtime.cli import Source
+    from runtime.demo import record_files
+
+    boundary.check_writable(json)
+    boundary.check_directory(out)
+    out.mkdir(parents=True, exist_ok=True)
+    shipped = Source.shipped("drive")
+    with terminal.working("recording a drive with a hidden effect"):
+        paths = record_files(out)
+    source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
+    data = source.recordings(paths)
+    result = _improved(source, data[:1], data[1:])
+    page = _report(out, result)
+    files.replace(source.path, result.model_text.encode())
+    emit(json, result.to_json(), terminal.improvement)
+    _name_page(page, json)
