@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 _CUTS = 30
 _RANK = 1e-10
 _MARGIN = 1e-6
+_ACCURACY = 1e-8
 
 
 def minimise(
@@ -38,7 +39,14 @@ def minimise(
         if cut is not None:
             cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
         theta = _quadratic_program(g, m, lower * scale, upper * scale, cuts)
-    return np.clip(theta / scale, lower, upper)
+    return _snapped(theta, lower * scale, upper * scale) / scale
+
+
+def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
+    """Coefficients within the solver's accuracy of a bound, or beyond it, exactly on it."""
+    near = _ACCURACY * float(np.max(np.abs(theta), initial=0.0))
+    theta = np.where(theta < lower + near, lower, theta)
+    return np.where(theta > upper - near, upper, theta)
 
 
 def _least_norm(g: Array, m: Array) -> Array:
