@@ -8,9 +8,11 @@ quotients and inverse maps (Tape.magnitude).
 from __future__ import annotations
 
 import ctypes
+import functools
 import importlib.util
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -117,6 +119,12 @@ class Subject:
     targets: Mapping[str, Run]
     draw: Callable[[random.Random], sampling.Values]
 
+    @functools.cached_property
+    def rules(self) -> dict[Lowering, tuple[Reference, Tape]]:
+        """Truth and scale of the errors by each rule of lowering."""
+        lowerings: tuple[Lowering, ...] = ("exact", "smooth")
+        return {rule: (Reference(self.function, rule), Tape.of(self.function, rule)) for rule in lowerings}
+
 
 def verify(arm: Arm, samples: int = 20, seed: int = 0, effects: Iterable[Effect] | None = None) -> VerifyReport:
     """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each.
@@ -143,8 +151,10 @@ def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[C
     function = subject.function
     names = [f"{o.name}[{i}]" if o.shape else o.name for o in function.outputs for i in range(len(o.expressions))]
     lowerings: dict[str, Lowering] = {t: "smooth" if t == "CasADi" else "exact" for t in subject.targets}
-    rules = {rule: (Reference(function, rule), Tape.of(function, rule)) for rule in set(lowerings.values())}
-    truth = {rule: [(ref(v), tape.magnitude(v)) for v in points] for rule, (ref, tape) in rules.items()}
+    rules = subject.rules
+    truth = {
+        rule: [(rules[rule][0](v), rules[rule][1].magnitude(v)) for v in points] for rule in set(lowerings.values())
+    }
     cases = []
     for target, run in subject.targets.items():
         worst: Case | None = None
@@ -184,11 +194,13 @@ _TARGET = {"f64": "C double", "f32": "C float"}
 
 def libraries(files: Mapping[str, str], name: str) -> dict[str, ctypes.CDLL]:
     """The per-call functions of both precisions, compiled."""
-    result = {}
-    for suffix in _REAL:
+
+    def library(suffix: str) -> ctypes.CDLL:
         chosen = {path: text for path, text in files.items() if path.endswith((f"_{suffix}.c", f"_{suffix}.h"))}
-        result[suffix] = ctypes.CDLL(str(build.shared_library(chosen, f"{name}_{suffix}")))
-    return result
+        return ctypes.CDLL(str(build.shared_library(chosen, f"{name}_{suffix}")))
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(_REAL, pool.map(library, _REAL), strict=True))
 
 
 def casadi_module(files: Mapping[str, str], name: str) -> Any:

@@ -1,0 +1,122 @@
+"""SymPy = C double = C float = CasADi, for every function and every effect, at inputs that hypothesis draws."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from random_arms import MIXED
+
+from codegen import verify
+from symbolic import model_file
+from symbolic.arm import Arm
+from symbolic.effects import LIBRARY
+
+# Points of a subject a draw; with the draws below some 60 points a function.
+POINTS = 3
+QUIET = settings(
+    max_examples=20, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+RANDOM = st.integers(0, 2**63 - 1).map(random.Random)
+
+
+def hold(subject: verify.Subject, rng: random.Random) -> None:
+    """Every target within the tolerance that verify.TOLERANCE justifies: 1e-12 or 1e-5 of the sum of |terms|."""
+    cases, _ = verify.compare(subject, [subject.draw(rng) for _ in range(POINTS)])
+    unequal = [case for case in cases if not case.equal]
+    assert not unequal, unequal
+
+
+@pytest.fixture(scope="module")
+def effect_subjects() -> dict[str, list[verify.Subject]]:
+    subjects: dict[str, list[verify.Subject]] = {name: [] for name in LIBRARY}
+    for subject in verify.effect_subjects(tuple(LIBRARY.values())):
+        name = subject.function.name.rsplit("_", 1)[0]
+        subjects[name].append(subject)
+    return subjects
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+@given(rng=RANDOM)
+@QUIET
+def test_effect(name: str, effect_subjects: dict[str, list[verify.Subject]], rng: random.Random) -> None:
+    assert effect_subjects[name]
+    for subject in effect_subjects[name]:
+        hold(subject, rng)
+
+
+@pytest.fixture(scope="module")
+def paper_subjects(vishard4: Arm) -> list[verify.Subject]:
+    return verify.arm_subjects(vishard4)
+
+
+@given(rng=RANDOM)
+@settings(QUIET, max_examples=15)
+def test_arm_of_the_paper(paper_subjects: list[verify.Subject], rng: random.Random) -> None:
+    names = {subject.function.name for subject in paper_subjects}
+    assert {"inverse_dynamics", "forward_dynamics", "contact_inverse", "contact_acceleration"} <= names
+    for subject in paper_subjects:
+        hold(subject, rng)
+
+
+@pytest.fixture(scope="module", params=list(MIXED))
+def mixed_subjects(request: pytest.FixtureRequest) -> list[verify.Subject]:
+    return verify.arm_subjects(MIXED[request.param])
+
+
+@given(rng=RANDOM)
+@settings(QUIET, max_examples=5)
+def test_any_mixture_of_joints(mixed_subjects: list[verify.Subject], rng: random.Random) -> None:
+    for subject in mixed_subjects:
+        hold(subject, rng)
+
+
+def test_a_wrong_target_is_found(paper_subjects: list[verify.Subject]) -> None:
+    """Were one output of one function wrong by a part in 10^9, the comparison would say so."""
+    subject = paper_subjects[0]
+    exact = subject.targets["C double"]
+
+    def wrong(values: dict) -> list[float]:
+        found = exact(values)
+        return [found[0] * (1 + 1e-9), *found[1:]]
+
+    spoilt = verify.Subject(subject.function, {"C double": wrong}, subject.draw)
+    (case,), _ = verify.compare(spoilt, [subject.draw(random.Random(1))])
+    assert not case.equal
+    assert case.output == "tau[0]"
+    assert case.ratio > 1
+
+
+def test_vectors_replay(vishard4: Arm) -> None:
+    """The report's vectors, read back from their hexadecimal floats, are what the float code returns."""
+    report = verify.verify(vishard4, samples=2, seed=3, effects=())
+    assert report.equal
+    page = report.to_json()
+    assert page["equal"] is True
+    subjects = {s.function.name: s for s in verify.arm_subjects(vishard4)}
+    assert {v["function"] for v in page["vectors"]} == set(subjects)
+    for vector in page["vectors"]:
+        function = subjects[vector["function"]].function
+        groups = {a.name: a.symbols for a in function.inputs} | {function.struct.name: function.struct.symbols}
+        values = {
+            symbol: float.fromhex(text)
+            for name, symbols in groups.items()
+            for symbol, text in zip(symbols, vector["inputs"][name]["hex"], strict=True)
+        }
+        found = subjects[function.name].targets["C float"](values)
+        (expected,) = vector["outputs"].values()
+        for y, x, tolerance in zip(found, expected["decimal"], vector["tolerance"], strict=True):
+            assert abs(y - x) <= tolerance
+
+
+def test_the_same_seed_gives_the_same_report() -> None:
+    arm = model_file.parse(
+        'name = "one"\ngravity = [0.0, -9.81]\n[[joint]]\ntype = "revolute"\nrotor_inertia = 0.1\ngear_ratio = 1\n'
+        "[joint.link]\nlength = 0.3\nmass = 2.0\ncom = [0.2, 0.0]\ninertia = 0.05\n",
+        "one.toml",
+        LIBRARY,
+    )
+    first, second = (verify.verify(arm, samples=3, seed=7, effects=()).to_json() for _ in range(2))
+    assert first == second

@@ -1,0 +1,48 @@
+"""Shared fixtures: compiled code goes into a cache of the test run's own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from codegen import workspace
+from runtime import loader
+from symbolic import model_file
+from symbolic.arm import Arm
+
+ROOT = Path(__file__).resolve().parent.parent
+ARMS = ROOT / "symbolic" / "arms"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """What is compiled is compiled once a run, and never taken from the user's cache."""
+    before = os.environ.get("TENDON_CACHE")
+    directory = tmp_path_factory.mktemp("cache")
+    os.environ["TENDON_CACHE"] = str(directory)
+    yield directory
+    if before is None:
+        del os.environ["TENDON_CACHE"]
+    else:
+        os.environ["TENDON_CACHE"] = before
+
+
+@pytest.fixture(scope="session")
+def vishard4() -> Arm:
+    """The arm of the paper."""
+    return model_file.load(ARMS / "vishard4.toml")
+
+
+@pytest.fixture(scope="session")
+def library(cache: Path) -> loader.Library:  # noqa: ARG001
+    """The compiled library of effects."""
+    return loader.load_library(workspace.prepare_effects())
+
+
+@pytest.fixture(scope="session")
+def model(vishard4: Arm, library: loader.Library) -> loader.Model:
+    """The compiled arm of the paper."""
+    return loader.load_model(workspace.prepare_arm(vishard4), library)

@@ -1,0 +1,35 @@
+"""Arms of any mixture of joints, for tests that must not depend on one arm."""
+
+from __future__ import annotations
+
+import random
+
+from symbolic.arm import Arm, Joint, Link
+
+
+def arm(types: str, gravity: tuple[float, float], seed: int = 1) -> Arm:
+    """`types`: "r" or "p" a joint; centres of mass off the link's line; decimal numbers as a file has them."""
+    rng = random.Random(seed)
+
+    def decimal(low: float, high: float) -> float:
+        return round(rng.uniform(low, high), 3)
+
+    def joint(kind: str) -> Joint:
+        com = (decimal(-0.1, 0.4), decimal(-0.05, 0.05))
+        link = Link(decimal(0.1, 0.5), decimal(0.2, 4.0), com, decimal(0.01, 0.1))
+        return Joint("revolute" if kind == "r" else "prismatic", decimal(0.01, 0.3), float(rng.randint(1, 160)), link)
+
+    return Arm(f"arm_{types}", gravity, tuple(joint(kind) for kind in types))
+
+
+MIXED = {
+    name: arm(name, gravity)
+    for name, gravity in (
+        ("r", (0.0, -9.81)),
+        ("rp", (1.0, -9.0)),
+        ("prr", (0.0, 0.0)),
+        ("rrrr", (0.0, -9.81)),
+        ("rprrp", (1.0, 2.0)),
+        ("rrprrrr", (3.0, -9.0)),
+    )
+}
