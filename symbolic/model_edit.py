@@ -53,11 +53,11 @@ def add_effect(
     replaced = [name for name in library[effect].generalises if name in active]
     new = {name: _rounded(value) for name, value in (values or {}).items()}
 
-    def change(document: Any) -> None:
+    def change(document: Any, table_of: Callable[[dict[str, float]], Any] = dict) -> None:
         table = _effects_of(document, owner)
         for name in replaced:
             del table[name]
-        table[effect] = dict(new)
+        table[effect] = table_of(new)
 
     return _edited(text, where, library, change, lambda lines: _add_lines(lines, owner, effect, new, replaced))
 
@@ -87,11 +87,11 @@ def set_values(
         rounded = {identifier(place.inside("inertial"), "key", k): _rounded(v) for k, v in inertial.items()}
         changes.append((("inertial",), None, rounded))
 
-    def change(document: Any) -> None:
+    def change(document: Any, table_of: Callable[[dict[str, float]], Any] = dict) -> None:
         for path, joint, values in changes:
             table = document
             for key in path:
-                table = table.setdefault(key, {})
+                table = table.setdefault(key, table_of({}))
                 if key == "joint" and joint:
                     table = table[joint - 1]
             table.update(values)
@@ -159,7 +159,7 @@ def _edited(
     text: str,
     where: str,
     library: Mapping[str, Effect],
-    change: Callable[[Any], None],
+    change: Callable[..., None],
     by_lines: Callable[[list[str]], list[str]],
 ) -> str:
     """The first way of editing whose result says what is asked for."""
@@ -167,7 +167,12 @@ def _edited(
     bom = text[: len(text) - len(bare)]
     expected = copy.deepcopy(tomllib.loads(bare))
     change(expected)
-    for edit in (lambda: "".join(by_lines(_lines(bare))), lambda: _by_tomlkit(bare, change)):
+    edits: tuple[Callable[[], str], ...] = (
+        lambda: "".join(by_lines(_lines(bare))),
+        lambda: _by_tomlkit(bare, change),
+        lambda: _by_tomlkit(bare, lambda document: change(document, _inline)),  # among dotted keys
+    )
+    for edit in edits:
         try:
             result = edit()
             same = tomllib.loads(result) == expected
@@ -188,6 +193,12 @@ def _by_tomlkit(text: str, change: Callable[[Any], None]) -> str:
     if "\r\n" in text and not re.search(r"(?<!\r)\n", text):
         result = re.sub(r"(?<!\r)\n", "\r\n", result)
     return result
+
+
+def _inline(values: Mapping[str, float]) -> Any:
+    table = tomlkit.inline_table()
+    table.update(values)
+    return table
 
 
 def _lines(text: str) -> list[str]:
