@@ -71,5 +71,6 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     elif balance[joint] <= _LOWEST:
         reason = f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
     else:
-        reason = f"above {cutoff:g} Hz the encoder noise of joint {joint + 1}, as an inertial torque, exceeds the torque noise"
+        who = f"the encoder noise of joint {joint + 1}"
+        reason = f"above {cutoff:g} Hz {who}, as an inertial torque, exceeds the torque noise"
     return Band(cutoff, reason, torque, position)

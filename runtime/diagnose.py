@@ -26,6 +26,7 @@ _MOST_FINDINGS = 6
 _OUTSIDE = 1.35
 """A residual above this multiple of the instruments' own noise has a source, even if nothing explains it."""
 _LEAST_MOVING_S = 2.0
+_STANDS_OUT = 0.2
 _DISAGREES = 0.05
 
 
@@ -237,7 +238,7 @@ def _verdict(search: Search) -> tuple[Literal["effect", "clean", "unexplained", 
     first, last = search.steps[0], search.steps[-1]
     preface = _disagreement(search.model, last.identification.inference)
     if search.findings:
-        found = "; ".join(_sentence(search, f) for f in search.findings)
+        found = "; ".join(_sentence(f) for f in search.findings)
         return "effect", f"{preface}the model lacks {found}"
     refusal = _refusal(first)
     if refusal:
@@ -250,7 +251,7 @@ def _verdict(search: Search) -> tuple[Literal["effect", "clean", "unexplained", 
     return "clean", f"{preface}the residual is noise ({text}): the recordings show no missing effect"
 
 
-def _sentence(search: Search, finding: Finding) -> str:
+def _sentence(finding: Finding) -> str:
     i = finding.joint_index
     where = f" at joint {finding.term.joint}" if finding.term.joint is not None else ""
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.band import Band
-from runtime.filters import LowPass, differentiator, low_pass
+from runtime.filters import Differentiator, LowPass, differentiator, low_pass
 from runtime.recording import Recording
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ def prepare(recordings: Sequence[Recording], band: Band) -> Motion:
     return Motion(band, tuple(pieces), np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n])
 
 
-def _piece(recording: Recording, number: int, segment: slice, derive, band_filter: LowPass) -> Piece:  # type: ignore[no-untyped-def]
+def _piece(recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass) -> Piece:
     n = len(recording.q)
     parts = [derive(recording.q[i, segment]) for i in range(n)]
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))

@@ -74,7 +74,7 @@ def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], N
             continue
         lag = _same_later(coarse, window, begin, width)
         if lag is not None:
-            found.append(_align(q, qd, begin * stride, width * stride, lag * stride, stride))
+            found.append(_align(q, begin * stride, width * stride, lag * stride, stride))
     tolerance = _ALIKE * np.ptp(q, axis=1)
     rows = []
     for first, second in found:
@@ -100,11 +100,8 @@ def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | N
     return width + int(np.argmin(mismatch))
 
 
-def _align(
-    q: Array, qd: Array, begin: int, width: int, lag: int, stride: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _align(q: Array, begin: int, width: int, lag: int, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The window's rows and those of its recurrence, to the nearest row."""
-    del qd
     first = np.arange(begin, begin + width)
     best, rows = np.inf, first
     for shift in range(lag - stride, lag + stride + 1):

@@ -90,7 +90,7 @@ class Signals:
     def get(self, name: str, joint: int) -> Array | float:
         key = (name, joint)
         if key not in self._cache:
-            self._cache[key] = self._READERS[name](self, joint)
+            self._cache[key] = _READERS[name](self, joint)
         return self._cache[key]
 
     @cached_property
@@ -106,20 +106,32 @@ class Signals:
         return self.prediction
 
     @cached_property
-    def _tip(self) -> tuple[Array, Array]:
-        return self.model.tip(self.piece.q), self.model.tip_jacobian(self.piece.q)
+    def tip(self) -> Array:
+        return self.model.tip(self.piece.q)
 
-    def _rotor(self, joint: int) -> Array:
+    @cached_property
+    def tip_jacobian(self) -> Array:
+        return self.model.tip_jacobian(self.piece.q)
+
+    @cached_property
+    def tip_loads(self) -> Array:
+        return self.model.tip_load(self.piece.q, self.piece.qd, self.piece.qdd)
+
+    @cached_property
+    def moments(self) -> Array:
+        return self.model.moment_jacobian(self.piece.q)
+
+    def rotor_torque(self, joint: int) -> Array:
         return self.model.joints[joint].rotor_inertia * self.piece.qdd[joint]
 
-    def _link_inertia(self, joint: int) -> Array:
+    def link_inertia(self, joint: int) -> Array:
         diagonal = self.model.inertia(self.piece.q, self._known.lumps)[joint, joint]
         return diagonal - self.model.joints[joint].rotor_inertia
 
-    def _plate(self) -> float:
+    def plate(self) -> float:
         return self._known.values.get(Term("plate"), {}).get("position", -np.inf)
 
-    def _level(self, joint: int) -> Array:
+    def level(self, joint: int) -> Array:
         total = np.zeros_like(self.piece.t)
         for effect in _LEVEL_EFFECTS:
             term = Term(effect, joint + 1)
@@ -127,7 +139,7 @@ class Signals:
                 total += self.torque(term, joint)
         return np.abs(total)
 
-    def _predicted(self, joint: int) -> Array:
+    def predicted(self, joint: int) -> Array:
         total = self.rigid[joint].copy()
         for term in self._known.values:
             if joint in joints_of(self.model, term) and "predicted" not in self._reads(term):
@@ -149,34 +161,31 @@ class Signals:
             signals["has_next"] = 1.0 if term.joint is not None and joint == term.joint - 1 else 0.0
         return signals
 
-    _READERS: dict[str, Callable[[Signals, int], Array | float]] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        n = self.model.n
-        self._READERS = {
-            "q": lambda s, i: s.piece.q[i],
-            "qd": lambda s, i: s.piece.qd[i],
-            "qdd": lambda s, i: s.piece.qdd[i],
-            "t": lambda s, i: s.piece.t,
-            "load": lambda s, i: s.rigid[i] - s._rotor(i),
-            "link_inertia": lambda s, i: s._link_inertia(i),
-            "level": lambda s, i: s._level(i),
-            "predicted": lambda s, i: s._predicted(i),
-            "predicted_rate": lambda s, i: np.gradient(np.asarray(s.get("predicted", i)), s.piece.dt),
-            "warmth": lambda s, i: s.piece.warmth[i],
-            "unmeasured": lambda s, i: 0.0 if s.piece.measured[i] else 1.0,
-            "qd_next": lambda s, i: s.piece.qd[i + 1] if i + 1 < n else 0.0,
-            "qd_previous": lambda s, i: s.piece.qd[i - 1] if i else 0.0,
-            "has_next": lambda s, i: 1.0,
-            "moment_x": lambda s, i: s.model.moment_jacobian(s.piece.q)[0, i],
-            "moment_y": lambda s, i: s.model.moment_jacobian(s.piece.q)[1, i],
-            "tip_load": lambda s, i: s.model.tip_load(s.piece.q, s.piece.qd, s.piece.qdd)[i],
-            "tip_y": lambda s, i: s._tip[0][1],
-            "tip_yd": lambda s, i: np.sum(s._tip[1][1] * s.piece.qd, axis=0),
-            "tip_row": lambda s, i: s._tip[1][1, i],
-            "plate_y": lambda s, i: s._plate(),
-            "ratio": lambda s, i: s.model.joints[i].gear_ratio,
-        }
+_READERS: dict[str, Callable[[Signals, int], Array | float]] = {
+    "q": lambda s, i: s.piece.q[i],
+    "qd": lambda s, i: s.piece.qd[i],
+    "qdd": lambda s, i: s.piece.qdd[i],
+    "t": lambda s, _: s.piece.t,
+    "load": lambda s, i: s.rigid[i] - s.rotor_torque(i),
+    "link_inertia": lambda s, i: s.link_inertia(i),
+    "level": lambda s, i: s.level(i),
+    "predicted": lambda s, i: s.predicted(i),
+    "predicted_rate": lambda s, i: np.gradient(np.asarray(s.get("predicted", i)), s.piece.dt),
+    "warmth": lambda s, i: s.piece.warmth[i],
+    "unmeasured": lambda s, i: 0.0 if s.piece.measured[i] else 1.0,
+    "qd_next": lambda s, i: s.piece.qd[i + 1] if i + 1 < s.model.n else 0.0,
+    "qd_previous": lambda s, i: s.piece.qd[i - 1] if i else 0.0,
+    "has_next": lambda _, __: 1.0,
+    "moment_x": lambda s, i: s.moments[0, i],
+    "moment_y": lambda s, i: s.moments[1, i],
+    "tip_load": lambda s, i: s.tip_loads[i],
+    "tip_y": lambda s, _: s.tip[1],
+    "tip_yd": lambda s, _: np.sum(s.tip_jacobian[1] * s.piece.qd, axis=0),
+    "tip_row": lambda s, i: s.tip_jacobian[1, i],
+    "plate_y": lambda s, _: s.plate(),
+    "ratio": lambda s, i: s.model.joints[i].gear_ratio,
+}
 
 
 @dataclass

@@ -18,7 +18,7 @@ _SI = {
     "s": (0, 0, 1, 0),
     "K": (0, 0, 0, 1),
 }
-_JOINT = {
+_JOINT: dict[str, dict[str, tuple[str, ...]]] = {
     "revolute": {"force": ("N", "m"), "position": ("rad",)},
     "prismatic": {"force": ("N",), "position": ("m",)},
 }
