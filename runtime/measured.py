@@ -161,8 +161,8 @@ def _improved(source: Source, fitted: list[Recording], held_out: list[Recording]
     from runtime import terminal
     from runtime.improve import improve as improved
 
-    with terminal.working("fitting and looking for missing effects"):
-        return improved(source.text, source.model, source.add, source.put, fitted, held_out, terminal.step)
+    with terminal.working("fitting and looking for missing effects") as tell:
+        return improved(source.text, source.model, source.add, source.put, fitted, held_out, tell)
 
 
 def _report(directory: Path | None, result: Any) -> str | None:

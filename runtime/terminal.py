@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,18 +17,21 @@ _PATIENCE = 2.0  # s
 
 
 @contextmanager
-def working(what: str) -> Iterator[None]:
-    """Says on standard error what is going on: a spinner on a terminal, else one line after two seconds."""
-    console = Console(stderr=True, markup=False, highlight=False)
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """Says on standard error what is going on: a spinner on a terminal, else one line after two seconds.
+
+    Gives a function for lines of progress in between.
+    """
+    console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
     if console.is_terminal:
         with console.status(f"{what} …"):
-            yield
+            yield console.print
         return
     timer = threading.Timer(_PATIENCE, lambda: print(f"{what} …", file=sys.stderr, flush=True))
     timer.daemon = True
     timer.start()
     try:
-        yield
+        yield lambda line: print(line, file=sys.stderr, flush=True)
     finally:
         timer.cancel()
 
@@ -85,11 +88,11 @@ def identify(document: Document) -> None:
 def _fit(document: Document) -> None:
     table = _table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in document["inertial"]:
-        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), p["unit"])
+        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), _unit(p))
     for entry in document["effects"]:
         for name, p in entry["parameters"].items():
             label = f"{entry['effect']}: {name}"
-            table.add_row(_joint(entry["joint"]), label, "", _g(p["value"]), _interval(p, ""), p["unit"])
+            table.add_row(_joint(entry["joint"]), label, "", _g(p["value"]), _interval(p, ""), _unit(p))
     _console().print(table)
 
 
@@ -116,7 +119,7 @@ def diagnosis(document: Document) -> None:
         table = _table("would have seen", "joint", "from")
         for s in seen:
             side, limit = ("below", s["below"]) if "below" in s else ("above", s.get("above"))
-            table.add_row(s["effect"], _joint(s["joint"]), f"{s['parameter']} {side} {_g(limit)} {s['unit']}")
+            table.add_row(s["effect"], _joint(s["joint"]), f"{s['parameter']} {side} {_g(limit)} {_unit(s)}")
         _console().print(table)
     _warnings(document)
 
@@ -134,7 +137,7 @@ def _finding(finding: Document) -> None:
     if finding.get("held_out_before") is not None:
         say(f"  held out: {_g(finding['held_out_before'])} -> {_g(finding['held_out_after'])}")
     for name, p in finding["parameters"].items():
-        say(f"  {name} = {_g(p['value'])} {p['unit']}{_interval(p)}")
+        say(f"  {name} = {_g(p['value'])} {_unit(p)}".rstrip() + _interval(p))
     figures = {k: v for k, v in (finding.get("evidence") or {}).items() if isinstance(v, (int, float))}
     evidence = ", ".join(f"{name} {_g(value)}" for name, value in figures.items())
     if evidence:
@@ -155,7 +158,7 @@ def _parameters(parameters: Sequence[Document]) -> None:
         return
     table = _table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in parameters:
-        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), p["unit"])
+        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), _unit(p))
     say("Base inertial parameters:")
     _console().print(table)
 
@@ -173,16 +176,19 @@ def improvement(document: Document) -> None:
             row += [_list(step.get("held_out_relative"), _percent), _list(step.get("held_out"), _g)]
         table.add_row(*row)
     _console().print(table)
-    floors = [f"joint {j['joint']} {_g(j['floor'])} ({j['floor_source']})" for j in document.get("joints", [])]
-    if floors:
-        say("Noise floor (rms): " + ", ".join(floors) + ".")
+    floors = [f"joint {j['joint']} {_g(j['floor'])} ({j['floor_source']})" for j in document["joints"]]
+    say(f"Noise floor (rms): {', '.join(floors)}.", "")
+    for entry in history:
+        if entry.get("finding"):
+            _finding(entry["finding"])
+    before = document["identification"]["before"]
+    say("The model as in the file, fitted:")
+    identify(before)
+    if len(history) > 1:
+        say("The improved model, fitted:")
+        identify({**document["identification"]["after"], "uncorrected": None})
     say("What is left:")
-    diagnosis({**document, "joints": []})
-
-
-def step(message: str) -> None:
-    """A line of progress on standard error."""
-    print(message, file=sys.stderr, flush=True)
+    diagnosis({**document, "joints": [], "parameters": []})
 
 
 def verify(document: Document) -> None:
@@ -270,6 +276,10 @@ def _interval(p: Document, before: str = ", 95 % in ") -> str:
     text = f"{before}[{_g(interval[0])}, {_g(interval[1])}]" if interval else ""
     tangled = p.get("inseparable_from")
     return f"{text} only together with {', '.join(tangled)}".strip() if tangled else text
+
+
+def _unit(p: Document) -> str:
+    return "" if p["unit"] == "1" else str(p["unit"])
 
 
 def _list(values: Sequence[float] | None, show: Any) -> str:
