@@ -1,0 +1,399 @@
+"""The command line: exit statuses, JSON alone, one line for every mistake, and nothing written then."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from runtime import boundary, files
+from runtime.cli import Source, app, open_model
+
+VERBS = ["generate", "verify", "effects", "add", "identify", "compare", "diagnose", "improve", "simulate", "demo"]
+DRIVE = """\
+name = "drive1"          # the bench
+gravity = [0.0, 0.0]
+
+[[joint]]
+type = "revolute"
+rotor_inertia = 0.10
+gear_ratio = 100
+[joint.link]
+length = 0.30
+mass = 2.0
+com = [0.20, 0.0]
+inertia = 0.0565
+[joint.effects.coulomb_asymmetric]   # not known yet
+[joint.effects.viscous]
+"""
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder to work in, with the drive's model in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive.toml").write_text(DRIVE)
+    return tmp_path
+
+
+@pytest.fixture
+def run(here, capsys) -> Run:  # noqa: ARG001
+    def called(*arguments: object) -> tuple[int, str, str]:
+        status = boundary.run(app, [str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return called
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A short recording of the drive with Stribeck friction hidden in it."""
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "drive.toml").write_text(DRIVE)
+    path = folder / "run.csv.gz"
+    hide = "stribeck@1:torque=0.6,speed=0.15"
+    arguments = ["simulate", str(folder / "drive.toml"), "--out", str(path), "--hide", hide, "--seconds", "20"]
+    assert boundary.run(app, [*arguments, "--json", str(folder / "truth.json")]) == 0
+    return path
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Every file below, with its bytes."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def refused(run: Run, here: Path, *arguments: object) -> str:
+    """The one line of a call that must fail with status 2 and write nothing."""
+    before = tree(here)
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert err.endswith("\n")
+    assert err.count("\n") == 1
+    assert err.strip().isprintable()
+    assert tree(here) == before
+    return err.strip()
+
+
+# --- help and usage ---
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_with_an_example(run, verb):
+    status, out, err = run(verb, "--help")
+    assert (status, err) == (0, "")
+    assert f"Example: tendon {verb}" in out
+    assert "--json" in out
+
+
+def test_help_without_arguments(run):
+    status, out, err = run()
+    assert (status, err) == (0, "")
+    assert all(verb in out for verb in VERBS)
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from runtime import boundary, cli; boundary.run(cli.app, ['--help'])\n"
+        "print([m for m in ('sympy', 'scipy', 'casadi', 'numpy', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("[]\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["nonsense"], "No such command 'nonsense'. (see tendon --help)"),
+        (["generate"], "tendon generate: Missing argument 'MODEL'"),
+        (["generate", "drive.toml", "--nonsense"], "No such option"),
+        (["compare", "drive.toml"], "Missing argument 'RECORDING"),
+        (["add", "drive.toml", "stribeck", "--joint", "x"], "Invalid value for '--joint'"),
+        (["verify", "drive.toml", "--samples", "0"], "Invalid value for '--samples'"),
+        (["simulate", "drive.toml"], "Missing option '--out'"),
+        (
+            ["compare", "drive.toml", "run.csv", "--map", "q1"],
+            "--map q1: expected NAME=COLUMN, for example --map q1",
+        ),
+        (["compare", "drive.toml", "run.csv", "--map", "q1=a", "--map", "q1=b"], "--map q1: given twice"),
+        (["improve", "drive.toml", "run.csv", "--write", "--out", "x.toml"], "--write and --out exclude each other"),
+        (["improve", "drive.toml", "a.csv", "--held-out", "./a.csv"], "a.csv: is fitted and held out; give it once"),
+    ],
+)
+def test_usage(run, here, arguments, expected):
+    assert expected in refused(run, here, *arguments)
+
+
+# --- bad input ---
+
+
+@pytest.mark.parametrize(
+    "verb", ["generate", "verify", "add", "identify", "compare", "diagnose", "improve", "simulate"]
+)
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("effects.viscous", "effects.viscos", 'drive.toml: joint 1: unknown effect "viscos"; did you mean "viscous"?'),
+        ("mass = 2.0", "mass = -2.0", "drive.toml: joint 1: link: mass is -2; expected a number in kg >= 0"),
+        ('"drive1"', '"x; system(\\"rm\\")"', 'drive.toml: name "x; system(\\"rm\\")" is no C identifier'),
+        ("mass = 2.0", "mass = ", "drive.toml line 10: not valid TOML at column"),
+    ],
+)
+def test_bad_models(run, here, verb, old, new, expected):
+    (here / "drive.toml").write_text(DRIVE.replace(old, new))
+    rest = {"add": ["stribeck", "--joint", "1"], "simulate": ["--out", "x.csv"], "generate": [], "verify": []}
+    line = refused(run, here, verb, "drive.toml", *rest.get(verb, ["absent.csv"]))
+    assert expected in line
+
+
+@pytest.mark.parametrize("verb", ["identify", "compare", "diagnose", "improve"])
+def test_bad_recordings(run, here, verb):
+    assert refused(run, here, verb, "drive.toml", "absent.csv").startswith("absent.csv: no such file")
+    good = [f"{k / 1000},{k % 7},{k % 5}" for k in range(900)]
+    good[810] = "0.810,nan,1"
+    (here / "run3.csv").write_text("\n".join(["t,q1,tau1", *good]))
+    expected = "run3.csv line 812: q1 is NaN; drop the row or pass --allow-gaps"
+    assert refused(run, here, verb, "drive.toml", "run3.csv") == expected
+    assert "unknown unit" in refused(run, here, verb, "drive.toml", "run3.csv", "--map", "q1=q1 [parsec]")
+
+
+@pytest.mark.parametrize("verb", ["identify", "compare", "diagnose", "improve"])
+def test_targets_are_checked_before_the_work(run, here, recorded, verb):
+    assert "there is no directory absent" in refused(run, here, verb, "drive.toml", recorded, "--json", "absent/x.json")
+    assert "is a directory; expected a file" in refused(run, here, verb, "drive.toml", recorded, "--json", ".")
+    if verb != "identify":
+        line = refused(run, here, verb, "drive.toml", recorded, "--report", "drive.toml")
+        assert line == "drive.toml: is a file; expected a directory to write into"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("import nonsense_that_is_not_there", "the file of effects failed: ModuleNotFoundError"),
+        ("EFFECTS = 3", "EFFECTS is a int; make it a tuple"),
+        ("x = (", "the file of effects failed: SyntaxError"),
+        ("raise SystemExit('bye')", "the file of effects failed: SystemExit: bye"),
+    ],
+)
+def test_bad_files_of_effects(run, here, content, expected):
+    (here / "mine.py").write_text(content)
+    assert expected in refused(run, here, "effects", "--effects", "mine.py")
+    assert "cannot read the file of effects" in refused(run, here, "effects", "--effects", "absent.py")
+
+
+WORDS = st.sampled_from(
+    [*(v for v in VERBS if v != "demo"), "--json", "-", "--map", "--effects", "--joint", "1", "drive.toml", "--check"]
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(WORDS | st.text(max_size=6), min_size=1, max_size=4))
+def test_any_arguments_end_with_a_status(run, arguments):
+    status, _, err = run(*arguments)
+    assert status in (0, 1, 2)
+    assert err.count("\n") == (1 if status == 2 else 0)
+
+
+# --- generate, add, effects, verify ---
+
+
+def test_generate_and_check(run, here):
+    status, out, _ = run("generate", "drive.toml", "--check")
+    assert status == 1
+    assert "generated/drive1/drive1_f32.c: missing" in out
+    assert not (here / "generated").exists()
+    status, out, _ = run("generate", "drive.toml", "--json", "-")
+    document = json.loads(out)
+    assert status == 0
+    assert {"drive1_f32.c", "drive1_f64.h", "drive1_casadi.py", "metadata.json"} <= set(document["files"])
+    assert all((here / "generated" / "drive1" / name).is_file() for name in document["files"])
+    assert (here / "generated" / "effects" / "effects_f32.c").is_file()
+    assert run("generate", "drive.toml", "--check")[0] == 0
+    first = tree(here)
+    run("generate", "drive.toml")
+    assert tree(here) == first
+    (here / "drive.toml").write_text(DRIVE.replace("0.30", "0.31").replace('"drive1"  ', '"drive1"'))
+    status, out, _ = run("generate", "drive.toml", "--check", "--json", "-")
+    assert status == 1
+    assert json.loads(out)["stale"]
+
+
+def test_generate_elsewhere(run, here):
+    assert run("generate", "drive.toml", "--out", "firmware/model")[0] == 0
+    assert (here / "firmware" / "model" / "drive1_f64.c").is_file()
+    assert (here / "firmware" / "effects" / "effects_f64.c").is_file()
+    assert "choose another --out" in refused(run, here, "generate", "drive.toml", "--out", "firmware/effects")
+    assert "is a file" in refused(run, here, "generate", "drive.toml", "--out", "drive.toml")
+
+
+def test_add_keeps_the_layout_and_regenerates(run, here):
+    os.chmod(here / "drive.toml", 0o640)
+    status, out, err = run("add", "drive.toml", "stribeck", "--joint", "1")
+    assert (status, err) == (0, "")
+    assert "stribeck@1" in out
+    assert (here / "drive.toml").read_text() == DRIVE + "[joint.effects.stribeck]\n"
+    assert (here / "drive.toml").stat().st_mode & 0o777 == 0o640
+    assert run("generate", "drive.toml", "--check")[0] == 0
+    assert "already there" in refused(run, here, "add", "drive.toml", "stribeck", "--joint", "1")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["stribek", "--joint", "1"], 'unknown effect "stribek"; did you mean "stribeck"?'),
+        (["stribeck"], "say which with --joint 1"),
+        (["stribeck", "--joint", "2"], "there is no joint 2"),
+        (["gravity", "--joint", "1"], "acts on the whole arm; drop --joint"),
+        (["plate"], "add [contact] with x first"),
+        (["stribeck", "--joint", "1", "--out", "drive.toml"], "is a file; expected a directory"),
+    ],
+)
+def test_add_refuses(run, here, arguments, expected):
+    assert expected in refused(run, here, "add", "drive.toml", *arguments)
+
+
+def test_effects(run, here):
+    status, out, _ = run("effects")
+    assert status == 0
+    assert "stribeck" in out
+    status, out, _ = run("effects", "stribeck")
+    assert "dF exp(-(qd/v_s)^2) sgn(qd)" in out
+    assert "rad/s or m/s" in out
+    names = [e["name"] for e in json.loads(run("effects", "--json", "-")[1])["effects"]]
+    assert {"coulomb", "stribeck", "lugre", "plate"} <= set(names)
+    assert json.loads(run("effects", "lugre", "--json", "-")[1])["name"] == "lugre"
+    expected = 'unknown effect "stribek"; did you mean "stribeck"? (tendon effects lists them all)'
+    assert refused(run, here, "effects", "stribek") == expected
+
+
+def test_verify(run):
+    status, out, _ = run("verify", "drive.toml", "--samples", "1", "--json", "verified.json")
+    assert status == 0
+    assert "Equal" in out
+    document = json.loads(Path("verified.json").read_text())
+    assert document["equal"] is True
+    assert document["vectors"]
+
+
+# --- recordings ---
+
+
+def test_simulate_tells_what_it_hid(recorded):
+    truth = json.loads((recorded.parent / "truth.json").read_text())
+    assert [(e["effect"], e["joint"]) for e in truth["effects"] if e["hidden"]] == [("stribeck", 1)]
+
+
+@pytest.mark.parametrize("hide", ["stribek@1", "stribeck@2", "stribeck", "stribeck@1:torque", "stribeck@1:torque=x"])
+def test_simulate_refuses(run, here, hide):
+    assert hide.partition(":")[0] in refused(run, here, "simulate", "drive.toml", "--out", "x.csv", "--hide", hide)
+
+
+def test_identify_writes_values_where_they_belong(run, here, recorded):
+    status, out, _ = run("identify", "drive.toml", recorded, "--json", "-")
+    assert status == 0
+    document = json.loads(out)
+    assert document["inertial"][0]["name"] == "J1"
+    assert (here / "drive.toml").read_text() == DRIVE
+    status, out, _ = run("identify", "drive.toml", recorded, "--write")
+    assert status == 0
+    assert "J1" in out
+    text = (here / "drive.toml").read_text()
+    assert all(comment in text for comment in ("# the bench", "# not known yet"))
+    source = Source.read(Path("drive.toml"), None)
+    assert source.arm().inertial["J1"] == pytest.approx(document["inertial"][0]["fit"], rel=1e-6)  # 7 digits
+    assert set(source.arm().joints[0].effects["coulomb_asymmetric"]) == {"positive", "negative"}
+    assert open_model("drive.toml").lump_values[0] == pytest.approx(document["inertial"][0]["fit"], rel=1e-6)
+
+
+def test_compare(run, recorded):
+    status, out, _ = run("compare", "drive.toml", recorded)
+    assert status == 0
+    assert "velocity" in out
+    joint = json.loads(run("compare", "drive.toml", recorded, "--json", "-")[1])["joints"][0]
+    assert joint["rms"] > joint["floor"] > 0
+    assert joint["structure"][0]["signal"] == "velocity"
+
+
+def test_diagnose_names_the_effect(run, here, recorded):
+    status, out, _ = run("diagnose", "drive.toml", recorded, "--json", "-")
+    document = json.loads(out)
+    assert (status, document["verdict"]) == (0, "effect")
+    assert [(f["effect"], f["joint"]) for f in document["findings"]] == [("stribeck", 1)]
+    assert tree(here) == {"drive.toml": DRIVE.encode()}
+
+
+def test_improve_works_on_a_copy_unless_told(run, here, recorded):
+    status, out, _ = run("improve", "drive.toml", recorded, "--out", "better.toml", "--json", "result.json")
+    assert status == 0
+    assert "+ stribeck@1" in out
+    assert (here / "drive.toml").read_text() == DRIVE
+    history = json.loads((here / "result.json").read_text())["history"]
+    assert [step["added"] for step in history] == [None, "stribeck@1"]
+    assert history[1]["rms"][0] < history[0]["rms"][0]
+    better = Source.read(Path("better.toml"), None).arm()
+    assert better.joints[0].effects["stribeck"]["torque"] == pytest.approx(0.6, rel=0.1)  # noise of 3 % over 20 s
+    assert "# the bench" in (here / "better.toml").read_text()
+
+
+# --- files ---
+
+
+def test_a_model_that_changed_meanwhile_is_not_overwritten(here):
+    source = Source.read(Path("drive.toml"), None)
+    (here / "drive.toml").write_text(DRIVE + "# edited\n")
+    with pytest.raises(boundary.UsageError, match="has changed while we were at work"):
+        source.replace(DRIVE)
+    assert (here / "drive.toml").read_text() == DRIVE + "# edited\n"
+
+
+def test_replacing_keeps_permissions_and_links(tmp_path):
+    target, link = tmp_path / "real.toml", tmp_path / "link.toml"
+    target.write_bytes(b"old")
+    os.chmod(target, 0o600)
+    link.symlink_to(target)
+    files.replace(link, b"new")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+    assert target.stat().st_mode & 0o777 == 0o600
+    files.replace("/dev/null", b"gone")
+    assert Path("/dev/null").is_char_device()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link.toml", "real.toml"]
+
+
+def test_a_failed_replacement_leaves_nothing(tmp_path):
+    with pytest.raises(OSError, match="absent"):
+        files.replace(tmp_path / "absent" / "x", b"data")
+    (tmp_path / "d").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        files.replace(tmp_path / "d", b"data")
+    assert [p.name for p in tmp_path.iterdir()] == ["d"]
+
+
+def test_json_knows_no_nan(capsys):
+    import numpy as np
+
+    boundary.emit("-", {"a": np.float64("nan"), "b": np.array([1.0, np.inf]), "c": (np.int64(1), None)}, print)
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.0, None], "c": [1, None]}
+
+
+def test_as_a_program(here):
+    tendon = [sys.executable, "-c", "from runtime.cli import main; main()"]
+    done = subprocess.run([*tendon, "generate", "absent.toml"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "absent.toml: no such file; expected a model file in TOML\n"
+    assert sorted(p.name for p in here.iterdir()) == ["drive.toml"]
+
+
+def test_a_reader_that_goes_away_is_no_error(here):  # noqa: ARG001
+    command = f"{sys.executable} -c 'from runtime.cli import main; main()' effects --json - | head -c 10"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
