@@ -176,14 +176,9 @@ class Model:
         self, function: str, inputs: list[Any], arguments: Mapping[str, ArrayLike]
     ) -> tuple[list[Array], int | None]:
         """Inputs in order, and the number of samples (None: a call without samples)."""
-        arrays = [np.ascontiguousarray(arguments[name], dtype=np.float64) for name, _ in inputs]
-        count: int | None = None
-        for (name, shape), array in zip(inputs, arrays, strict=True):
-            if array.ndim == len(shape) + 1:
-                count = array.shape[-1]
-                break
-            if name == inputs[0][0] and array.ndim == len(shape):
-                break
+        arrays = [np.asarray(arguments[name], dtype=np.float64, order="C") for name, _ in inputs]
+        # The first input is an array of numbers, so its dimensions tell whether there are samples.
+        count = arrays[0].shape[-1] if arrays[0].ndim == len(inputs[0][1]) + 1 else None
         for i, ((name, shape), array) in enumerate(zip(inputs, arrays, strict=True)):
             expected = (*shape,) if count is None else (*shape, count)
             if not shape and count is not None and array.ndim == 0:

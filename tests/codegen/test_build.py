@@ -1,0 +1,127 @@
+"""The compiler and the cache."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_arms import MIXED
+
+from codegen import build, workspace
+from runtime import loader
+
+ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TENDON_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_compiles_once(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = build.shared_library(ANSWER, "answer")
+    assert path.is_relative_to(empty_cache)
+    assert ctypes.CDLL(str(path)).answer() == 42
+    monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled twice"))
+    assert build.shared_library(ANSWER, "answer") == path
+
+
+def test_other_content_is_another_entry(empty_cache: Path) -> None:  # noqa: ARG001
+    changed = {"answer.c": ANSWER["answer.c"].replace("42", "43")}
+    assert build.shared_library(ANSWER, "answer") != build.shared_library(changed, "answer")
+
+
+def test_a_failure_leaves_nothing_behind(empty_cache: Path) -> None:
+    with pytest.raises(build.BuildError, match=r"failed \(exit 1\): wrong\.c:1.*error"):
+        build.shared_library({"wrong.c": "int x = ;\n"}, "wrong")
+    assert list(empty_cache.iterdir()) == []
+
+
+def test_many_at_once(empty_cache: Path) -> None:
+    paths: list[Path] = []
+    threads = [threading.Thread(target=lambda: paths.append(build.shared_library(ANSWER, "answer"))) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(paths) == 6
+    assert len(set(paths)) == 1
+    assert len(list(empty_cache.iterdir())) == 1
+
+
+def test_no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(build.shutil, "which", lambda _: None)
+    monkeypatch.setattr(build.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(
+        build.BuildError, match=r"no C compiler found .* install one, for example gcc, or run: .*ziglang"
+    ):
+        build.compiler()
+
+
+def test_the_wheel_is_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(build.shutil, "which", lambda _: None)
+    monkeypatch.setattr(build.importlib.util, "find_spec", lambda _: object())
+    assert build.compiler() == (sys.executable, "-m", "ziglang", "cc")
+
+
+def test_a_named_compiler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler -m64")
+    with pytest.raises(build.BuildError, match='"no-such-compiler -m64" of the environment variable CC is not there'):
+        build.compiler()
+
+
+def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("TENDON_CACHE", str(tmp_path / "file"))
+    with pytest.raises(build.BuildError, match=r"cannot write the cache .*; set TENDON_CACHE"):
+        build.shared_library(ANSWER, "answer")
+
+
+def test_the_cache_has_a_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("TENDON_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert build.cache_directory() == tmp_path / "tendon"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert build.cache_directory() == Path.home() / ".cache" / "tendon"
+
+
+def test_an_arm_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = workspace.prepare_arm(MIXED["r"])
+    assert (first / "lib.so").is_file()
+    monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled twice"))
+    assert workspace.prepare_arm(MIXED["r"]) == first
+    monkeypatch.undo()
+    assert workspace.prepare_arm(MIXED["rp"]) != first
+
+
+def test_a_prepared_library_needs_no_sympy() -> None:
+    workspace.prepare_effects()
+    script = (
+        "import sys; from codegen import build, workspace; build.compile_shared = None; "
+        "workspace.prepare_effects(); print('sympy' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
+
+
+def test_wider_vectors_change_no_bit(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """The same library compiled for any processor of the family, for this one, and without optimisation."""
+    library = loader.load_library(workspace.prepare_effects())
+    arm = MIXED["rprrp"]
+    rng = np.random.default_rng(1)
+    q, qd, qdd = rng.normal(size=(3, 5, 257))
+    results = []
+    for flags in (build.vector_flags(), (), ("-O0",)):
+        monkeypatch.setattr(build, "vector_flags", lambda flags=flags: flags)
+        model = loader.load_model(workspace.prepare_arm(arm), library)
+        results.append([model.forward_dynamics(q, qd, qdd), model.inverse_dynamics(q, qd, qdd)])
+    for other in results[1:]:
+        assert np.array_equal(results[0], other)

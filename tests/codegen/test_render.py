@@ -1,0 +1,162 @@
+"""Generated files: the same bytes everywhere, clean under a strict compiler, and their way to the disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import sympy as sp
+from random_arms import MIXED
+
+from codegen import build, render
+from symbolic.arm import Arm
+from symbolic.effects import LIBRARY
+from symbolic.effects.declaration import State, state
+from symbolic.model import derive
+
+ROOT = Path(__file__).resolve().parents[2]
+DIGEST = """
+import hashlib
+from codegen import render
+from symbolic.effects import LIBRARY
+from symbolic.model import derive
+from random_arms import MIXED
+files = render.effect_files(tuple(LIBRARY.values())) | render.arm_files(derive(MIXED["rprrp"]))
+print(hashlib.sha256(repr(sorted(files.items())).encode()).hexdigest())
+"""
+
+
+@pytest.fixture(scope="module")
+def effects() -> dict[str, str]:
+    return render.effect_files(tuple(LIBRARY.values()))
+
+
+@pytest.fixture(scope="module")
+def paper(vishard4: Arm) -> dict[str, str]:
+    return render.arm_files(derive(vishard4))
+
+
+def test_the_same_bytes_whatever_the_hash_seed(effects: dict[str, str]) -> None:
+    here = effects | render.arm_files(derive(MIXED["rprrp"]))
+    expected = hashlib.sha256(repr(sorted(here.items())).encode()).hexdigest()
+    for seed in ("1", "4711"):
+        environment = os.environ | {"PYTHONHASHSEED": seed, "PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}"}
+        run = subprocess.run(
+            [sys.executable, "-c", DIGEST], env=environment, capture_output=True, text=True, check=True
+        )
+        assert run.stdout.strip() == expected
+
+
+def test_names_of_the_files(paper: dict[str, str], effects: dict[str, str]) -> None:
+    maths = {"tendon_math_f32.h", "tendon_math_f64.h"}
+    c = {f"_{s}.{ext}" for s in ("f32", "f64") for ext in ("h", "c")}
+    assert set(paper) == maths | {f"vishard4{end}" for end in c} | {"vishard4_casadi.py", "metadata.json"}
+    assert set(effects) == maths | {f"effects{end}" for end in c} | {"effects_casadi.py", "effects.json"}
+
+
+def test_no_warnings(tmp_path: Path, paper: dict[str, str], effects: dict[str, str]) -> None:
+    """All the flags that embedded developers compile with, as errors, for both precisions."""
+    files = paper | effects | render.arm_files(derive(MIXED["rprrp"]))
+    for path, text in files.items():
+        (tmp_path / path).write_text(text)
+    sources = [path for path in files if path.endswith(".c")]
+    command = [*build.compiler(), "-std=c99", "-O1", "-ffp-contract=off", *build.WARNINGS, "-c", *sources]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr[:2000]
+    assert not result.stderr
+
+
+def code(text: str) -> str:
+    """C without its comments."""
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+
+
+def test_no_double_in_float_code(paper: dict[str, str], effects: dict[str, str]) -> None:
+    for path, text in (paper | effects).items():
+        if path.endswith(("_f32.c", "_f32.h")):
+            assert "double" not in code(text)
+            without_hex = re.sub(r"0x[0-9a-f]+U", "", code(text))
+            literals = re.findall(r"(?<![\w.])(?:\d+\.\d*|\.\d+|\d+e[+-]?\d+)(?:e[+-]?\d+)?(\w*)", without_hex)
+            assert set(literals) <= {"f"}, path
+
+
+def test_the_code_allocates_nothing_and_keeps_nothing(paper: dict[str, str], effects: dict[str, str]) -> None:
+    for path, text in (paper | effects).items():
+        if path.endswith((".c", ".h")):
+            assert not re.search(r"malloc|free\(|printf|\bpow\(|math\.h", code(text)), path
+            # At the left margin there are functions and types, no variables.
+            assert not re.search(r"^(static )?(const )?(double|float|int) \w+( =|;|\[)", code(text), re.MULTILINE), path
+
+
+def test_comments_tell_price_and_source(paper: dict[str, str], vishard4: Arm) -> None:
+    text = paper["vishard4_f32.c"]
+    for function in derive(vishard4).functions:
+        comment = re.search(rf"/\* {function.name}: .*?\*/", text, re.DOTALL)
+        assert comment is not None
+        assert "Source: " in comment.group()
+        assert "Operations: " in comment.group()
+    assert "20" + "26" not in text.split("*/")[0]
+
+
+def test_text_cannot_leave_its_comment() -> None:
+    effect = replace(LIBRARY["coulomb"], summary='Ends */ #error here /* and """ there.')
+    files = render.effect_files([effect])
+    assert "#error" not in code(files["effects_f64.c"])
+    compile(files["effects_casadi.py"], "effects_casadi.py", "exec")
+
+
+def test_a_name_that_c_cannot_have() -> None:
+    with pytest.raises(ValueError, match='the effect name "a;b" cannot be used in C'):
+        render.effect_files([replace(LIBRARY["coulomb"], name="a;b")])
+    with pytest.raises(ValueError, match='the arm\'s name "double" cannot be used in C'):
+        render.arm_files(derive(replace(MIXED["r"], name="double")))
+
+
+def test_states_step_together() -> None:
+    """Two states that exchange their values: neither may read the other's new one."""
+    swap = replace(
+        LIBRARY["offset"],
+        name="swap",
+        torque=state("a") - state("b"),
+        parameters=(),
+        states=tuple(
+            State(name, LIBRARY["offset"].parameters[0].unit, "", step=state(other), initial=sp.Integer(first))
+            for name, other, first in (("a", "b", 1), ("b", "a", 2))
+        ),
+    )
+    text = code(render.effect_files([swap])["effects_f64.c"])
+    step = text[text.index("void tendon_swap_step_f64") :].split("}")[0]
+    assert step.index("next1 = x[0]") < step.index("x[0] = next0")
+
+
+def test_write_replaces_and_removes(tmp_path: Path) -> None:
+    old = {"a.c": f"/* {render.BANNER} */\n", "b.py": f"# {render.BANNER}\n"}
+    render.write(old, tmp_path)
+    (tmp_path / "own.c").write_text("/* by hand */\n")
+    new = {"a.c": f"/* {render.BANNER} */\nint x;\n"}
+    assert render.stale(new, tmp_path) == [
+        f"{tmp_path / 'a.c'}: out of date",
+        f"{tmp_path / 'b.py'}: no longer generated",
+    ]
+    render.write(new, tmp_path)
+    assert render.stale(new, tmp_path) == []
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.c", "own.c"]
+    assert (tmp_path / "own.c").read_text() == "/* by hand */\n"
+
+
+def test_stale_names_what_is_missing(tmp_path: Path) -> None:
+    assert render.stale({"a.c": ""}, tmp_path / "nowhere") == [f"{tmp_path / 'nowhere' / 'a.c'}: missing"]
+
+
+def test_unchanged_files_are_left_alone(tmp_path: Path) -> None:
+    files = {"a.c": "int x;\n"}
+    render.write(files, tmp_path)
+    before = (tmp_path / "a.c").stat().st_mtime_ns
+    render.write(files, tmp_path)
+    assert (tmp_path / "a.c").stat().st_mtime_ns == before

@@ -1,0 +1,129 @@
+"""The tape: what is counted, shared, folded and removed."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from codegen.tape import ARITHMETIC, Tape
+from symbolic.arm import Arm
+from symbolic.model import derive
+
+X, Y, Z = sp.symbols("x y z", real=True)
+EXACT = {"const": lambda value: value, "max": max, "min": min}
+
+
+def tape(*expressions: sp.Expr, definitions: tuple = ()) -> Tape:
+    return Tape.from_expressions(expressions, definitions, (X, Y, Z))
+
+
+def arithmetic(*expressions: sp.Expr) -> int:
+    return tape(*expressions).count()["arithmetic"]
+
+
+@pytest.mark.parametrize(
+    ("expressions", "count"),
+    [
+        ((X + Y + Z,), 2),
+        ((X - Y,), 1),
+        ((Y - X, X - Y), 2),  # a difference and its negation
+        ((-X,), 1),
+        ((-X - Y,), 2),
+        ((Z - X * Y,), 2),
+        ((2 * X + 2 * Y,), 2),  # SymPy's spreading of the 2 is undone
+        ((X**4,), 2),
+        ((X**3 * Y,), 3),
+        ((1 / X,), 1),
+        ((X / Y,), 1),
+        ((X * Y / Z,), 2),
+        ((X * Y + Z, X * Y - Z), 3),
+        ((3 * X / 2,), 1),
+        ((sp.Integer(0),), 0),
+    ],
+)
+def test_count(expressions: tuple[sp.Expr, ...], count: int) -> None:
+    assert arithmetic(*expressions) == count
+
+
+def test_sine_and_cosine_of_an_angle_are_one() -> None:
+    count = tape(sp.sin(X + Y), sp.cos(X + Y), sp.cos(-X - Y), sp.sin(Z)).count()
+    assert count["sincos"] == 2
+    assert count["arithmetic"] == 1
+
+
+def test_the_recursion_of_the_paper_keeps_its_count(vishard4: Arm) -> None:
+    """At most 73 operations and 3 pairs of sine and cosine: what the recursion itself has."""
+    count = Tape.of(derive(vishard4).function("inverse_dynamics")).count()
+    assert count["arithmetic"] <= 73
+    assert count["sincos"] <= 3
+    assert sum(count.get(op, 0) for op in ARITHMETIC) == count["arithmetic"]
+
+
+def test_constants_are_folded_exactly() -> None:
+    a = sp.Symbol("a")
+    folded = tape(a / 7, definitions=((a, 3 * X),))
+    assert [n.value for n in folded.nodes if n.op == "const"] == [Fraction(3, 7)]
+    assert folded.count()["arithmetic"] == 1
+
+
+def test_decimals_are_what_was_written() -> None:
+    """3 times 0.1 is 3/10, without a ghost of binary rounding."""
+    a = sp.Symbol("a")
+    folded = tape(3 * a, definitions=((a, sp.Float(0.1) * X),))
+    assert [n.value for n in folded.nodes if n.op == "const"] == [Fraction(3, 10)]
+
+
+def test_dead_definitions_are_removed() -> None:
+    a, b = sp.symbols("a b")
+    kept = tape(a, definitions=((a, X + Y), (b, sp.sin(X))))
+    assert kept.count() == {"arithmetic": 1, "sincos": 0, "add": 1}
+
+
+def test_an_unknown_symbol_is_named() -> None:
+    with pytest.raises(ValueError, match="expression: w is neither an input"):
+        tape(sp.Symbol("w") + X)
+
+
+def test_an_unknown_operation_is_named() -> None:
+    with pytest.raises(ValueError, match="no target can evaluate besselj"):
+        tape(sp.besselj(X, Y))
+
+
+numbers = st.fractions(-5, 5, max_denominator=12)
+
+
+@st.composite
+def polynomials(draw: st.DrawFn) -> sp.Expr:
+    leaf = st.one_of(st.sampled_from([X, Y, Z]), numbers.map(lambda f: sp.Rational(f.numerator, f.denominator)))
+    pairs = lambda inner: st.tuples(st.sampled_from("+-*^"), inner, inner)  # noqa: E731
+
+    def build(tree: object) -> sp.Expr:
+        if not isinstance(tree, tuple):
+            return sp.sympify(tree)
+        op, left, right = tree[0], build(tree[1]), build(tree[2])
+        return {"+": left + right, "-": left - right, "*": left * right, "^": left**3 - right}[op]
+
+    return build(draw(st.recursive(leaf, pairs, max_leaves=8)))
+
+
+@given(st.lists(polynomials(), min_size=1, max_size=3), numbers, numbers, numbers)
+@settings(max_examples=80, deadline=None, derandomize=True)
+def test_evaluates_exactly(expressions: list[sp.Expr], x: Fraction, y: Fraction, z: Fraction) -> None:
+    """Over the rationals, a tape and SymPy agree to the last digit."""
+    values = {X: x, Y: y, Z: z}
+    found = tape(*expressions).evaluate(values, EXACT)
+    exact = {s: sp.Rational(v.numerator, v.denominator) for s, v in values.items()}
+    for expr, value in zip(expressions, found, strict=True):
+        wanted = expr.subs(exact)
+        assert sp.Rational(value.numerator, value.denominator) == wanted
+
+
+def test_magnitude_is_the_sum_of_terms() -> None:
+    assert tape(X - Y).magnitude({X: 3.0, Y: 3.0}) == [6.0]
+    assert tape(X * Y - 2 * Z).magnitude({X: 3.0, Y: -2.0, Z: 1.0}) == [8.0]
+    # 1/(x - y) close to its pole: the scale grows with the condition number, twice.
+    assert tape(1 / (X - Y)).magnitude({X: 1.0, Y: 0.5}) == [2.0 * 3.0]

@@ -1,0 +1,22 @@
+"""The committed output is what the sources generate, to the byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from codegen import render
+from symbolic.arm import Arm
+from symbolic.effects import LIBRARY
+from symbolic.model import derive
+
+GENERATED = Path(__file__).resolve().parent.parent / "generated"
+
+
+def test_the_arm_of_the_paper(vishard4: Arm) -> None:
+    """If this fails: tendon generate symbolic/arms/vishard4.toml"""
+    assert render.stale(render.arm_files(derive(vishard4)), GENERATED / "vishard4") == []
+
+
+def test_the_library_of_effects() -> None:
+    """If this fails: tendon generate symbolic/arms/vishard4.toml writes the library, too."""
+    assert render.stale(render.effect_files(tuple(LIBRARY.values())), GENERATED / "effects") == []
