@@ -19,7 +19,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symbolic.arm import Arm
-from symbolic.checks import Place, identifier, printable
+from symbolic.checks import SMALLEST, Place, identifier, printable
 from symbolic.model_file import ModelError, check_effect, parse
 
 if TYPE_CHECKING:
@@ -148,8 +148,8 @@ def _effects_of(document: Any, owner: Owner) -> Any:
 
 
 def _rounded(value: float) -> float:
-    """As it will stand in the file: more digits than any fit determines, few enough to read."""
-    return float(f"{float(value):.{DIGITS}g}")
+    """As it will stand in the file: more digits than any fit determines, few enough to read; 0 for next to nothing."""
+    return 0.0 if abs(value) < SMALLEST else float(f"{float(value):.{DIGITS}g}")
 
 
 # --- how it gets into the file ---

@@ -105,6 +105,7 @@ def test_an_edit_that_changes_nothing_gives_the_same_bytes():
 
 def test_values_are_written_to_seven_digits():
     assert "coefficient = 1.234568 " in put(TEXT, {("viscous", 1): {"coefficient": 1.23456789}})
+    assert "coefficient = 0.0 " in put(TEXT, {("viscous", 1): {"coefficient": 1e-27}})
 
 
 @pytest.mark.parametrize(
