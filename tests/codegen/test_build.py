@@ -6,6 +6,7 @@ import ctypes
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,16 @@ def test_an_arm_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert workspace.prepare_arm(MIXED["r"]) == first
     monkeypatch.undo()
     assert workspace.prepare_arm(MIXED["rp"]) != first
+
+
+def test_another_effect_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = MIXED["r"]
+    first = workspace.prepare_arm(arm)
+    monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled again"))
+    joint = replace(arm.joints[0], effects={"viscous": {"coefficient": 2.0}})
+    second = workspace.prepare_arm(replace(arm, joints=(joint,)))
+    assert (first / "lib.so").read_bytes() == (second / "lib.so").read_bytes()
+    assert (first / "metadata.json").read_text() != (second / "metadata.json").read_text()
 
 
 def test_a_prepared_library_needs_no_sympy() -> None:
