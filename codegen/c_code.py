@@ -55,7 +55,8 @@ def operations(tape: Tape) -> str:
     """For example "73 operations (34 add, 12 sub, 27 mul) and 3 sincos"."""
     count = tape.count()
     kinds = ", ".join(f"{count[op]} {op}" for op in ARITHMETIC if op in count)
-    text = f"{count['arithmetic']} operations" + (f" ({kinds})" if kinds else "")
+    total = count["arithmetic"]
+    text = f"{total} operation{'' if total == 1 else 's'}" + (f" ({kinds})" if kinds else "")
     others = [f"{n} {op}" for op, n in count.items() if op not in (*ARITHMETIC, "arithmetic") and n]
     return text + "".join(f" and {other}" for other in others)
 

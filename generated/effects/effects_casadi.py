@@ -60,7 +60,7 @@ def viscous_torque():
     out  torque [N m]: added to the motor torque
     Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
       methods for the control of machines with friction, Automatica 30(7)
-    Operations: 1 operations (1 mul)
+    Operations: 1 operation (1 mul)
     """
     qd = ca.SX.sym("qd")
     p = ca.SX.sym("p", 1)
@@ -530,7 +530,7 @@ def torque_delay_torque():
     in   x [as declared]: none
     out  torque [N m]: added to the motor torque
     Source: Ljung 1999, System Identification: Theory for the User
-    Operations: 1 operations (1 mul)
+    Operations: 1 operation (1 mul)
     """
     predicted_rate = ca.SX.sym("predicted_rate")
     p = ca.SX.sym("p", 1)
@@ -572,7 +572,7 @@ def elasticity_start():
     out  x_next [as declared]: states of the first sample
     Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
       Control 109(4)
-    Operations: 1 operations (1 div)
+    Operations: 1 operation (1 div)
     """
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")

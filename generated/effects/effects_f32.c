@@ -9,7 +9,7 @@
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
- * Operations: 1 operations (1 mul) and 1 sgn */
+ * Operations: 1 operation (1 mul) and 1 sgn */
 float tendon_coulomb_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
@@ -38,7 +38,7 @@ float tendon_coulomb_asymmetric_torque_f32(const tendon_sample_f32 *s, const flo
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
- * Operations: 1 operations (1 mul) */
+ * Operations: 1 operation (1 mul) */
 float tendon_viscous_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
@@ -333,7 +333,7 @@ float tendon_torque_scale_torque_f32(const tendon_sample_f32 *s, const float *p,
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Ljung 1999, System Identification: Theory for the User
- * Operations: 1 operations (1 mul) */
+ * Operations: 1 operation (1 mul) */
 float tendon_torque_delay_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
@@ -364,7 +364,7 @@ float tendon_elasticity_torque_f32(const tendon_sample_f32 *s, const float *p, c
  * out  x_next (4) [as declared]: states of the first sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
- * Operations: 1 operations (1 div) */
+ * Operations: 1 operation (1 div) */
 void tendon_elasticity_start_f32(const tendon_sample_f32 *s, const float *p, float *x)
 {
     const float next0 = s->load / p[0];

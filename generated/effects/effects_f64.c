@@ -9,7 +9,7 @@
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
- * Operations: 1 operations (1 mul) and 1 sgn */
+ * Operations: 1 operation (1 mul) and 1 sgn */
 double tendon_coulomb_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
@@ -107,7 +107,7 @@ void tendon_coulomb_asymmetric_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
- * Operations: 1 operations (1 mul) */
+ * Operations: 1 operation (1 mul) */
 double tendon_viscous_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
@@ -1027,7 +1027,7 @@ void tendon_torque_scale_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Ljung 1999, System Identification: Theory for the User
- * Operations: 1 operations (1 mul) */
+ * Operations: 1 operation (1 mul) */
 double tendon_torque_delay_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
@@ -1092,7 +1092,7 @@ double tendon_elasticity_torque_f64(const tendon_sample_f64 *s, const double *p,
  * out  x_next (4) [as declared]: states of the first sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
- * Operations: 1 operations (1 div) */
+ * Operations: 1 operation (1 div) */
 void tendon_elasticity_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
 {
     const double next0 = s->load / p[0];
