@@ -2,7 +2,8 @@
 
 A cut-off too high lets the encoder's noise, twice differentiated, into the regressors, and a memory
 effect is then found that is not there; one too low throws away what would tell effects apart. The
-cut-off is where inertia times the noise of q̈ reaches the torque noise inside the band.
+cut-off is where the noise of q̈, times the inertia, has a quarter of the torque noise's variance inside
+the band: then whatever smooths accelerations cannot pass for physics.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ _HIGHEST = 100.0
 _LOWEST = 8.0
 _OF_SAMPLING = 0.2
 _SEGMENT = 1024
+_ENCODER_SHARE = 0.25
+"""Encoder noise as an inertial torque, relative to the torque noise in the band (variances)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
         position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
     with np.errstate(divide="ignore"):
-        balance = (5 * torque / (inertia**2 * position)) ** 0.25 / (2 * np.pi)
+        balance = (5 * _ENCODER_SHARE * torque / (inertia**2 * position)) ** 0.25 / (2 * np.pi)
     joint = int(np.argmin(balance))
     ceiling = min(_HIGHEST, _OF_SAMPLING * rate)
     cutoff = float(np.clip(balance[joint], _LOWEST, ceiling))
@@ -72,5 +75,5 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         reason = f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
     else:
         who = f"the encoder noise of joint {joint + 1}"
-        reason = f"above {cutoff:g} Hz {who}, as an inertial torque, exceeds the torque noise"
+        reason = f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
     return Band(cutoff, reason, torque, position)

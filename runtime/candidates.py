@@ -7,7 +7,7 @@ for torque that the base cannot produce. Effects of the whole arm are judged on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,14 +27,14 @@ _REFINE_STEPS = 40
 
 @dataclass(frozen=True)
 class Candidate:
-    """A term at its best shape. `choices`: the grid's best blocks, for an honest cross-validation."""
+    """A term at its best shape. `choices`: the grid's best shapes and blocks, for an honest cross-validation."""
 
     term: Term
     rows: Rows
     shape: Values
     shapes_searched: int
     block: Block
-    choices: tuple[Block, ...]
+    choices: tuple[tuple[Values, Block], ...]
     solution: Solution
     at_edge: bool
 
@@ -42,6 +42,16 @@ class Candidate:
     def parameters(self) -> int:
         """Free parameters of base and candidate."""
         return self.rows.rank(self.block) + self.shapes_searched
+
+
+@dataclass(frozen=True)
+class _JointRows:
+    """y (M,), base (b, M), noise (b + 1, M) and the bounds (b, 2) of the coefficients at one joint."""
+
+    y: Array
+    base: Array
+    noise: Array
+    bounds: Array
 
 
 @dataclass
@@ -104,19 +114,23 @@ class Field:
     def _stack(self, joints: tuple[int, ...], without: tuple[Term, ...]) -> Rows:
         parts = [self._joint_rows(i, without) for i in joints]
         weights = self._weights(joints)
-        size = sum(len(base) for _, base, _ in parts)
-        base = np.zeros((size, sum(len(y) for y, _, _ in parts)))
+        size = sum(len(part.base) for part in parts)
+        base = np.zeros((size, sum(len(part.y) for part in parts)))
+        noise = np.zeros((size + 1, base.shape[1]))
         row = column = 0
-        for (y, part, _), weight in zip(parts, weights, strict=True):
-            base[row : row + len(part), column : column + len(y)] = weight * part
-            row, column = row + len(part), column + len(y)
+        for part, weight in zip(parts, weights, strict=True):
+            at = np.s_[row : row + len(part.base), column : column + len(part.y)]
+            base[at], noise[at] = weight * part.base, weight * part.noise[:-1]
+            noise[-1, at[1]] = weight * part.noise[-1]
+            row, column = at[0].stop, at[1].stop
         use = np.concatenate([self.motion.moving(i) for i in joints])
         fold = np.concatenate([time_folds(self.motion.moving(i)) for i in joints])
         pieces = self.motion.row_piece.max() + 1
         piece = np.concatenate([self.motion.row_piece + k * pieces for k in range(len(joints))])
-        y = np.concatenate([w * y for (y, _, _), w in zip(parts, weights, strict=True)])
-        bounds = np.vstack([part_bounds for _, _, part_bounds in parts])
-        return Rows(y, base, bounds[:, 0], bounds[:, 1], use, piece, fold)
+        y = np.concatenate([w * part.y for part, w in zip(parts, weights, strict=True)])
+        bounds = np.vstack([part.bounds for part in parts])
+        rows = Rows.levelled(y, base, noise, (bounds[:, 0], bounds[:, 1]), use, piece, fold)
+        return replace(rows, level=self.rows(joints).level) if without else rows
 
     def _weights(self, joints: tuple[int, ...]) -> Array:
         """1 for a single joint; for several, the inverse residuals relative to the first."""
@@ -125,9 +139,9 @@ class Field:
         rms = np.array([np.sqrt(np.mean(self.fit.residual[i][self.motion.moving(i)] ** 2)) for i in joints])
         return rms[0] / np.maximum(rms, 1e-300)
 
-    def _joint_rows(self, joint: int, without: tuple[Term, ...]) -> tuple[Array, Array, Array]:
-        """y (M,), base (b, M) and the bounds (b, 2) of its coefficients at one joint (0-based)."""
+    def _joint_rows(self, joint: int, without: tuple[Term, ...]) -> _JointRows:
         x, fixed = self.problem.rows(joint, self.fit.shapes)
+        x_noise, fixed_noise = self.problem.noise_rows(joint, self.fit.shapes)
         y = self.motion.torque(joint, self.fit.skew) - fixed
         slices = [self.problem.layout.slices[t] for t in without]
         keep = np.ones(len(x), dtype=bool)
@@ -144,17 +158,26 @@ class Field:
         bounds = np.tile([-np.inf, np.inf], (len(base), 1))
         layout = self.problem.layout
         bounds[: int(keep.sum())] = np.stack([layout.lower[keep], layout.upper[keep]], axis=1)
-        return y, base, bounds
+        noise = np.zeros((len(base) + 1, base.shape[1]))
+        noise[: int(keep.sum())], noise[-1] = x_noise[keep], -fixed_noise
+        return _JointRows(y, base, noise, bounds)
 
     def block(self, term: Term, joints: tuple[int, ...], shape: Values) -> Block:
-        """The candidate's columns on the (stacked) rows of its joints."""
-        weights = self._weights(joints)
-        parts = [w * self.regressors.columns(term, i, shape) for i, w in zip(joints, weights, strict=True)]
-        columns = np.concatenate(parts, axis=1)
+        """The candidate's columns on the (stacked) rows of its joints, their noise not yet known."""
+        columns = self._columns(self.regressors, term, joints, shape)
         coefficients = self.model.library.effects[term.effect].coefficients
-        fixed = columns[0] if np.any(columns[0]) else None
         bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
-        return Block(columns[1:], fixed, bounds[:, 0], bounds[:, 1])
+        return Block(columns[1:], columns[0], bounds[:, 0], bounds[:, 1], np.zeros_like(columns))
+
+    def _with_noise(self, block: Block, term: Term, joints: tuple[int, ...], shape: Values) -> Block:
+        noisy = self._columns(self.regressors.perturbed, term, joints, shape)
+        return replace(block, noise=noisy - np.vstack([block.fixed, block.columns]))
+
+    def _columns(self, regressors: Regressors, term: Term, joints: tuple[int, ...], shape: Values) -> Array:
+        weights = self._weights(joints)
+        return np.concatenate(
+            [w * regressors.columns(term, i, shape) for i, w in zip(joints, weights, strict=True)], axis=1
+        )
 
     def replaced(self, term: Term) -> tuple[Term, ...]:
         """Active terms that the candidate contains as special cases."""
@@ -169,14 +192,14 @@ class Field:
         scored: list[tuple[float, Values, Block]] = []
         for shape in choices:
             block = self.block(term, joints, shape)
-            if np.all(np.isfinite(block.columns)) and (block.fixed is None or np.all(np.isfinite(block.fixed))):
+            if np.all(np.isfinite(block.columns)) and np.all(np.isfinite(block.fixed)):
                 scored.append((rows.sse(block), shape, block))
         if not scored:
             return None
         scored.sort(key=lambda s: s[0])
         _, shape, block = scored[0]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
-        kept = tuple(b for _, _, b in scored[:_KEPT_SHAPES])
+        kept = tuple((s, b) for _, s, b in scored[:_KEPT_SHAPES])
         edge = len(choices) > 1 and grids.at_edge(self.regressors, term, shape)
         return Candidate(term, rows, shape, searched, block, kept, rows.solve(block), edge)
 
@@ -189,9 +212,21 @@ class Field:
         return choices
 
     def refine(self, candidate: Candidate) -> Candidate:
-        """The same candidate with its shape parameters moved off the grid to the least error."""
-        if not candidate.shapes_searched:
-            return candidate
+        """The same candidate with its shape moved off the grid to the least error, and the noise of its columns."""
+        shape = self._refined_shape(candidate) if candidate.shapes_searched else candidate.shape
+        term, joints = candidate.term, joints_of(self.model, candidate.term)
+
+        def block_at(values: Values) -> Block:
+            return self._with_noise(self.block(term, joints, values), term, joints, values)
+
+        shapes = [shape] + [s for s, _ in candidate.choices if s != shape]
+        choices = tuple((s, block_at(s)) for s in shapes)
+        block = choices[0][1]
+        edge = candidate.shapes_searched > 0 and grids.at_edge(self.regressors, term, shape)
+        solution = candidate.rows.solve(block)
+        return replace(candidate, shape=shape, block=block, choices=choices, solution=solution, at_edge=edge)
+
+    def _refined_shape(self, candidate: Candidate) -> Values:
         joints = joints_of(self.model, candidate.term)
         moving = [p for p in self.model.library.effects[candidate.term.effect].shape if p.grid and p.grid.count > 2]
         start = np.array([candidate.shape[p.name] for p in moving])
@@ -208,16 +243,7 @@ class Field:
 
         simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
         options = {"maxfev": _REFINE_STEPS, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.0}
-        found = minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
-        if not found.fun < candidate.solution.sse:
-            return candidate
-        shape = shape_at(found.x)
-        block = self.block(candidate.term, joints, shape)
-        solution, edge = candidate.rows.solve(block), grids.at_edge(self.regressors, candidate.term, shape)
-        choices = (block, *candidate.choices)
-        return Candidate(
-            candidate.term, candidate.rows, shape, candidate.shapes_searched, block, choices, solution, edge
-        )
+        return shape_at(minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options).x)
 
     def _logarithmic(self, candidate: Candidate) -> bool:
         shape = self.model.library.effects[candidate.term.effect].shape

@@ -25,7 +25,7 @@ def minimise(
     the data do not see take the smallest coefficients. The unconstrained solution is returned
     whenever it is admissible, which on good data is always.
     """
-    scale = np.sqrt(np.diag(gram))
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     g, m = gram / np.outer(scale, scale), moment / scale
     theta = _least_norm(g, m)

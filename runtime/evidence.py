@@ -1,12 +1,17 @@
 """Statistics of nested linear models on autocorrelated rows: cross-validation, whitening, BIC, Vuong.
 
 A `Rows` object holds one joint's torque and base regressors; a candidate adds a block of columns.
+Regressors are computed from measured positions and so carry noise. Every Gram matrix is compensated for
+it (bias-compensated least squares, Stoica & Söderström 1982): the Gram matrix of a realisation of that
+noise is subtracted. Without this, any candidate that can switch the inertia off where the motion is slow
+"explains" the encoder's noise. The noise that the base model lets through is then added to every error
+as a constant, so that errors stay those of real residuals and their ratios are not exaggerated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -25,13 +30,15 @@ _RANK = 1e-7
 class Block:
     """A candidate's columns at one choice of its shape.
 
-    fixed (M,) or None: torque without a free coefficient; columns (k, M); bounds of their coefficients.
+    fixed (M,): torque without a free coefficient; columns (k, M); bounds of their coefficients.
+    noise (1 + k, M): what encoder noise adds to fixed and columns; zeros as long as it is not asked for.
     """
 
     columns: Array
-    fixed: Array | None
+    fixed: Array
     lower: Array
     upper: Array
+    noise: Array
 
 
 @dataclass(frozen=True)
@@ -45,16 +52,36 @@ class Solution:
 
 @dataclass(frozen=True)
 class Rows:
-    """y (M,), base (b, M) with bounds (b,) of its coefficients, use (M,) rows that count, piece (M,) the
-    stretch of time and fold (M,) the part of a cross-validation to which a row belongs."""
+    """y (M,), base (b, M) with bounds (b,) of its coefficients, noise (b + 1, M) of base and y, use (M,) rows
+    that count, piece (M,) the stretch of time and fold (M,) the part of a cross-validation of a row; level
+    (FOLDS,): squared error that the regressors' noise makes under the base model, a constant of all candidates."""
 
     y: Array
     base: Array
+    noise: Array
     lower: Array
     upper: Array
     use: Mask
     piece: NDArray[np.intp]
     fold: NDArray[np.intp]
+    level: Array
+
+    @classmethod
+    def levelled(
+        cls,
+        y: Array,
+        base: Array,
+        noise: Array,
+        bounds: tuple[Array, Array],
+        use: Mask,
+        piece: NDArray[np.intp],
+        fold: NDArray[np.intp],
+    ) -> Rows:
+        """Rows with the noise level that follows from their own base model."""
+        rows = cls(y, base, noise, *bounds, use, piece, fold, np.zeros(FOLDS))
+        direction = np.append(rows.solve().coefficients, -1.0)
+        through = np.where(use, direction @ noise, 0.0) ** 2
+        return replace(rows, level=np.bincount(fold, weights=through, minlength=FOLDS).astype(float))
 
     @cached_property
     def count(self) -> int:
@@ -75,41 +102,52 @@ class Rows:
         x, b = np.where(self.use, columns, 0.0), np.where(self.use, self.base, 0.0)
         return x - np.array([_solve(b @ b.T, b @ row) for row in x]).reshape(len(x), len(b)) @ b
 
+    def _stacked(self, block: Block | None) -> tuple[Array, Array]:
+        """Base, block and torque (b + k + 1, M), and their noise."""
+        if block is None:
+            return np.vstack([self.base, self.y]), self.noise
+        x = np.vstack([self.base, block.columns, self.y - block.fixed])
+        return x, np.vstack([self.noise[:-1], block.noise[1:], self.noise[-1] - block.noise[0]])
+
     def solve(self, block: Block | None = None) -> Solution:
         """Least squares on the used rows, every coefficient within its bounds."""
-        y = self._used_y if block is None or block.fixed is None else self._used_y - block.fixed[self.use]
-        gram, moment, x = self._base_gram, self._used_base @ y, self._used_base
-        if block is not None and len(block.columns):
-            own = block.columns[:, self.use]
-            cross = own @ x.T
-            gram = np.block([[gram, cross.T], [cross, own @ own.T]])
-            moment, x = np.append(moment, own @ y), np.vstack([x, own])
-        theta = _bounded(gram, moment, *self._bounds(block))
+        x, noise = self._stacked(block)
+        used, noise_used = x[:, self.use], noise[:, self.use]
+        gram = used @ used.T - noise_used @ noise_used.T
+        direction = np.append(_bounded(gram[:-1, :-1], gram[:-1, -1], *self._bounds(block)), -1.0)
         residual = np.zeros(len(self.use))
-        residual[self.use] = y - theta @ x
-        return Solution(float(residual @ residual), theta, residual)
+        residual[self.use] = -direction @ used
+        return Solution(float(direction @ gram @ direction) + float(self.level.sum()), direction[:-1], residual)
 
     def sse(self, block: Block) -> float:
-        """As `solve(block).sse`, without the residual: for grids."""
-        y = self._used_y if block.fixed is None else self._used_y - block.fixed[self.use]
-        own = block.columns[:, self.use]
-        cross = own @ self._used_base.T
-        gram = np.block([[self._base_gram, cross.T], [cross, own @ own.T]])
-        moment = np.append(self._used_base @ y, own @ y)
-        theta = _bounded(gram, moment, *self._bounds(block))
-        return float(y @ y - 2 * theta @ moment + theta @ gram @ theta)
+        """As `solve(block).sse`, quickly and with the block's noise left out: for grids."""
+        own, fixed = block.columns[:, self.use], block.fixed[self.use]
+        cross = own @ self._used.T
+        cross[:, -1] -= own @ fixed
+        corner = self._used @ fixed
+        gram = self._gram.copy()
+        gram[:-1, -1] -= corner[:-1]
+        gram[-1, :-1] -= corner[:-1]
+        gram[-1, -1] += fixed @ fixed - 2 * corner[-1]
+        b = len(self.base)
+        whole = np.zeros((b + len(own) + 1,) * 2)
+        order = [*range(b), b + len(own)]
+        whole[np.ix_(order, order)] = gram
+        inner = slice(b, b + len(own))
+        whole[inner, inner] = own @ own.T
+        whole[inner, order] = cross
+        whole[order, inner] = cross.T
+        direction = np.append(_bounded(whole[:-1, :-1], whole[:-1, -1], *self._bounds(block)), -1.0)
+        return float(direction @ whole @ direction) + float(self.level.sum())
 
     @cached_property
-    def _used_base(self) -> Array:
-        return np.ascontiguousarray(self.base[:, self.use])
+    def _used(self) -> Array:
+        return np.ascontiguousarray(np.vstack([self.base, self.y])[:, self.use])
 
     @cached_property
-    def _used_y(self) -> Array:
-        return self.y[self.use]
-
-    @cached_property
-    def _base_gram(self) -> Array:
-        return self._used_base @ self._used_base.T
+    def _gram(self) -> Array:
+        noise = self.noise[:, self.use]
+        return self._used @ self._used.T - noise @ noise.T
 
     def _bounds(self, block: Block | None) -> tuple[Array, Array]:
         if block is None:
@@ -130,15 +168,15 @@ class Rows:
                 if sse < best:
                     best, held[fold] = sse, float(direction @ gram[fold] @ direction)
             trained[fold] = best
-        return held, trained
+        return held + self.level, trained + self.level.sum() - self.level
 
     def _fold_grams(self, block: Block | None) -> Array:
         """(FOLDS, b + k + 1, b + k + 1), the torque last."""
-        y = self.y if block is None or block.fixed is None else self.y - block.fixed
-        parts = [self.base, y[None]] if block is None else [self.base, block.columns, y[None]]
-        x = np.vstack(parts)[:, self._by_fold]
+        x, noise = (part[:, self._by_fold] for part in self._stacked(block))
         edges = np.concatenate([[0], np.cumsum(self.fold_sizes).astype(int)])
-        return np.array([x[:, lo:hi] @ x[:, lo:hi].T for lo, hi in pairwise(edges)])
+        return np.array(
+            [x[:, lo:hi] @ x[:, lo:hi].T - noise[:, lo:hi] @ noise[:, lo:hi].T for lo, hi in pairwise(edges)]
+        )
 
     @cached_property
     def _by_fold(self) -> NDArray[np.intp]:
@@ -147,8 +185,8 @@ class Rows:
 
     def whitened(self, ar: Array) -> Rows:
         """The same rows through the autoregressive filter `ar` (1, a1, ...), piece by piece."""
-        y, base = self.whiten(self.y[None], ar)[0], self.whiten(self.base, ar)
-        return Rows(y, base, self.lower, self.upper, self.use, self.piece, self.fold)
+        y, base, noise = self.whiten(self.y[None], ar)[0], self.whiten(self.base, ar), self.whiten(self.noise, ar)
+        return Rows.levelled(y, base, noise, (self.lower, self.upper), self.use, self.piece, self.fold)
 
     def whiten(self, x: Array, ar: Array) -> Array:
         """x (k, M) through the filter; rows that do not count enter as zero on both sides of the equation."""
@@ -158,8 +196,9 @@ class Rows:
         return np.where(self.use, np.concatenate(parts, axis=1), 0.0)
 
     def whiten_block(self, block: Block, ar: Array) -> Block:
-        fixed = None if block.fixed is None else self.whiten(block.fixed[None], ar)[0]
-        return Block(self.whiten(block.columns, ar), fixed, block.lower, block.upper)
+        fixed = self.whiten(block.fixed[None], ar)[0]
+        noise = self.whiten(block.noise, ar)
+        return Block(self.whiten(block.columns, ar), fixed, block.lower, block.upper, noise)
 
     def autoregression(self, residual: Array) -> Array:
         """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
@@ -201,7 +240,8 @@ def _bounded(gram: Array, moment: Array, lower: Array, upper: Array) -> Array:
 
 def _solve(gram: Array, moment: Array) -> Array:
     """Least squares from normal equations, scaled; directions that the rows do not see stay zero."""
-    scale = np.sqrt(np.diag(gram))
+    # What noise alone makes up may come out negative once it is compensated: it says nothing.
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     value, vector = np.linalg.eigh(gram / np.outer(scale, scale))
     inverse = np.where(value > _RANK * value[-1], 1 / np.where(value > 0, value, 1.0), 0.0) if len(value) else value
@@ -230,7 +270,7 @@ def time_folds(use: Mask) -> NDArray[np.intp]:
 
 
 def bic(sse: float, count: int, parameters: int) -> float:
-    return count * float(np.log(sse / count)) + parameters * float(np.log(count))
+    return count * float(np.log(max(sse, 1e-300) / count)) + parameters * float(np.log(count))
 
 
 def log_likelihood(held: Array, trained: Array, sizes: Array) -> float:

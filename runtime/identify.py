@@ -91,29 +91,39 @@ class Problem:
 
     def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
         """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
-        rigid = self.regressors.rigid(joint)
+        return self._rows(self.regressors, joint, shapes)
+
+    def noise_rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
+        """What a realisation of the encoders' noise adds to `rows`."""
+        (x, fixed), (noisy, noisy_fixed) = (
+            self._rows(r, joint, shapes) for r in (self.regressors, self.regressors.perturbed)
+        )
+        return noisy - x, noisy_fixed - fixed
+
+    def _rows(self, regressors: Regressors, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
+        rigid = regressors.rigid(joint)
         x = np.zeros((self.layout.size, rigid.shape[1]))
         x[self.layout.lumps] = rigid
         fixed = np.zeros(rigid.shape[1])
         for term in self.layout.terms:
             if joint in joints_of(self.model, term):
-                columns = self.regressors.columns(term, joint, shapes[term])
+                columns = regressors.columns(term, joint, shapes[term])
                 fixed += columns[0]
                 x[self.layout.slices[term]] = columns[1:]
         return x, fixed
 
     def solve(self, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, list[Array]]:
-        """Coefficients (K,) and per joint the unweighted residual (M,)."""
+        """Coefficients (K,), compensated for the encoders' noise, and per joint the unweighted residual (M,)."""
         gram = np.zeros((self.layout.size, self.layout.size))
         moment = np.zeros(self.layout.size)
         parts = []
         for i in range(self.model.n):
             x, fixed = self.rows(i, shapes)
+            noise, fixed_noise = self.noise_rows(i, shapes)
             use = self.motion.moving(i)
             y = self.motion.torque(i, skew) - fixed
-            weighted = x[:, use] * self.weights[i]
-            gram += weighted @ weighted.T
-            moment += weighted @ (y[use] * self.weights[i])
+            gram += self.weights[i] ** 2 * (x[:, use] @ x[:, use].T - noise[:, use] @ noise[:, use].T)
+            moment += self.weights[i] ** 2 * (x[:, use] @ y[use] + noise[:, use] @ fixed_noise[use])
             parts.append((x, y, use))
         theta = minimise(gram, moment, self.layout.lower, self.layout.upper, self._inertia_cuts)
         return theta, [np.where(use, y - theta @ x, 0.0) for x, y, use in parts]

@@ -8,7 +8,7 @@ effect more often than not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -98,7 +98,7 @@ def _relative_error(field: Field, candidate: Candidate) -> float:
     """Cross-validated squared error relative to the base's."""
     joints = joints_of(field.model, candidate.term)
     base = field.rows(joints).cross_validate([None])[0].sum()
-    return float(candidate.rows.cross_validate(candidate.choices)[0].sum() / base)
+    return float(candidate.rows.cross_validate([c for _, c in candidate.choices])[0].sum() / base)
 
 
 def _weigh(field: Field, candidate: Candidate, best: Candidate, floor: float) -> Evidence:
@@ -106,9 +106,10 @@ def _weigh(field: Field, candidate: Candidate, best: Candidate, floor: float) ->
     base, rows = field.rows(joints), candidate.rows
     plain = base.solve()
     ar = _autoregression(field, candidate, best)
-    white_base, white_rows = base.whitened(ar), rows.whitened(ar)
+    white_base = base.whitened(ar)
+    white_rows = replace(rows.whitened(ar), level=white_base.level)
     block = rows.whiten_block(candidate.block, ar)
-    choices = [rows.whiten_block(c, ar) for c in candidate.choices]
+    choices = [rows.whiten_block(c, ar) for _, c in candidate.choices]
     before, after = white_base.solve(), white_rows.solve(block)
     delta = bic(before.sse, base.count, base.rank()) - bic(after.sse, rows.count, candidate.parameters)
     sizes = base.fold_sizes

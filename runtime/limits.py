@@ -75,7 +75,7 @@ def _stiffness_limit(field: Field, term: Term, shapes: list[dict[str, float]], l
     for value in values:
         choices = [s for s in shapes if s[name] == value]
         fixed = field.block(term, joints, choices[len(choices) // 2]).fixed
-        if fixed is None or not np.all(np.isfinite(fixed)):
+        if not np.all(np.isfinite(fixed)):
             continue
         own = rows.orthogonal(fixed[None])[0]
         if np.sqrt(own @ own / rows.count) > least:

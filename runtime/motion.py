@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,6 +40,14 @@ class Piece:
     warmth: Array
     measured: Mask
     low_pass: LowPass
+    derive: Differentiator
+
+    def perturbed(self, deviation: Array, seed: int) -> Piece:
+        """The piece with white noise of standard deviation (n,) on the positions as they were read."""
+        raw = np.random.default_rng(seed).standard_normal((len(deviation), len(self.t) + 2 * self.derive.half))
+        noise = np.array([self.derive(d * x) for d, x in zip(deviation, raw, strict=True)])
+        q, qd, qdd = self.q + noise[:, 0], self.qd + noise[:, 1], self.qdd + noise[:, 2]
+        return replace(self, q=q, qd=qd, qdd=qdd)
 
     @cached_property
     def centres(self) -> NDArray[np.intp]:
@@ -64,6 +72,13 @@ class Motion:
     @property
     def n(self) -> int:
         return len(self.standstill)
+
+    @cached_property
+    def perturbed(self) -> Motion:
+        """The same motion as another reading of the encoders might have given it; always the same one."""
+        deviation = [np.sqrt(self.band.position_density / (2 * p.dt)) for p in self.pieces]
+        pieces = tuple(p.perturbed(d, seed) for seed, (p, d) in enumerate(zip(self.pieces, deviation, strict=True)))
+        return replace(self, pieces=pieces)
 
     def moving(self, joint: int) -> Mask:
         """(M,) rows at which the joint (0-based) moves."""
@@ -141,9 +156,8 @@ def _piece(recording: Recording, number: int, segment: slice, derive: Differenti
             warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - np.median(temperature[:200])
     t = recording.t[inner] - recording.t[first]
     tau = recording.tau[:, inner]
-    return Piece(
-        number, int(recording.run[segment.start]), recording.dt, t, q, qd, qdd, tau, warmth, measured, band_filter
-    )
+    run = int(recording.run[segment.start])
+    return Piece(number, run, recording.dt, t, q, qd, qdd, tau, warmth, measured, band_filter, derive)
 
 
 def _smooth_temperature(x: Array, dt: float) -> Array:

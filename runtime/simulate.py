@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 
 from runtime import files
 from runtime.band import Band
-from runtime.filters import low_pass
+from runtime.filters import differentiator, low_pass
 from runtime.grids import points
 from runtime.loader import JointInfo, LoaderError, Model, ParameterInfo
 from runtime.motion import Motion, Piece
@@ -145,7 +145,8 @@ def _piece(path: Array) -> Piece:
     # Rounding must not decide in which direction a joint at rest has friction.
     qd[np.abs(qd) < AT_REST * np.abs(qd).max()] = 0.0
     none = np.zeros((n, count))
-    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, none, none, np.zeros(n, dtype=bool), low_pass(CUTOFF, RATE))
+    filters = low_pass(CUTOFF, RATE), differentiator(CUTOFF, RATE)
+    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, none, none, np.zeros(n, dtype=bool), *filters)
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:

@@ -202,6 +202,11 @@ class Regressors:
         return tuple(Signals(self.model, piece, self.prediction) for piece in self.motion.pieces)
 
     @cached_property
+    def perturbed(self) -> Regressors:
+        """The same along the motion with a further realisation of the encoders' noise on it."""
+        return Regressors(self.model, self.motion.perturbed, self.prediction)
+
+    @cached_property
     def _rigid(self) -> list[Array]:
         """Per piece (n, p, M)."""
         return [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
