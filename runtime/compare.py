@@ -50,12 +50,12 @@ class JointSeries:
 
     @property
     def rms(self) -> float:
-        return float(np.sqrt(np.mean(self.residual**2)))
+        return errors(self.residual, self.tau)[0]
 
     @property
     def relative(self) -> float:
         """‖τ − τ̂‖ / ‖τ‖."""
-        return float(np.linalg.norm(self.residual) / np.linalg.norm(self.tau))
+        return errors(self.residual, self.tau)[1]
 
     def signals(self) -> dict[str, Array]:
         """What a residual may be structured over, by the names that `compare --json` uses."""
@@ -160,6 +160,8 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
     The curve is the mean over quantile bins; chance is the number of bins over the number of
     independent samples, from the residual's correlation time.
     """
+    if len(series.tau) < 2 * _BINS:
+        return {}
     r = series.residual - series.residual.mean()
     total = float(r @ r)
     if total == 0:
@@ -193,10 +195,16 @@ def as_written(identification: Identification) -> tuple[tuple[float, float], ...
         predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces])
         use = motion.moving(i)
         tau = motion.torque(i, identification.fit.skew)[use]
-        residual = tau - predicted[use]
-        rms = float(np.sqrt(np.mean(residual**2)))
-        out.append((rms, float(np.linalg.norm(residual) / np.linalg.norm(tau))))
+        out.append(errors(tau - predicted[use], tau))
     return tuple(out)
+
+
+def errors(residual: Array, tau: Array) -> tuple[float, float]:
+    """RMS and ‖τ − τ̂‖/‖τ‖ of a joint's rows; zeros where there are none."""
+    total = float(np.linalg.norm(tau))
+    if not total:
+        return 0.0, 0.0
+    return float(np.sqrt(np.mean(residual**2))), float(np.linalg.norm(residual)) / total
 
 
 def _torque(signals: Signals, joint: int) -> Array:

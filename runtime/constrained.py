@@ -7,13 +7,52 @@ from collections.abc import Callable
 import casadi
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
 
 _CUTS = 30
-_RANK = 1e-10
+_RANK = 1e-9
+_WELL_POSED = 1e-3
+"""Smallest pivot of a scaled Cholesky factor below which directions may be unseen."""
 _MARGIN = 1e-6
 _ACCURACY = 1e-8
+
+
+def solve(gram: Array, moment: Array) -> Array:
+    """Least squares from normal equations; directions that the data do not see take the smallest coefficients.
+
+    gram (K, K), moment (K,). A Gram matrix that is compensated for noise may have directions of negative
+    size: noise is all that they hold, and they count as unseen.
+    """
+    if not len(moment):
+        return moment
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    scaled = gram / np.outer(scale, scale)
+    factor, failed = lapack.dpotrf(scaled, lower=True)
+    if not failed and np.diagonal(factor).min() > _WELL_POSED:
+        answer: Array = lapack.dpotrs(factor, moment / scale, lower=True)[0] / scale
+        return answer
+    value, vector = np.linalg.eigh(scaled)
+    seen = value > _RANK * value[-1]
+    return (vector[:, seen] @ ((vector[:, seen].T @ (moment / scale)) / value[seen])) / scale
+
+
+def bounded(gram: Array, moment: Array, lower: Array, upper: Array) -> Array:
+    """As `solve`, with each coefficient at the bound that it would otherwise leave."""
+    theta = solve(gram, moment)
+    held = np.zeros(len(theta), dtype=bool)
+    for _ in range(len(theta)):
+        broken = ~held & ((theta < lower) | (theta > upper))
+        if not broken.any():
+            break
+        held |= broken
+        theta = np.where(held, np.clip(theta, lower, upper), theta)
+        free = ~held
+        rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
+        theta[free] = solve(gram[np.ix_(free, free)], rest)
+    return theta
 
 
 def minimise(
@@ -21,25 +60,24 @@ def minimise(
 ) -> Array:
     """argmin ½ θᵀ gram θ − momentᵀ θ with lower <= θ <= upper and c·θ > 0 for every cut of `violated`.
 
-    gram (K, K), moment (K,). `violated(θ)` gives a cut (K,) that θ breaks, or None. Directions that
-    the data do not see take the smallest coefficients. The unconstrained solution is returned
-    whenever it is admissible, which on good data is always.
+    `violated(θ)` gives a cut (K,) that θ breaks, or None: on good data always None, and the answer is
+    that of `bounded`.
     """
+    theta = bounded(gram, moment, lower, upper)
+    cut = violated(theta)
+    if cut is None:
+        return theta
     scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
     scale = np.where(scale > 0, scale, 1.0)
-    g, m = gram / np.outer(scale, scale), moment / scale
-    theta = _least_norm(g, m)
-    cuts: list[Array] = []
+    g, m, cuts = gram / np.outer(scale, scale), moment / scale, []
     for _ in range(_CUTS):
-        x = theta / scale
-        cut = violated(x)
-        inside = bool(np.all(x >= lower - 1e-9 * np.abs(x)) and np.all(x <= upper + 1e-9 * np.abs(x)))
-        if inside and cut is None:
+        cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
+        scaled = _quadratic_program(g, m, lower * scale, upper * scale, cuts)
+        theta = _snapped(scaled, lower * scale, upper * scale) / scale
+        cut = violated(theta)
+        if cut is None:
             break
-        if cut is not None:
-            cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
-        theta = _quadratic_program(g, m, lower * scale, upper * scale, cuts)
-    return _snapped(theta, lower * scale, upper * scale) / scale
+    return theta
 
 
 def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
@@ -47,14 +85,6 @@ def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
     near = _ACCURACY * float(np.max(np.abs(theta), initial=0.0))
     theta = np.where(theta < lower + near, lower, theta)
     return np.where(theta > upper - near, upper, theta)
-
-
-def _least_norm(g: Array, m: Array) -> Array:
-    value, vector = np.linalg.eigh(g)
-    if not len(value):
-        return m
-    keep = value > _RANK * value[-1]
-    return vector[:, keep] @ ((vector[:, keep].T @ m) / value[keep])
 
 
 def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, cuts: list[Array]) -> Array:

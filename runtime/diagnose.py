@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import limits
 from runtime.candidates import Field
-from runtime.compare import JointSeries, range_warnings, series
+from runtime.compare import JointSeries, errors, range_warnings, series
 from runtime.covariance import Inference
 from runtime.identify import Identification, Problem, identify_motion, prepared
 from runtime.judge import Evidence, Verdict, judge
@@ -163,7 +163,8 @@ class Search:
         step = self.steps[-1]
         ground = Field(step.identification.problem, step.identification.fit)
         floors = [min(s.floor.value, s.rms) for s in step.joints]
-        self.last = tuple(judge(ground, i, floors[i]) for i in range(self.model.n))
+        enough = [seconds_moving(self.motion, i) >= _LEAST_MOVING_S for i in range(self.model.n)]
+        self.last = tuple(judge(ground, i, floors[i]) if enough[i] else Verdict((), ()) for i in range(self.model.n))
         passing = [(e, v) for v in self.last for e in v.ranked if e.passes]
         passing.sort(key=lambda item: -item[0].delta_bic)
         for evidence, verdict in passing:
@@ -196,15 +197,13 @@ def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
     fit, model = identification.fit, identification.model
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
-    rms, relative = [], []
+    found = []
     for i in range(model.n):
         x, fixed = problem.rows(i, fit.shapes)
         use = motion.moving(i)
         tau = motion.torque(i, fit.skew)[use]
-        residual = tau - (fixed + fit.coefficients @ x)[use]
-        rms.append(float(np.sqrt(np.mean(residual**2))))
-        relative.append(float(np.linalg.norm(residual) / np.linalg.norm(tau)))
-    return Errors(tuple(rms), tuple(relative))
+        found.append(errors(tau - (fixed + fit.coefficients @ x)[use], tau))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
 
 
 def diagnose(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Diagnosis:
@@ -229,7 +228,8 @@ def conclude(search: Search) -> Diagnosis:
     step = search.steps[-1]
     ground = Field(step.identification.problem, step.identification.fit)
     floors = [min(s.floor.value, s.rms) for s in step.joints]
-    seen = tuple(limit for i in range(search.model.n) for limit in limits.at_joint(ground, i, floors[i]))
+    able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= _LEAST_MOVING_S]
+    seen = tuple(limit for i in able for limit in limits.at_joint(ground, i, floors[i]))
     findings = tuple(search.findings)
     return Diagnosis(verdict, reason, tuple(search.steps), findings, search.last, seen)
 
@@ -280,6 +280,11 @@ def remainder(step: Step, joint: int) -> str | None:
     return None
 
 
+def seconds_moving(motion: Motion, joint: int) -> float:
+    """For how long a joint (0-based) moves faster than its encoder's noise."""
+    return float(motion.moving(joint).sum()) / motion.row_rate
+
+
 def _line(step: Step, joint: int) -> str:
     """The strongest line in the residual's spectrum, if one stands out."""
     motion, residual = step.identification.motion, step.identification.fit.residual[joint]
@@ -296,10 +301,9 @@ def _line(step: Step, joint: int) -> str:
 def _refusal(step: Step) -> str | None:
     """Why the data cannot decide; None if they can."""
     motion, inference = step.identification.motion, step.identification.inference
-    for i in range(motion.n):
-        seconds = float(motion.moving(i).sum()) / motion.row_rate
-        if seconds < _LEAST_MOVING_S:
-            return f"joint {i + 1} moves for {seconds:.1f} s only; record at least {_LEAST_MOVING_S:g} s of motion"
+    seconds = [seconds_moving(motion, i) for i in range(motion.n)]
+    if max(seconds) < _LEAST_MOVING_S:
+        return f"the joints move for {max(seconds):.1f} s only; record at least {_LEAST_MOVING_S:g} s of motion"
     tangled = [
         f"{term} {name}" for term, values in inference.values.items() for name, e in values.items() if e.with_others
     ]

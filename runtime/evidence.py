@@ -18,12 +18,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.constrained import bounded, solve
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FOLDS = 10
 _MOST_LAGS = 12
-_RANK = 1e-7
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class Rows:
     def orthogonal(self, columns: Array) -> Array:
         """(k, M) what of each column the base cannot take over, zero in unused rows."""
         x, b = np.where(self.use, columns, 0.0), np.where(self.use, self.base, 0.0)
-        return x - np.array([_solve(b @ b.T, b @ row) for row in x]).reshape(len(x), len(b)) @ b
+        return x - np.array([solve(b @ b.T, b @ row) for row in x]).reshape(len(x), len(b)) @ b
 
     def _stacked(self, block: Block | None) -> tuple[Array, Array]:
         """Base, block and torque (b + k + 1, M), and their noise."""
@@ -114,7 +115,7 @@ class Rows:
         x, noise = self._stacked(block)
         used, noise_used = x[:, self.use], noise[:, self.use]
         gram = used @ used.T - noise_used @ noise_used.T
-        direction = np.append(_bounded(gram[:-1, :-1], gram[:-1, -1], *self._bounds(block)), -1.0)
+        direction = np.append(bounded(gram[:-1, :-1], gram[:-1, -1], *self._bounds(block)), -1.0)
         residual = np.zeros(len(self.use))
         residual[self.use] = -direction @ used
         return Solution(float(direction @ gram @ direction) + float(self.level.sum()), direction[:-1], residual)
@@ -137,7 +138,7 @@ class Rows:
         whole[inner, inner] = own @ own.T
         whole[inner, order] = cross
         whole[order, inner] = cross.T
-        direction = np.append(_bounded(whole[:-1, :-1], whole[:-1, -1], *self._bounds(block)), -1.0)
+        direction = np.append(bounded(whole[:-1, :-1], whole[:-1, -1], *self._bounds(block)), -1.0)
         return float(direction @ whole @ direction) + float(self.level.sum())
 
     @cached_property
@@ -162,7 +163,7 @@ class Rows:
             best = np.inf
             for block, gram in zip(blocks, grams, strict=True):
                 rest = gram.sum(axis=0) - gram[fold]
-                theta = _bounded(rest[:-1, :-1], rest[:-1, -1], *self._bounds(block))
+                theta = bounded(rest[:-1, :-1], rest[:-1, -1], *self._bounds(block))
                 direction = np.append(theta, -1.0)
                 sse = float(direction @ rest @ direction)
                 if sse < best:
@@ -220,32 +221,6 @@ def _filtered(x: Array, ar: Array) -> Array:
 def _unit(x: Array) -> Array:
     norm = np.linalg.norm(x, axis=1, keepdims=True)
     return x / np.where(norm > 0, norm, 1.0)
-
-
-def _bounded(gram: Array, moment: Array, lower: Array, upper: Array) -> Array:
-    """Normal equations with each coefficient at the bound that it would otherwise leave."""
-    theta = _solve(gram, moment)
-    held = np.zeros(len(theta), dtype=bool)
-    for _ in range(len(theta)):
-        broken = ~held & ((theta < lower) | (theta > upper))
-        if not broken.any():
-            break
-        held |= broken
-        theta = np.where(held, np.clip(theta, lower, upper), theta)
-        free = ~held
-        rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
-        theta[free] = _solve(gram[np.ix_(free, free)], rest)
-    return theta
-
-
-def _solve(gram: Array, moment: Array) -> Array:
-    """Least squares from normal equations, scaled; directions that the rows do not see stay zero."""
-    # What noise alone makes up may come out negative once it is compensated: it says nothing.
-    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.where(scale > 0, scale, 1.0)
-    value, vector = np.linalg.eigh(gram / np.outer(scale, scale))
-    inverse = np.where(value > _RANK * value[-1], 1 / np.where(value > 0, value, 1.0), 0.0) if len(value) else value
-    return (vector @ (inverse * (vector.T @ (moment / scale)))) / scale
 
 
 def _levinson(covariance: Array, count: int) -> Array:

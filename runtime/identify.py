@@ -31,6 +31,7 @@ SKEW_RANGE = (0.0, 1.5)
 """Samples between a torque and the encoder reading beside it that a hold can explain."""
 _PASSES = 3
 _CONFIGURATIONS = 60
+_KEPT_SYSTEMS = 8
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,22 @@ class Layout:
         return cls(tuple(terms), slices, slice(0, len(model.lumps)), np.array(lower), np.array(upper))
 
 
+@dataclass(frozen=True)
+class _System:
+    """A joint's rows that count: regressor (K, m), fixed part (m,), compensated Gram matrix, noise's moment."""
+
+    x: Array
+    fixed: Array
+    gram: Array
+    noise_moment: Array
+
+
+def _spread(values: Array, use: Mask) -> Array:
+    out = np.zeros(len(use))
+    out[use] = values
+    return out
+
+
 class Problem:
     """Least squares of one structure on one motion, for any shapes and skew."""
 
@@ -88,6 +105,7 @@ class Problem:
         self.layout = Layout.of(model, terms)
         self.regressors = Regressors(model, motion, prediction)
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
+        self._systems: dict[tuple[Any, ...], _System] = {}
 
     def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
         """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
@@ -118,15 +136,28 @@ class Problem:
         moment = np.zeros(self.layout.size)
         parts = []
         for i in range(self.model.n):
-            x, fixed = self.rows(i, shapes)
-            noise, fixed_noise = self.noise_rows(i, shapes)
             use = self.motion.moving(i)
-            y = self.motion.torque(i, skew) - fixed
-            gram += self.weights[i] ** 2 * (x[:, use] @ x[:, use].T - noise[:, use] @ noise[:, use].T)
-            moment += self.weights[i] ** 2 * (x[:, use] @ y[use] + noise[:, use] @ fixed_noise[use])
-            parts.append((x, y, use))
+            system = self._system(i, shapes)
+            y = self.motion.torque(i, skew)[use] - system.fixed
+            gram += self.weights[i] ** 2 * system.gram
+            moment += self.weights[i] ** 2 * (system.x @ y + system.noise_moment)
+            parts.append((system.x, y, use))
         theta = minimise(gram, moment, self.layout.lower, self.layout.upper, self._inertia_cuts)
-        return theta, [np.where(use, y - theta @ x, 0.0) for x, y, use in parts]
+        return theta, [_spread(y - theta @ x, use) for x, y, use in parts]
+
+    def _system(self, joint: int, shapes: Mapping[Term, Values]) -> _System:
+        """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are."""
+        here = [t for t in self.layout.terms if joint in joints_of(self.model, t)]
+        key = (joint, tuple((t, *shapes[t].values()) for t in here))
+        if key not in self._systems:
+            if len(self._systems) > _KEPT_SYSTEMS * self.model.n:
+                self._systems.clear()
+            use = self.motion.moving(joint)
+            x, fixed = self.rows(joint, shapes)
+            noise, fixed_noise = self.noise_rows(joint, shapes)
+            x, noise = x[:, use], noise[:, use]
+            self._systems[key] = _System(x, fixed[use], x @ x.T - noise @ noise.T, noise @ fixed_noise[use])
+        return self._systems[key]
 
     def _inertia_cuts(self, theta: Array) -> Array | None:
         """Rows c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""

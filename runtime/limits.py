@@ -15,6 +15,9 @@ from runtime.terms import Term, joints_of, unit_of
 
 Array = NDArray[np.float64]
 
+_SEPARATE = 1e-3
+"""Part of a candidate's torque that must not be the base model's too, for a limit to mean anything."""
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -56,9 +59,10 @@ def _limit(field: Field, term: Term, floor: float) -> Limit | None:
     least = float(max(LEAST_EFFECT * floor, floor * np.sqrt((LEAST_DELTA_BIC + np.log(rows.count)) / rows.count)))
     if not info.coefficients:
         return _stiffness_limit(field, term, shapes, least)
-    columns = rows.orthogonal(field.block(term, joints, shapes[len(shapes) // 2]).columns[:1])[0]
-    rms = float(np.sqrt(columns @ columns / rows.count))
-    if rms <= 1e-9 * float(np.sqrt(np.mean(rows.y**2))):
+    column = field.block(term, joints, shapes[len(shapes) // 2]).columns[:1]
+    own = rows.orthogonal(column)[0]
+    rms = float(np.sqrt(own @ own / rows.count))
+    if rms <= _SEPARATE * float(np.sqrt(np.mean(column[0, rows.use] ** 2))):
         return None
     coefficient = info.coefficients[0]
     unit = coefficient.unit(field.model.joints[(term.joint or 1) - 1].type)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime.band import Band
 from runtime.filters import Differentiator, LowPass, differentiator, low_pass
-from runtime.recording import Recording
+from runtime.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -124,7 +124,7 @@ def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
 def prepare(recordings: Sequence[Recording], band: Band) -> Motion:
     """Smooth and differentiate positions once; keep torque raw for the band's filter.
 
-    Stretches shorter than the filters are dropped.
+    Stretches shorter than the filters are dropped. Raises RecordingError if none is left.
     """
     pieces: list[Piece] = []
     for number, recording in enumerate(recordings):
@@ -134,12 +134,17 @@ def prepare(recordings: Sequence[Recording], band: Band) -> Motion:
             if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
                 pieces.append(_piece(recording, number, segment, derive, band_filter))
     if not pieces:
-        raise ValueError("no stretch of the recordings is long enough for the filters; record longer without gaps")
+        names = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
     n = len(recordings[0].q)
     top = np.max([np.abs(p.qd).max(axis=1) for p in pieces], axis=0)
     smoothing = 2 * band.cutoff
     noise = np.sqrt(band.position_density * (2 * np.pi) ** 2 * smoothing**3 / 3)
-    return Motion(band, tuple(pieces), np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n])
+    motion = Motion(band, tuple(pieces), np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n])
+    if not any(motion.moving(i).any() for i in range(n)):
+        names = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
+    return motion
 
 
 def _piece(recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass) -> Piece:
