@@ -1,0 +1,210 @@
+"""Which figures a result asks for: rows of its joints, handed to runtime/plots.py, back as SVG for a page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from runtime import plots
+from runtime.compare import JointSeries, structure_shares
+from runtime.diagnose import Finding, Step
+
+Array = NDArray[np.float64]
+
+ORDER = ("velocity", "position", "load", "temperature", "time")
+_ZOOM_S = 2.5
+_TELLING = 0.05
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure on the page: the SVG element, and in words what it shows."""
+
+    svg: Markup
+    caption: str
+
+
+def drawn(figure: Figure, name: str, caption: str) -> Drawn:
+    """An SVG element for the middle of a page, whose colours the page sets; `name` is unique on the page."""
+    text = plots.svg(figure, name)
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
+    text = re.sub(r' id="[A-Za-z][A-Za-z0-9.]*_\d+"', "", text)  # axes_1 and the like: the same in every figure
+    text = re.sub(r"font-family: [^;\"]*;?", "", text)
+    text = re.sub(r"font: ([^;\"']*?px) [^;\"]*", r"font-size: \1", text)
+    text = re.sub(r'<svg height="[^"]*"', "<svg", text)
+    text = re.sub(r' (width|height)="[\d.]+pt"', "", text, count=2)
+    for colour, code in plots.COLOURS.items():
+        text = text.replace(code, f"var(--{colour})")
+    text = re.sub(r"\n\s*", "\n", text)
+    return Drawn(Markup(text), caption)
+
+
+def label(step: Step) -> str:
+    return "as in the file" if step.added is None else f"+ {step.added}"
+
+
+def error(steps: Sequence[Step], joint: int) -> Figure:
+    """The error of a joint (0-based) falling from step to step."""
+    held = [s.held_out.relative[joint] for s in steps if s.held_out is not None]
+    series = steps[0].joints[joint]
+    title = f"Joint {joint + 1}" if len(steps[0].joints) > 1 else ""
+    return plots.error_fall(
+        [label(s) for s in steps],
+        [s.fitted.relative[joint] for s in steps],
+        held if len(held) == len(steps) else None,
+        relative_floor(series),
+        title,
+    )
+
+
+def relative_floor(series: JointSeries) -> float:
+    """The noise floor relative to the torque, as the error is."""
+    return series.floor.value * series.relative / series.rms if series.rms else 0.0
+
+
+def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:
+    """Torque over time, whole and zoomed in, then the residual over every signal, the most telling first."""
+    before = first.joints[joint]
+    after = last.joints[joint] if last is not first else None
+    number = joint + 1
+    trace, end_to_end = _trace(before, after)
+    caption = "Measured and predicted torque, and what is left of it"
+    found = [
+        drawn(
+            plots.torque_over_time(trace, "All of the recording"),
+            f"time{number}",
+            caption + (": recordings end to end." if end_to_end else "."),
+        )
+    ]
+    zoom = trace.cut(*_telling(trace))
+    if len(zoom.t) > 1:
+        seconds = f"{zoom.t[-1] - zoom.t[0]:.1f} s"
+        why = "where the improvement is largest" if after is not None else "where the residual is largest"
+        title = f"The {seconds} {why}"
+        found.append(drawn(plots.torque_over_time(zoom, title, whole=False), f"zoom{number}", f"{caption}: {seconds}."))
+    curve = None if after is None else after.predicted - before.predicted
+    name = " + ".join(dict.fromkeys(f.term.effect for f in findings))
+    shares = structure_shares(before)
+    for signal in sorted(signals(before), key=lambda s: -shares.get(s, 0.0)):
+        found.append(
+            _residual(before, after, signal, curve, name, f"residual{number}{signal}", shares.get(signal, 0.0))
+        )
+    return found
+
+
+def of_finding(finding: Finding, name: str) -> Drawn:
+    """The residual that a finding explains, over the signal that shows most of its torque."""
+    joint = finding.joint_index
+    before, after = finding.before.joints[joint], finding.after.joints[joint]
+    curve = after.predicted - before.predicted
+    signal = most_telling(before, curve)
+    share = structure_shares(before).get(signal, 0.0)
+    return _residual(before, after, signal, curve, finding.term.effect, name, share)
+
+
+def most_telling(series: JointSeries, curve: Array) -> str:
+    """The signal over which the running mean of a torque varies most."""
+    size = {}
+    for signal in signals(series):
+        axis = axis_of(series, signal)
+        sides = [axis.forward, ~axis.forward] if axis.forward is not None else [axis.values < 0, axis.values > 0]
+        size[signal] = sum(
+            float(np.var(plots.running_mean(axis.values[s], curve[s])[1])) for s in sides if np.count_nonzero(s) > 20
+        )
+    return max(size, key=lambda s: size[s])
+
+
+def _residual(
+    before: JointSeries,
+    after: JointSeries | None,
+    signal: str,
+    curve: Array | None,
+    label: str,
+    name: str,
+    share: float,
+) -> Drawn:
+    figure = plots.residual_over(
+        axis_of(before, signal),
+        before.residual,
+        None if after is None else after.residual,
+        before.floor.value,
+        before.force_unit,
+        curve,
+        label,
+        f"Residual over {signal}",
+    )
+    part = f"a curve over it explains {100 * share:.0f} % of the variance" if share > _TELLING else "it hardly follows"
+    caption = f"Residual of joint {before.joint} over {signal}: {part}{' before' if after is not None else ''}."
+    return drawn(figure, name, caption)
+
+
+def signals(series: JointSeries) -> list[str]:
+    """Signals that vary at all, of those that have a panel."""
+    values = series.signals()
+    return [s for s in ORDER if s in values and float(np.ptp(values[s])) > 1e-9 * max(1.0, np.abs(values[s]).max())]
+
+
+def axis_of(series: JointSeries, signal: str) -> plots.Axis:
+    """A signal of a joint as the horizontal axis of a figure."""
+    forward = series.qd > 0
+    position, force = series.position_unit, series.force_unit
+    units = {
+        "velocity": f"velocity, {position}/s (stretched about 0)",
+        "position": f"position, {position}",
+        "load": f"load: predicted torque on the link, {force}",
+        "temperature": "temperature above the start, K",
+        "time": "time, s",
+    }
+    values = series.signals()[signal]
+    if signal == "time":
+        values = _clock(series)[0]
+    return plots.Axis(units[signal], values, None if signal == "velocity" else forward, creep=signal == "velocity")
+
+
+def _trace(before: JointSeries, after: JointSeries | None) -> tuple[plots.Trace, bool]:
+    t, end_to_end = _clock(before)
+    predicted = None if after is None else after.predicted
+    trace = plots.Trace(t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit)
+    return trace, end_to_end
+
+
+def _clock(series: JointSeries) -> tuple[Array, bool]:
+    """Time (M,) that always runs forwards, and whether recordings or runs were put end to end for it."""
+    starts = np.flatnonzero(np.diff(series.piece)) + 1
+    t = series.t.copy()
+    moved = False
+    for start in starts:
+        if t[start] <= t[start - 1]:
+            t[start:] += t[start - 1] - t[start] + 1.0
+            moved = True
+    return t, moved
+
+
+def _telling(trace: plots.Trace) -> tuple[float, float, int]:
+    """Start, end and piece of the seconds in which the squared residual falls most, or is largest."""
+    weight = (trace.tau - trace.before) ** 2
+    if trace.after is not None:
+        weight = weight - (trace.tau - trace.after) ** 2
+    total = np.concatenate([[0.0], np.cumsum(weight)])
+    ends = np.searchsorted(trace.t, trace.t + _ZOOM_S)
+    last_of_piece = np.searchsorted(trace.piece, trace.piece, side="right")
+    gain = total[np.minimum(ends, last_of_piece)] - total[:-1]
+    start = int(np.argmax(gain))
+    return float(trace.t[start]), float(trace.t[start] + _ZOOM_S), int(trace.piece[start])
+
+
+def structure(first: Step, last: Step, joint: int) -> Figure:
+    """What the residual of a joint follows, before and after."""
+    before = structure_shares(first.joints[joint])
+    after: dict[str, Any] = structure_shares(last.joints[joint]) if last is not first else {}
+    names = sorted(before, key=lambda s: -before[s])
+    return plots.structure([(s, before[s], after.get(s)) for s in names], "What the residual follows")
