@@ -90,8 +90,12 @@ class LowPass:
     def _kernel(self, delay: float) -> Array:
         n = np.arange(-self.half, self.half + 1) - delay
         inside = np.clip(1 - (n / (self.half + 4.0)) ** 2, 0, None)
-        kernel = np.sinc(2 * self.cutoff / self.rate * n) * np.i0(self.beta * np.sqrt(inside))
-        return kernel / kernel.sum()
+        window = np.i0(self.beta * np.sqrt(inside))
+        kernel = np.sinc(2 * self.cutoff / self.rate * n) * window
+        kernel /= kernel.sum()
+        # Cutting the kernel off moves its centre a little; a ramp must come out late by `delay` exactly.
+        tilt = window * (n - (window @ n) / window.sum())
+        return kernel - tilt * (kernel @ n) / (tilt @ n)
 
     @cached_property
     def _centred(self) -> Array:

@@ -1,0 +1,52 @@
+"""What the tests of the runtime share: models by file, recordings of others, and recordings of the test plants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.cli import open_model
+from runtime.loader import Model
+from runtime.recording import Recording, read
+from tests import plants
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def drive(cache: Path) -> Model:  # noqa: ARG001 - the cache is where it is compiled
+    return open_model(ROOT / "symbolic" / "arms" / "drive.toml")
+
+
+@pytest.fixture(scope="session")
+def emps(cache: Path) -> Model:  # noqa: ARG001
+    return open_model(ROOT / "symbolic" / "arms" / "emps.toml")
+
+
+@pytest.fixture(scope="session")
+def shared(cache: Path) -> Callable[[str, Model], Recording]:  # noqa: ARG001
+    """A recording below shared/data, or a skip that says what is missing."""
+
+    def open_recording(name: str, model: Model) -> Recording:
+        path = SHARED / name
+        if not path.exists():
+            pytest.skip(f"{name} is not here: the folder shared/data is not part of the project")
+        return read(path, model.metadata)
+
+    return open_recording
+
+
+def recorded(hidden: str | None, seed: int, size: float | None = None) -> Recording:
+    """A recording of the independent plant with an effect hidden in it."""
+    made = plants.record(hidden, seed, size)
+    whole = np.zeros(len(made.t), dtype=np.int64)
+    temperature = (made.temperature,)
+    parts = (slice(0, len(made.t)),)
+    q, tau = made.q[None], made.tau[None]
+    return Recording(
+        Path("plant.csv"), made.t, whole, q, tau, types=("revolute",), segments=parts, temperature=temperature
+    )

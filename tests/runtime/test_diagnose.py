@@ -1,0 +1,122 @@
+"""Naming the missing effect: on recordings of others, on plants written apart from the library, and silence."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from runtime import repeats
+from runtime.cli import Source, open_model
+from runtime.diagnose import Diagnosis, diagnose
+from runtime.identify import prepared
+from runtime.improve import improve
+from runtime.loader import Model
+from runtime.recording import Recording
+from tests.runtime.conftest import ROOT, SHARED, recorded
+
+Shared = Callable[[str, Model], Recording]
+
+
+def named(diagnosis: Diagnosis) -> list[str]:
+    return [str(f.term) for f in diagnosis.findings]
+
+
+def shared_model(name: str) -> Model:
+    path = SHARED / "hidden" / name
+    if not path.exists():
+        pytest.skip(f"hidden/{name} is not here: the folder shared/data is not part of the project")
+    return open_model(path)
+
+
+@pytest.mark.parametrize(
+    ("recording", "model", "truth"),
+    [
+        ("a", "drive1.toml", []),
+        ("b", "drive1.toml", ["stribeck@1"]),
+        ("c", "drive1.toml", ["elasticity@1"]),
+        ("f", "arm2.toml", ["load_friction@2"]),
+    ],
+)
+def test_recordings_of_another_simulator(recording: str, model: str, truth: list[str], shared: Shared) -> None:
+    loaded = shared_model(model)
+    found = diagnose(loaded, [shared(f"hidden/recording_{recording}.csv.gz", loaded)])
+    assert named(found) == truth
+    assert found.verdict == ("effect" if truth else "clean")
+    assert found.seen
+    # "never a traceback, plain JSON": what the command prints can be read back without loss.
+    assert json.loads(json.dumps(found.to_json(), allow_nan=False)) == found.to_json()
+
+
+def test_a_disturbance_from_outside_is_not_physics(shared: Shared) -> None:
+    loaded = shared_model("drive1.toml")
+    found = diagnose(loaded, [shared("hidden/recording_e.csv.gz", loaded)])
+    assert found.verdict == "unexplained"
+    assert "3.7" in found.reason
+
+
+@pytest.mark.parametrize("hidden", ["parallel_spring", "torque_ripple", "lugre", "viscous_asymmetric"])
+def test_effects_of_an_independent_plant(hidden: str, drive: Model) -> None:
+    found = diagnose(drive, [recorded(hidden, 11)])
+    assert named(found) == [f"{hidden}@1"]
+    finding = found.findings[0]
+    assert finding.share() > 0.8
+    assert finding.after.fitted.rms[0] < 1.15 * finding.after.joints[0].floor.spectrum
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_silence_where_nothing_is_hidden(seed: int, drive: Model) -> None:
+    found = diagnose(drive, [recorded(None, seed)])
+    assert found.verdict == "clean"
+    assert not found.findings
+
+
+def test_a_contradicted_inertia_is_said_first(drive: Model) -> None:
+    """The commonest error of all is a wrong number in the model file."""
+    loaded = drive
+    text = (ROOT / "symbolic" / "arms" / "drive.toml").read_text()
+    source = Source.shipped("drive")
+    wrong = source.model(text.replace("mass = 2.0", "mass = 6.0"))
+    assert wrong.lump_values[0] > loaded.lump_values[0] * 1.3
+    found = diagnose(wrong, [recorded(None, 21)])
+    assert found.reason.startswith("check the model file first: J1 is")
+    assert found.verdict == "clean"
+
+
+def test_repeated_motion_is_found(drive: Model) -> None:
+    """The plant makes its motion twice; every stretch pairs with the one a period later."""
+    recording = recorded("linear_spring", 3)
+    motion = prepared(drive, [recording])
+    found = repeats.find(motion)
+    assert found.seconds > 15
+    lags = {round(float(motion.row_time[p.second[0]] - motion.row_time[p.first[0]]), 1) for p in found.pairs}
+    assert any(abs(lag - recording.t[-1] / 2) < 1.0 for lag in lags)
+
+
+def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> None:
+    """The error falls on both files at every step; nothing is claimed that explains nothing there."""
+    fitted, held = (shared(f"emps/{name}.csv.gz", emps) for name in ("identification", "validation"))
+    source = Source.shipped("emps")
+    result = improve(source.text, source.model, source.add, source.put, [fitted], [held])
+    history = result.to_json()["history"]
+    assert [step["added"] for step in history][:3] == [None, "viscous_asymmetric@1", "viscous_power@1"]
+    for key in ("relative", "held_out_relative"):
+        errors = [step[key][0] for step in history]
+        assert errors == sorted(errors, reverse=True)
+    assert history[-1]["relative"][0] < 0.025
+    assert history[-1]["held_out_relative"][0] < 0.03
+    assert not {"load_friction@1", "thermal_friction@1"} & {step["added"] for step in history}
+    refitted = diagnose(source.model(result.model_text), [fitted], [held])
+    assert named(refitted) == []
+
+
+def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
+    source = Source.shipped("drive")
+    result = improve(source.text, source.model, source.add, source.put, [recorded("linear_spring", 3)])
+    path = tmp_path / "better.toml"
+    path.write_text(result.model_text)
+    again = diagnose(open_model(path), [recorded("linear_spring", 4)])
+    assert named(again) == []
+    assert again.steps[0].fitted.rms[0] < 1.3 * result.steps[-1].fitted.rms[0]

@@ -1,0 +1,64 @@
+"""The filters against sines, polynomials and each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.filters import differentiator, low_pass
+
+RATE = 1000.0
+
+
+@pytest.mark.parametrize("cutoff", [10.0, 45.0, 150.0])
+@pytest.mark.parametrize("part", [0.02, 0.3, 1.0])
+def test_derivatives_of_a_sine_in_the_band(cutoff: float, part: float) -> None:
+    """The stop-band attenuation of 70 dB bounds the ripple; the derivatives share it."""
+    derive = differentiator(cutoff, RATE)
+    t = np.arange(8000) / RATE
+    omega = 2 * np.pi * part * cutoff
+    inner = slice(derive.half, len(t) - derive.half)
+    q, qd, qdd = derive(3 + np.sin(omega * t))
+    assert np.abs(q - 3 - np.sin(omega * t[inner])).max() < 1e-3
+    assert np.abs(qd / omega - np.cos(omega * t[inner])).max() < 1e-3
+    assert np.abs(qdd / omega**2 + np.sin(omega * t[inner])).max() < 1e-3
+
+
+@given(st.lists(st.floats(-5, 5), min_size=3, max_size=3), st.floats(5, 150))
+@settings(max_examples=25, deadline=None)
+def test_parabolas_are_exact(c: list[float], cutoff: float) -> None:
+    """A droop at DC would be read as an offset or a spring."""
+    derive = differentiator(cutoff, RATE)
+    t = np.arange(2 * derive.half + 50) / RATE
+    inner = slice(derive.half, len(t) - derive.half)
+    q, qd, qdd = derive(c[0] + c[1] * t + c[2] * t**2)
+    assert np.allclose(qd, (c[1] + 2 * c[2] * t)[inner], atol=1e-7 * (1 + np.abs(qd).max()))
+    assert np.allclose(qdd, 2 * c[2], atol=1e-5)
+    assert np.allclose(q, (c[0] + c[1] * t + c[2] * t**2)[inner], atol=1e-4 * (1 + np.abs(q).max()))
+
+
+@pytest.mark.parametrize("cutoff", [8.0, 60.0, 150.0, 480.0])
+def test_rows_sit_on_their_centres(cutoff: float) -> None:
+    """A slow ramp comes out as its values at the centres, delayed by what was asked for."""
+    band = low_pass(cutoff, RATE)
+    t = np.arange(6000) / RATE
+    rows = band(t[None])
+    assert rows.shape == (1, len(band.centres(len(t))))
+    assert np.allclose(rows[0], t[band.centres(len(t))], atol=1e-9)
+    assert np.allclose(band(t, 0.7), t[band.centres(len(t))] - 0.7 / RATE, atol=1e-9)
+
+
+def test_linear_relations_survive() -> None:
+    """Filtering torque and regressors alike keeps a linear model exact."""
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((3, 5000))
+    band = low_pass(40.0, RATE)
+    assert np.allclose(band(np.array([2.0, -1.0, 0.5]) @ x), np.array([2.0, -1.0, 0.5]) @ band(x))
+
+
+def test_noise_above_the_band_is_stopped() -> None:
+    band = low_pass(40.0, RATE)
+    t = np.arange(5000) / RATE
+    assert np.abs(band(np.sin(2 * np.pi * 70.0 * t))).max() < 2e-3
