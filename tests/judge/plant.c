@@ -1,0 +1,470 @@
+/* A planar serial arm with harmonic drives under position control, to judge a diagnosis by.
+ *
+ * Set-valued dry friction by Moreau's time stepping: positions at the middle of a substep, smooth forces
+ * there, the impulses of friction from the velocities at its end by projected Gauss-Seidel. Second order
+ * in the smooth forces, and a joint at rest is exactly at rest. The equations of motion are those of the
+ * absolute angles of the links. Units are SI; angles of motors are behind the gear, at the joint.
+ *
+ * Sources: Moreau 1988 (time stepping); Canudas de Wit et al. 1995 (LuGre); Al-Bender et al. 2005 (Maxwell
+ * slip); Iwan 1966 (stops in parallel); Wen 1976 (Bouc-Wen); Hunt & Crossley 1975 (contact); Spong 1987
+ * (flexible joints).
+ */
+#include <math.h>
+#include <string.h>
+
+#define MOST 4
+#define STOPS 5
+#define HISTORY 64 /* commands kept, for delays up to this many periods */
+
+/* One row of parameters a joint; the names are read from here by plant.py. */
+enum parameter {
+    ROTOR, LENGTH, MASS, COM_X, COM_Y, INERTIA,
+    KP, KD, OBSERVER,
+    DRY_POSITIVE, DRY_NEGATIVE, VISCOUS_POSITIVE, VISCOUS_NEGATIVE, CUBIC,
+    CREEP, CREEP_SPEED, CREEP_FORM, /* exp(-(v/s)^2), 1/(1 + (v/s)^2), exp(-v/s) */
+    POWER, POWER_EXPONENT,
+    LOAD, LOAD_SQUARE, /* of the transmitted torque, 1 and 1/(N m) */
+    PATCH, PATCH_START, PATCH_END, PATCH_EDGE,
+    WARM_DRY, WARM_VISCOUS, WARM_EXPONENTIAL, /* relative change when warm */
+    BRISTLE, BRISTLE_DAMPING, BRISTLE_FORM, /* 0 LuGre, 1 Maxwell slip */
+    COUPLED, /* dry friction on qd_i + qd_(i+1) */
+    OFFSET, SPRING, SPRING_REST,
+    PULL, PULL_FROM, PULL_FIRST, /* one-sided spring below PULL_FROM, and its pretension's torque */
+    CABLE_SINE, CABLE_PHASE, CABLE_SQUARE, CABLE_CUBE,
+    STOP, STOP_AT, STOP_DAMPING, STOP_SIDE, STOP_EXPONENT,
+    HYSTERESIS, HYSTERESIS_WIDTH, HYSTERESIS_FORM, /* 0 stops, 1 Bouc-Wen */
+    RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, RIPPLE_SECOND, /* orders are per turn of the joint */
+    LIMIT, LIMIT_FORM, /* 0 none, 1 tanh, 2 algebraic, 3 hard */
+    GAIN, DELAY, LAG,
+    STIFFNESS, STIFFNESS_DAMPING, HARDENING, GAP,
+    DRAG_AT_ANGLE, DRAG_ANGLE, /* c q^2 qd */
+    BRAKE, BRAKE_SPEED, /* eddy currents, c v/(1 + (v/s)^2) */
+    SWING, /* inertia a cos 2q */
+    WAVE, WAVE_ORDER, WAVE_PHASE, /* dry friction that waves over the angle */
+    ACROSS, /* viscous torque from the next joint's rate (the one before, at the last) */
+    PARAMETERS
+};
+
+/* One row for the arm. */
+enum arm_parameter { GRAVITY_X, GRAVITY_Y, PAYLOAD, PAYLOAD_TIME, COUNT, SUBSTEPS, ARM_PARAMETERS };
+
+int plant_parameters(void) { return PARAMETERS; }
+int plant_arm_parameters(void) { return ARM_PARAMETERS; }
+
+typedef struct {
+    int n;
+    const double (*p)[PARAMETERS];
+    const double *arm;
+    double first[MOST][2]; /* first moment of link k and all behind it, in link k's frame */
+    double own[MOST];      /* inertia of link k and all behind it about joint k, if they moved as points */
+} body;
+
+static void masses(body *b, double payload)
+{
+    double behind = payload;
+    for (int k = b->n - 1; k >= 0; k--) {
+        const double *p = b->p[k];
+        b->first[k][0] = p[MASS] * p[COM_X] + behind * p[LENGTH];
+        b->first[k][1] = p[MASS] * p[COM_Y];
+        b->own[k] = p[INERTIA] + p[MASS] * (p[COM_X] * p[COM_X] + p[COM_Y] * p[COM_Y]) + behind * p[LENGTH] * p[LENGTH];
+        behind += p[MASS];
+    }
+}
+
+/* Inertia D (n, n) of the links at joint angles q, and the torque of Coriolis, centrifugal and gravity forces. */
+static void links(const body *b, const double *q, const double *v, double D[MOST][MOST], double *bias)
+{
+    double s[MOST], c[MOST], rate[MOST], H[MOST][MOST], Q[MOST], angle = 0.0, turn = 0.0;
+    int n = b->n;
+    for (int k = 0; k < n; k++) {
+        angle += q[k];
+        turn += v[k];
+        rate[k] = turn;
+        s[k] = sin(angle);
+        c[k] = cos(angle);
+        Q[k] = 0.0;
+    }
+    for (int k = 0; k < n; k++) {
+        double x = c[k] * b->first[k][0] - s[k] * b->first[k][1], y = s[k] * b->first[k][0] + c[k] * b->first[k][1];
+        Q[k] += y * b->arm[GRAVITY_X] - x * b->arm[GRAVITY_Y];
+        H[k][k] = b->own[k];
+        for (int j = 0; j < k; j++) {
+            double l = b->p[j][LENGTH];
+            double across = l * (c[j] * y - s[j] * x);
+            H[j][k] = H[k][j] = l * (c[j] * x + s[j] * y);
+            Q[j] -= across * rate[k] * rate[k];
+            Q[k] += across * rate[j] * rate[j];
+        }
+    }
+    for (int j = n - 2; j >= 0; j--) { /* to relative angles: sums over all links behind */
+        Q[j] += Q[j + 1];
+        for (int k = 0; k < n; k++) H[j][k] += H[j + 1][k];
+    }
+    for (int k = n - 2; k >= 0; k--)
+        for (int j = 0; j < n; j++) H[j][k] += H[j][k + 1];
+    for (int j = 0; j < n; j++) {
+        bias[j] = Q[j];
+        for (int k = 0; k < n; k++) D[j][k] = H[j][k];
+    }
+}
+
+/* W = D^-1 of a positive definite matrix, by Gauss-Jordan without pivoting. */
+static void invert(int n, double D[MOST][MOST], double W[MOST][MOST])
+{
+    if (n == 1) {
+        W[0][0] = 1.0 / D[0][0];
+        return;
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) W[i][j] = D[i][j];
+    for (int k = 0; k < n; k++) {
+        double pivot = 1.0 / W[k][k];
+        W[k][k] = 1.0;
+        for (int j = 0; j < n; j++) W[k][j] *= pivot;
+        for (int i = 0; i < n; i++) {
+            if (i == k) continue;
+            double factor = W[i][k];
+            W[i][k] = 0.0;
+            for (int j = 0; j < n; j++) W[i][j] -= factor * W[k][j];
+        }
+    }
+}
+
+/* Slower than this a bristle is taken to hold, rad/s: no model of sliding friction speaks of it. */
+#define STILL 1e-3
+
+typedef struct {
+    double z, stop[STOPS], wen, motor; /* bristle, stops, Bouc-Wen, torque of a lagging drive */
+    double slip[STOPS];
+} memory;
+
+static double clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+
+/* Torque of the drive for a command: lag, limit, gain. */
+static double drive(const double *p, memory *m, double command, double h)
+{
+    if (p[LAG] > 0.0) {
+        m->motor += (1.0 - exp(-h / p[LAG])) * (command - m->motor);
+        command = m->motor;
+    }
+    if (p[LIMIT_FORM] == 1.0) command = p[LIMIT] * tanh(command / p[LIMIT]);
+    if (p[LIMIT_FORM] == 2.0) command /= sqrt(1.0 + command * command / (p[LIMIT] * p[LIMIT]));
+    if (p[LIMIT_FORM] == 3.0) command = clamp(command, -p[LIMIT], p[LIMIT]);
+    return p[GAIN] * command;
+}
+
+/* Torques on the link side that oppose it: springs, cables, stops. */
+static double load(const double *p, double q, double v)
+{
+    double torque = p[OFFSET] + p[SPRING] * (q - p[SPRING_REST]);
+    if (p[PULL] != 0.0 && q < p[PULL_FROM]) torque -= p[PULL] * (p[PULL_FROM] - q) + p[PULL_FIRST];
+    if (p[CABLE_SINE] != 0.0) torque += p[CABLE_SINE] * sin(q + p[CABLE_PHASE]);
+    torque += q * q * (p[CABLE_SQUARE] + p[CABLE_CUBE] * q);
+    if (p[STOP] > 0.0) {
+        double deep = p[STOP_SIDE] * (q - p[STOP_AT]);
+        if (deep > 0.0) {
+            double push = p[STOP_EXPONENT] == 1.0 ? p[STOP] * deep : p[STOP] * pow(deep, p[STOP_EXPONENT]);
+            double damp = p[STOP_EXPONENT] == 1.0 ? p[STOP_DAMPING] : p[STOP_DAMPING] * deep;
+            push += damp * p[STOP_SIDE] * v;
+            torque += p[STOP_SIDE] * (push > 0.0 ? push : 0.0);
+        }
+    }
+    return torque;
+}
+
+/* Smooth torques that oppose the motor: ripple, hysteresis, physics that no library has. */
+static double smooth(const double *p, memory *m, double q, double v, double other, double h)
+{
+    double torque = p[ACROSS] * other;
+    if (p[RIPPLE] != 0.0) {
+        double angle = p[RIPPLE_ORDER] * q + p[RIPPLE_PHASE];
+        torque += p[RIPPLE] * (cos(angle) + p[RIPPLE_SECOND] * cos(2.0 * angle + 1.0));
+    }
+    if (p[HYSTERESIS] > 0.0 && p[HYSTERESIS_FORM] == 0.0)
+        for (int e = 0; e < STOPS; e++) {
+            double width = p[HYSTERESIS_WIDTH] * (e + 1.0) / STOPS;
+            m->stop[e] = clamp(m->stop[e] + h * v, -width, width);
+            torque += p[HYSTERESIS] / STOPS * m->stop[e] / width;
+        }
+    if (p[HYSTERESIS] > 0.0 && p[HYSTERESIS_FORM] == 1.0) {
+        double keep = v * m->wen > 0.0 ? 1.0 - m->wen * m->wen : 1.0;
+        m->wen = clamp(m->wen + h * v / p[HYSTERESIS_WIDTH] * keep, -1.0, 1.0);
+        torque += p[HYSTERESIS] * m->wen;
+    }
+    if (p[DRAG_AT_ANGLE] != 0.0) torque += p[DRAG_AT_ANGLE] * (q - p[DRAG_ANGLE]) * (q - p[DRAG_ANGLE]) * v;
+    if (p[BRAKE] != 0.0) torque += p[BRAKE] * v / (1.0 + v * v / (p[BRAKE_SPEED] * p[BRAKE_SPEED]));
+    return torque;
+}
+
+/* Magnitudes that friction reaches at rate v in either direction: its dry part, and what needs motion. */
+typedef struct {
+    double dry[2], rest[2];
+} level;
+
+static level friction(const double *p, double q, double v, double carried, double warm)
+{
+    level f;
+    double speed = fabs(v), extra = 0.0, dry, viscous;
+    if (p[CREEP] != 0.0) {
+        double x = speed / p[CREEP_SPEED];
+        extra += p[CREEP] * (p[CREEP_FORM] == 0.0 ? exp(-x * x) : p[CREEP_FORM] == 1.0 ? 1.0 / (1.0 + x * x) : exp(-x));
+    }
+    if (p[POWER] != 0.0) extra += p[POWER] * pow(speed, p[POWER_EXPONENT]);
+    extra += fabs(carried) * (p[LOAD] + p[LOAD_SQUARE] * fabs(carried));
+    if (p[PATCH] != 0.0) {
+        if (p[PATCH_EDGE] == 0.0) {
+            if (q > p[PATCH_START] && q < p[PATCH_END]) extra += p[PATCH];
+        } else
+            extra += 0.5 * p[PATCH] * (tanh((q - p[PATCH_START]) / p[PATCH_EDGE]) - tanh((q - p[PATCH_END]) / p[PATCH_EDGE]));
+    }
+    if (p[WAVE] != 0.0) extra += p[WAVE] * (1.0 + sin(p[WAVE_ORDER] * q + p[WAVE_PHASE]));
+    dry = 1.0 + p[WARM_DRY] * warm;
+    viscous = p[WARM_EXPONENTIAL] != 0.0 ? pow(1.0 + p[WARM_VISCOUS], warm) : 1.0 + p[WARM_VISCOUS] * warm;
+    for (int side = 0; side < 2; side++) {
+        f.dry[side] = p[side ? DRY_NEGATIVE : DRY_POSITIVE] * dry + extra;
+        f.rest[side] = speed * (p[side ? VISCOUS_NEGATIVE : VISCOUS_POSITIVE] * viscous + p[CUBIC] * speed * speed);
+        if (f.dry[side] < 0.0) f.dry[side] = 0.0;
+        if (f.dry[side] + f.rest[side] < 0.0) f.rest[side] = -f.dry[side];
+    }
+    return f;
+}
+
+/* Torque of the presliding bristle that carries the dry friction of `f`. */
+static double bristle(const double *p, memory *m, const level *f, double v, double h)
+{
+    if (p[BRISTLE_FORM] == 0.0) {
+        double g = f->dry[v < 0.0] + 1e-9, before = m->z;
+        m->z = (before + h * v) / (1.0 + h * p[BRISTLE] * fabs(v) / g);
+        return p[BRISTLE] * m->z + p[BRISTLE_DAMPING] * (m->z - before) / h;
+    }
+    double torque = 0.0;
+    for (int e = 0; e < STOPS; e++) { /* equal shares of the level, reached one after the other */
+        double reach = (e + 0.5) / STOPS * 2.0 / p[BRISTLE];
+        m->slip[e] = clamp(m->slip[e] + h * v, -reach * f->dry[1], reach * f->dry[0]);
+        torque += m->slip[e] / reach / STOPS;
+    }
+    return torque + p[BRISTLE_DAMPING] * v * exp(-fabs(v) / 0.02);
+}
+
+typedef struct {
+    double q[MOST], v[MOST], m[MOST], w[MOST]; /* link and motor, angle and rate */
+    double dv[MOST], dw[MOST];                 /* accelerations of the last substep */
+    double carried[MOST], impulse[MOST];
+    double bent[MOST]; /* torque of a bristle as a part of its level */
+    memory memory[MOST];
+} state;
+
+/* Torque that the transmission of a flexible joint carries. */
+static double transmission(const double *p, double twist, double rate)
+{
+    double half = 0.5 * p[GAP];
+    if (p[GAP] > 0.0) {
+        if (fabs(twist) <= half) return 0.0;
+        double deep = twist > 0.0 ? twist - half : twist + half;
+        double torque = p[STIFFNESS] * deep + p[STIFFNESS_DAMPING] * rate;
+        return torque * deep > 0.0 ? torque : 0.0;
+    }
+    return p[STIFFNESS] * twist * (1.0 + p[HARDENING] * twist * twist) + p[STIFFNESS_DAMPING] * rate;
+}
+
+/* One substep. share (n, 2): the friction of this substep as a part of its level in each direction, 1 in motion. */
+static void step(const body *b, state *x, const double *torque, const double *outside, const double *warm, double h,
+                 double share[MOST][2])
+{
+    int n = b->n;
+    double D[MOST][MOST], W[MOST][MOST], q[MOST], m[MOST], v[MOST], w[MOST], bias[MOST], f[MOST], g[MOST];
+    double free[MOST], low[MOST], high[MOST], weight[MOST];
+    for (int i = 0; i < n; i++) {
+        q[i] = x->q[i] + 0.5 * h * x->v[i];
+        m[i] = x->m[i] + 0.5 * h * x->w[i];
+        v[i] = x->v[i] + 0.5 * h * x->dv[i];
+        w[i] = x->w[i] + 0.5 * h * x->dw[i];
+    }
+    links(b, q, v, D, bias);
+    for (int i = 0; i < n; i++) {
+        const double *p = b->p[i];
+        int flexible = p[STIFFNESS] > 0.0, next = i + 1 < n ? i + 1 : i - 1;
+        level r = friction(p, m[i], w[i], x->carried[i], warm[i]);
+        double opposing = smooth(p, &x->memory[i], m[i], w[i], n > 1 ? w[next] : 0.0, h);
+        if (p[SWING] != 0.0) {
+            D[i][i] += p[SWING] * cos(2.0 * q[i]);
+            bias[i] -= p[SWING] * sin(2.0 * q[i]) * v[i] * v[i];
+        }
+        if (p[BRISTLE] > 0.0) {
+            double held = bristle(p, &x->memory[i], &r, w[i], h);
+            opposing += held;
+            x->bent[i] = fabs(w[i]) > STILL ? (w[i] > 0.0 ? 1.0 : -1.0) : clamp(held / (r.dry[held < 0.0] + 1e-9), -1.0, 1.0);
+            r.dry[0] = r.dry[1] = 0.0;
+        }
+        high[i] = h * (r.dry[0] + r.rest[0]);
+        low[i] = -h * (r.dry[1] + r.rest[1]);
+        double twisted = flexible ? transmission(p, m[i] - q[i], w[i] - v[i]) : 0.0;
+        g[i] = torque[i] - opposing;                         /* on the motor */
+        f[i] = outside[i] - bias[i] - load(p, q[i], v[i]); /* on the link */
+        if (flexible) {
+            f[i] += twisted;
+            g[i] -= twisted;
+            x->carried[i] = twisted;
+        } else {
+            D[i][i] += p[ROTOR];
+            f[i] += g[i];
+        }
+    }
+    for (int i = 0; i + 1 < n; i++)
+        if (b->p[i][COUPLED] != 0.0) {
+            double rub = b->p[i][COUPLED] * tanh((w[i] + w[i + 1]) / 0.002);
+            f[i] -= rub;
+            f[i + 1] -= rub;
+        }
+    invert(n, D, W);
+    for (int i = 0; i < n; i++) {
+        free[i] = x->v[i];
+        for (int j = 0; j < n; j++) free[i] += h * W[i][j] * f[j];
+        weight[i] = W[i][i];
+    }
+    for (int i = 0; i < n; i++) { /* motors in front of a spring are alone; the others start from the last impulse */
+        const double *p = b->p[i];
+        if (p[STIFFNESS] > 0.0) {
+            double end = x->w[i] + h * g[i] / p[ROTOR];
+            double P = clamp(end * p[ROTOR], low[i], high[i]);
+            x->impulse[i] = P;
+            end = P > low[i] && P < high[i] ? 0.0 : end - P / p[ROTOR];
+            x->dw[i] = (end - x->w[i]) / h;
+            x->m[i] += 0.5 * h * (x->w[i] + end);
+            x->w[i] = end;
+        } else {
+            double P = clamp(x->impulse[i], low[i], high[i]);
+            x->impulse[i] = P;
+            for (int j = 0; j < n; j++) free[j] -= W[j][i] * P;
+        }
+    }
+    for (int round = 0; round < 50; round++) {
+        double change = 0.0;
+        for (int i = 0; i < n; i++) {
+            if (b->p[i][STIFFNESS] > 0.0) continue;
+            double P = clamp(x->impulse[i] + free[i] / weight[i], low[i], high[i]);
+            double by = P - x->impulse[i];
+            if (by == 0.0) continue;
+            x->impulse[i] = P;
+            for (int j = 0; j < n; j++) free[j] -= W[j][i] * by;
+            change += fabs(by) * weight[i];
+        }
+        if (change < 1e-12 || n == 1) break;
+    }
+    for (int i = 0; i < n; i++) {
+        const double *p = b->p[i];
+        if (!(p[STIFFNESS] > 0.0) && x->impulse[i] < high[i] && x->impulse[i] > low[i]) free[i] = 0.0; /* held */
+        x->dv[i] = (free[i] - x->v[i]) / h;
+        x->q[i] += 0.5 * h * (x->v[i] + free[i]);
+        x->v[i] = free[i];
+        if (!(p[STIFFNESS] > 0.0)) {
+            x->carried[i] = g[i] - x->impulse[i] / h - p[ROTOR] * x->dv[i];
+            x->m[i] = x->q[i];
+            x->w[i] = x->v[i];
+            x->dw[i] = x->dv[i];
+        }
+        int side = x->impulse[i] < 0.0;
+        double bound = side ? -low[i] : high[i];
+        share[i][0] = share[i][1] = 0.0;
+        if (p[BRISTLE] > 0.0)
+            share[i][x->bent[i] < 0.0] = fabs(x->bent[i]);
+        else if (bound > 0.0)
+            share[i][side] = fabs(x->impulse[i]) / bound;
+    }
+}
+
+typedef struct {
+    double angle[MOST], rate[MOST]; /* the controller's observer */
+    double command[HISTORY][MOST];
+} controller;
+
+/* The mean over [start, end] of the commands as they arrive `late`; all in periods from the present command's. */
+static double delayed(const controller *c, int now, int joint, double start, double end, double late)
+{
+    double from = start - late, to = end - late, edge = floor(to);
+    int first = now + (int)floor(from), second = now + (int)edge;
+    double part = first == second ? 0.0 : (to - edge) / (to - from);
+    int oldest = now - HISTORY + 1 > 0 ? now - HISTORY + 1 : 0;
+    first = first < oldest ? oldest : first;
+    second = second < oldest ? oldest : second;
+    return (1.0 - part) * c->command[first % HISTORY][joint] + part * c->command[second % HISTORY][joint];
+}
+
+/* Simulates `count` periods of a joint controller with held commands.
+ *
+ * arm (ARM_PARAMETERS), joints (n, PARAMETERS)
+ * period (count) s; desired, speed, acceleration, forward (n, count): what the controller follows
+ * outside (n, count) N m: torques that push the links; warm (n, count): 0 cold to 1 warm
+ * Returns in q, tau, mean_rate, mean_acceleration, above, below, link (n, count): the motor's angle at the
+ * samples, the command of the period that begins there, the means over that period of the motor's rate and
+ * acceleration and of friction as a part of its level in either direction (of a bristle: above STILL 1),
+ * and the link's angle.
+ * Returns 0, or the number of the first period in which a joint ran away.
+ */
+int plant_simulate(int n, int count, const double *arm, const double *joints, const double *period, const double *desired,
+                   const double *speed, const double *acceleration, const double *forward, const double *outside,
+                   const double *warm, double *q, double *tau, double *mean_rate, double *mean_acceleration,
+                   double *above, double *below, double *link)
+{
+    body b;
+    state x;
+    controller c;
+    int substeps = (int)arm[SUBSTEPS];
+    double time = 0.0;
+    int loaded = 0;
+    memset(&b, 0, sizeof b);
+    memset(&x, 0, sizeof x);
+    memset(&c, 0, sizeof c);
+    b.n = n;
+    b.p = (const double(*)[PARAMETERS])joints;
+    b.arm = arm;
+    masses(&b, 0.0);
+    for (int i = 0; i < n; i++) x.q[i] = x.m[i] = c.angle[i] = desired[(long)i * count];
+    for (int k = 0; k < count; k++) {
+        double dt = period[k], push[MOST], heat[MOST], before[MOST], rate[MOST];
+        if (!loaded && arm[PAYLOAD] != 0.0 && time >= arm[PAYLOAD_TIME]) {
+            masses(&b, arm[PAYLOAD]);
+            loaded = 1;
+        }
+        for (int i = 0; i < n; i++) {
+            long s = (long)i * count + k;
+            const double *p = b.p[i];
+            double seen = floor(x.m[i] / arm[COUNT] + 0.5) * arm[COUNT], miss = seen - c.angle[i];
+            double gain = p[OBSERVER] * dt;
+            c.angle[i] += 2.0 * gain * miss;
+            c.rate[i] += p[OBSERVER] * gain * miss;
+            double command = forward[s] + p[KP] * (desired[s] - seen) + p[KD] * (speed[s] - c.rate[i]);
+            c.command[k % HISTORY][i] = command;
+            c.angle[i] += dt * c.rate[i] + 0.5 * dt * dt * acceleration[s];
+            c.rate[i] += dt * acceleration[s];
+            q[s] = x.m[i];
+            link[s] = x.q[i];
+            tau[s] = command;
+            above[s] = below[s] = 0.0;
+            push[i] = outside[s];
+            heat[i] = warm[s];
+            before[i] = x.m[i];
+            rate[i] = x.w[i];
+            if (!(fabs(x.m[i]) < 100.0)) return k + 1;
+        }
+        for (int j = 0; j < substeps; j++) {
+            double h = dt / substeps, torque[MOST], share[MOST][2];
+            for (int i = 0; i < n; i++) {
+                double command = tau[(long)i * count + k], late = b.p[i][DELAY] / dt;
+                if (late > 0.0) command = delayed(&c, k, i, j / (double)substeps, (j + 1) / (double)substeps, late);
+                torque[i] = drive(b.p[i], &x.memory[i], command, h);
+            }
+            step(&b, &x, torque, push, heat, h, share);
+            for (int i = 0; i < n; i++) {
+                above[(long)i * count + k] += share[i][0] / substeps;
+                below[(long)i * count + k] += share[i][1] / substeps;
+            }
+        }
+        for (int i = 0; i < n; i++) {
+            mean_rate[(long)i * count + k] = (x.m[i] - before[i]) / dt;
+            mean_acceleration[(long)i * count + k] = (x.w[i] - rate[i]) / dt;
+        }
+        time += dt;
+    }
+    return 0;
+}
