@@ -86,7 +86,7 @@ def model_text(bodies: Sequence[Body], believed: Sequence[str], gravity: tuple[f
 
 def inertial_columns(bodies: Sequence[Body], q: Array, qd: Array, qdd: Array, gravity: tuple[float, float]) -> Array:
     """Torque per unit of every inertial parameter, (n, 5 n, N): of each link the mass, the first moments along and
-    across, the inertia about its joint, and the rotor's inertia. Forces and moments of each body, carried to the joints.
+    across, the inertia about its joint, and the rotor's inertia. Forces and moments of each body, summed at the joints.
     """
     n, count = q.shape
     out = np.zeros((n, 5 * n, count))
@@ -128,7 +128,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 def torque(bodies: Sequence[Body], motion: Array, gravity: tuple[float, float] = (0.0, 0.0)) -> Array:
     """Rigid-body torque (n, N) along motion (3, n, N)."""
-    columns = inertial_columns(bodies, *motion, gravity=gravity)
+    columns = inertial_columns(bodies, motion[0], motion[1], motion[2], gravity)
     forces: Array = np.einsum("ikt,k->it", columns, inertial_values(bodies))
     return forces
 

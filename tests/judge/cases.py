@@ -36,7 +36,7 @@ class Setting:
     excitation: str = "full"
     coarse: float = 1.0
     noise: str = "white"
-    jitter: float = 0.0  # standard deviation of the period, as a part of it
+    jitter: float = 0.0  # standard deviation of the instants about an even grid, in periods
     temperature: bool = True
     fine_control: bool = False  # the controller sees a fine encoder where the recording has a coarse one
 
@@ -56,7 +56,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Made:
-    """A case made. joints: 1-based joint of each hidden effect, None for one of the arm; sizes in units of the floor."""
+    """A case made. joints: 1-based, of each hidden effect, None for one of the arm; sizes in units of the floor."""
 
     case: Case
     model: str
@@ -136,10 +136,9 @@ def _bandwidth(coarse: float) -> float:
     return 2 * np.pi * {1.0: 6.0, 10.0: 5.0, 50.0: 3.0}.get(coarse, 3.0)
 
 
-def bench(setting: Setting, rng: np.random.Generator, believed: Sequence[str], warms: bool, rows: Rows) -> Bench:
-    """A bench for one recording; rows: the plant's parameters without its controller."""
+def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool, rows: Rows) -> Bench:
+    """A bench for one recording of the motion wanted (3, n, N); rows: the plant's parameters without its controller."""
     bodies = ARMS[setting.joints]
-    wanted = motion.desired(rng, len(bodies), setting.excitation)
     n, count = wanted.shape[1:]
     coarse = 1.0 if setting.fine_control else setting.coarse
     bandwidth = _bandwidth(coarse)
@@ -154,7 +153,8 @@ def bench(setting: Setting, rng: np.random.Generator, believed: Sequence[str], w
     if rng.random() < 0.5:  # half of the controllers compensate friction, roughly
         for i, body in enumerate(bodies):
             forward[i] += 0.6 * np.mean(body.dry) * np.tanh(wanted[1, i] / 0.05) + body.viscous * wanted[1, i]
-    period = PERIOD * (1 + np.clip(setting.jitter * rng.standard_normal(count), -0.7, 0.7))
+    late = np.clip(setting.jitter * rng.standard_normal(count + 1), -0.45, 0.45)
+    period = PERIOD * (1 + np.diff(late))
     slow = signal.butter(1, 5.0, fs=1 / PERIOD, output="sos")
     background = signal.sosfilt(slow, rng.standard_normal((n, count)), axis=1)
     background *= DISTURBANCE / background.std(axis=1, keepdims=True)
@@ -164,19 +164,11 @@ def bench(setting: Setting, rng: np.random.Generator, believed: Sequence[str], w
     warm = np.tile(1 - np.exp(-time / (0.35 * time[-1])), (n, 1))
     rise = rng.uniform(8.0, 18.0) if warms or rng.random() < 0.5 else 0.0
     degrees = 24.0 + rise * warm + 0.2 * rng.standard_normal((n, count))
-    symmetric = "coulomb" in believed
-    if symmetric:
-        for row in controlled:
-            row["DRY_POSITIVE"], row["DRY_NEGATIVE"] = row["_DRY"], row["_DRY"]
-    if "viscous_cubic" not in believed:
-        for row in controlled:
-            row["CUBIC"] = 0.0
-    clean = [{k: v for k, v in row.items() if k != "_DRY"} for row in controlled]
-    return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, clean)
+    return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, controlled)
 
 
-def varied(bodies: Sequence[Body], rng: np.random.Generator) -> Rows:
-    """The bodies as the user knows them, with frictions of this one specimen."""
+def specimen(bodies: Sequence[Body], believed: Sequence[str], rng: np.random.Generator) -> Rows:
+    """The bodies as the user knows them, with frictions of their own, but no other kinds than are believed in."""
     rows = []
     for body in bodies:
         row = body.parameters()
@@ -185,7 +177,10 @@ def varied(bodies: Sequence[Body], rng: np.random.Generator) -> Rows:
         factor = rng.uniform(0.8, 1.25)
         row["VISCOUS_POSITIVE"] *= factor
         row["VISCOUS_NEGATIVE"] *= factor
-        row["_DRY"] = 0.5 * (row["DRY_POSITIVE"] + row["DRY_NEGATIVE"])
+        if "coulomb" in believed:
+            row["DRY_POSITIVE"] = row["DRY_NEGATIVE"] = 0.5 * (row["DRY_POSITIVE"] + row["DRY_NEGATIVE"])
+        if "viscous_cubic" not in believed:
+            row["CUBIC"] = 0.0
         rows.append(row)
     return rows
 
@@ -215,8 +210,10 @@ def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> 
         last = (x, miss)
         following = x - float(np.clip(miss / slope, -2.5, 2.5))
         if not low < following < high:
-            following = 0.5 * (low + high) if last[0] in (low, high) and high - low < 5.0 else float(
-                np.clip(following, low, high)
+            following = (
+                0.5 * (low + high)
+                if last[0] in (low, high) and high - low < 5.0
+                else float(np.clip(following, low, high))
             )
         if abs(following - x) < 1e-3:
             break
@@ -229,14 +226,15 @@ def make(case: Case) -> Made:
     rng = np.random.default_rng([case.seed, case.setting.joints, *map(ord, case.label)])
     setting, bodies = case.setting, ARMS[case.setting.joints]
     plant_rng, motion_rng, other_rng, shape_rng = rng.spawn(4)
-    rows = varied(bodies, plant_rng)
     joints = [_place(name, len(bodies), shape_rng) for name in case.names]
-    wanted = motion.desired(np.random.default_rng(motion_rng.bit_generator.seed_seq), len(bodies), setting.excitation)
-    hidden = [ENTRIES[name].draw(Setup(bodies, j, wanted, shape_rng)) for name, j in zip(case.names, joints, strict=True)]
+    wanted = motion.desired(motion_rng, len(bodies), setting.excitation)
+    hidden = [
+        ENTRIES[name].draw(Setup(bodies, j, wanted, shape_rng)) for name, j in zip(case.names, joints, strict=True)
+    ]
     believed = next((h.believed for h in hidden if h.believed != BELIEVED), BELIEVED)
     warms = any(h.warms for h in hidden)
-    bench_rng = np.random.default_rng(motion_rng.bit_generator.seed_seq)
-    main = bench(setting, bench_rng, believed, warms, rows)
+    rows = specimen(bodies, believed, plant_rng)
+    main = bench(setting, wanted, motion_rng, warms, rows)
     floor = main.floor()
     found = []
     for what, joint in zip(hidden, joints, strict=True):
@@ -247,7 +245,8 @@ def make(case: Case) -> Made:
 
         found.append(_grown(measure, what, case.size))
     inside = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
-    other = bench(setting, other_rng, believed, warms, rows)
+    elsewhere = motion.desired(other_rng, len(bodies), setting.excitation)
+    other = bench(setting, elsewhere, other_rng, warms, rows)
     return Made(
         case,
         model_text(bodies, believed),

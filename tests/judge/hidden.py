@@ -222,7 +222,9 @@ def _(s: Setup) -> Hidden:
 def _bristle(s: Setup, form: float) -> Hidden:
     inertia = s.bodies[s.joint].rotor + s.link_inertia
     put = at(s.joint, BRISTLE=same, BRISTLE_DAMPING=lambda k: 0.3 * np.sqrt(k * inertia), BRISTLE_FORM=form)
-    return Hidden("lugre", 300.0, (8.0, 2e5), put, power=-1.0, rivals=("spring_hysteresis",))
+    # Stiffer bristles than those of real gears differ from dry friction for a millisecond at each reversal only.
+    stiffest = float(np.exp(s.rng.uniform(np.log(400.0), np.log(5000.0))))
+    return Hidden("lugre", 300.0, (8.0, stiffest), put, power=-1.0, rivals=("spring_hysteresis",))
 
 
 @entry("lugre")
@@ -289,9 +291,7 @@ def _(s: Setup) -> Hidden:
 def _stop(s: Setup, exponent: float) -> Hidden:
     side = float(s.rng.choice([-1, 1]))
     place = s.within(0.78, 0.9) if side > 0 else s.within(0.1, 0.22)
-    put = at(
-        s.joint, STOP=same, STOP_AT=place, STOP_SIDE=side, STOP_EXPONENT=exponent, STOP_DAMPING=lambda a: 0.01 * a
-    )
+    put = at(s.joint, STOP=same, STOP_AT=place, STOP_SIDE=side, STOP_EXPONENT=exponent, STOP_DAMPING=lambda a: 0.01 * a)
     return Hidden("end_stop", 8.0, (0.1, 3e3), put)
 
 
@@ -452,7 +452,7 @@ def _(s: Setup) -> Hidden:
 @entry("outside_wander", "unknown")
 def _(s: Setup) -> Hidden:
     noise = s.rng.standard_normal(s.motion.shape[-1])
-    kernel = np.exp(-np.arange(0.0, 3.0, 1e-3) / 0.6)
+    kernel: Array = np.exp(-np.arange(0.0, 3.0, 1e-3) / 0.6)
     wander = np.convolve(noise, kernel)[: len(noise)]
     wander /= wander.std()
     return Hidden("", 0.1, (1e-3, 5.0), push=lambda _t, a: a * wander)

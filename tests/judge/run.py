@@ -81,7 +81,9 @@ def judged(made: Made, findings: Sequence[dict[str, Any]], verdict: str) -> tupl
     if not named:
         return "missed", 0
     if len(right) > 1:
-        rivals = {name: {_tag(r["effect"], r["joint"]) for r in f["rivals"]} for name, f in zip(named, findings, strict=True)}
+        rivals = {
+            name: {_tag(r["effect"], r["joint"]) for r in f["rivals"]} for name, f in zip(named, findings, strict=True)
+        }
         hits = [
             any(name in tags or (rivals[name] & tags) or name in close for name in named)
             for tags, close in zip(right, like, strict=True)
@@ -99,7 +101,13 @@ def line(case: Case) -> Line:
     from runtime.diagnose import diagnose
 
     s = case.setting
-    parts = [s.excitation, s.noise, f"x{s.coarse:g}", *(["jitter"] if s.jitter else []), *([] if s.temperature else ["no T"])]
+    parts = [
+        s.excitation,
+        s.noise,
+        f"x{s.coarse:g}",
+        *(["jitter"] if s.jitter else []),
+        *([] if s.temperature else ["no T"]),
+    ]
     out = Line(case.label, case.kind, s.joints, case.seed, " ".join(parts), "", "")
     try:
         made = judging.make(case)
@@ -148,8 +156,9 @@ def show(x: Line) -> str:
     found = x.named or "-"
     rivals = f"  rivals {x.rivals}" if x.rivals else ""
     return (
-        f"{wrong} {x.outcome + extra:8s} {x.joints}R {x.case:24s} #{x.seed:<4d} {x.truth or '-':24s} {x.size or '-':>9s}  "
-        f"{x.verdict:11s} {found}{rivals}  {errors}  {x.seconds:.0f}s  [{x.setting}]"
+        f"{wrong} {x.outcome + extra:8s} {x.joints}R {x.case:24s} #{x.seed:<4d} "
+        f"{x.truth or '-':24s} {x.size or '-':>9s}  {x.verdict:11s} {found}{rivals}  {errors}  {x.seconds:.0f}s  "
+        f"[{x.setting}]"
     )
 
 

@@ -1,4 +1,4 @@
-"""How large a hidden effect is: the part of its torque in the band that no value of the believed parameters explains."""
+"""How large a hidden effect is: the part of its torque in band that no values of the believed parameters explain."""
 
 from __future__ import annotations
 
