@@ -7,81 +7,26 @@ figures.
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, ParamSpec
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import AsinhLocator, FuncFormatter, MaxNLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
+from runtime.plot_style import AFTER, BEFORE, FAINT, INK, styled
+
 Array = NDArray[np.float64]
-P = ParamSpec("P")
 
-INK = "#1f2730"  # what was measured; text
-FAINT = "#66727f"  # axes, the noise floor
-BEFORE = "#c8500a"  # the model as given
-AFTER = "#0a6fb0"  # the improved model
-COLOURS = {"ink": INK, "faint": FAINT, "before": BEFORE, "after": AFTER}
-"""Names of the colours, by which a page may exchange them."""
-
-_STYLE = {
-    "font.family": "sans-serif",
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 8.5,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.facecolor": "none",
-    "axes.unicode_minus": True,
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-    "savefig.dpi": 170,
-    "text.color": INK,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "lines.solid_capstyle": "round",
-    "path.simplify_threshold": 0.2,
-    "svg.fonttype": "none",
-}
 _WIDTH = 4.5  # inches
 _MOST_POINTS = 5000
 _MOST_LINE = 700
 _BINS = 28
 _LEAST_IN_BIN = 8
-
-
-def _styled(make: Callable[P, Figure]) -> Callable[P, Figure]:
-    @wraps(make)
-    def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
-            return make(*args, **kwargs)
-
-    return styled
-
-
-def svg(figure: Figure, name: str) -> str:
-    """The figure as an SVG document, the same bytes at every call; `name` keeps its ids apart from other figures'."""
-    buffer = io.StringIO()
-    with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):  # type: ignore[arg-type]
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
-    return buffer.getvalue()
+_SLIVER = 0.02
 
 
 @dataclass(frozen=True)
@@ -97,11 +42,23 @@ class Axis:
     forward: NDArray[np.bool_] | None = None
     creep: bool = False
 
+    @property
+    def width(self) -> float:
+        """Within this distance from 0 a stretched axis is linear."""
+        size = np.abs(self.values)
+        return max(float(np.quantile(size, 0.2)), 1e-3 * float(size.max()), 1e-300)
+
+    def stretched(self) -> Array:
+        return np.arcsinh(self.values / self.width) if self.creep else self.values
+
+    def unstretched(self, x: Array) -> Array:
+        return self.width * np.sinh(x) if self.creep else x
+
 
 # --- the error ---
 
 
-@_styled
+@styled
 def error_fall(
     steps: Sequence[str], fitted: Sequence[float], held_out: Sequence[float] | None, floor: float, title: str = ""
 ) -> Figure:
@@ -120,7 +77,7 @@ def error_fall(
     _bars(ax, rows - shift, fitted, height, colours, 0.9, "fitted " if held_out is not None else "")
     if held_out is not None:
         _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ")
-    longest = max([*fitted, *(held_out or ())])
+    longest = max([*fitted, *(held_out or ()), floor, 1e-6])
     ax.axvspan(0, 100 * floor, color=FAINT, alpha=0.16, lw=0, zorder=0)
     ax.axvline(100 * floor, color=FAINT, lw=1.1, ls=(0, (4, 2)), zorder=3)
     ax.text(100 * floor, -0.62, "noise floor", color=FAINT, ha="center", va="bottom", fontsize=8)
@@ -139,8 +96,9 @@ def _bars(
 ) -> None:
     bars = ax.barh(rows, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
     for k, (bar, value) in enumerate(zip(bars, values, strict=True)):
-        text = f" {what if k == 0 else ''}{100 * value:.2f} %"
-        ax.text(bar.get_width(), bar.get_y() + bar.get_height() / 2, text, va="center", ha="left", fontsize=8)
+        text = f"{what if k == 0 else ''}{100 * value:.2f} %"
+        end = (bar.get_width(), bar.get_y() + bar.get_height() / 2)
+        ax.annotate(text, end, (4, 0), textcoords="offset points", va="center", fontsize=8)
 
 
 # --- torque over time ---
@@ -163,45 +121,52 @@ class Trace:
         after = None if self.after is None else self.after[use]
         return Trace(self.t[use], self.piece[use], self.tau[use], self.before[use], after, self.floor, self.unit)
 
+    def models(self) -> list[tuple[str, Array, str]]:
+        """Name, predicted torque and colour of what there is."""
+        if self.after is None:
+            return [("predicted", self.before, BEFORE)]
+        return [("predicted before", self.before, BEFORE), ("predicted after", self.after, AFTER)]
 
-@_styled
-def torque_over_time(trace: Trace, title: str = "", whole: bool = True) -> Figure:
-    """Measured and predicted torque; below it the residual, before and after, with the noise floor as a band.
 
-    whole   draw the envelope of many samples, one clear line each; else every sample
-    """
-    figure = Figure(figsize=(_WIDTH, 3.5), layout="constrained")
-    top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    drawn = _Envelope(trace.t, trace.piece) if whole else _Lines(trace.t, trace.piece)
-    drawn.line(top, trace.tau, color=INK, lw=0.8 if whole else 1.5, alpha=0.85, label="measured")
-    model = [("predicted before", trace.before, BEFORE), ("after", trace.after, AFTER)]
-    if trace.after is None:
-        model = [("predicted", trace.before, BEFORE)]
-    for label, predicted, colour in model:
-        assert predicted is not None
-        if not whole or colour == model[-1][2]:
-            drawn.line(top, predicted, color=colour, lw=0.7 if whole else 1.2, alpha=0.95, label=label)
-        drawn.line(low, trace.tau - predicted, color=colour, lw=0.6 if whole else 1.1, alpha=0.9)
-    if whole and trace.after is not None:
-        top.lines[-1].set_label("predicted after")
+@styled
+def torque_over_time(trace: Trace, title: str = "") -> Figure:
+    """Measured and predicted torque over a whole recording; below it how large the residual is as time goes on."""
+    figure, top, low = _time_axes(trace, title)
+    drawn = _Envelope(trace.t, trace.piece)
+    drawn.line(top, trace.tau, color=INK, lw=1.1, label="measured")
+    name, predicted, colour = trace.models()[-1]
+    drawn.line(top, predicted, color=colour, lw=0.6, label=name)
+    for _, predicted, colour in trace.models():
+        low.plot(*_running_rms(trace, trace.tau - predicted), color=colour, lw=1.4)
+    low.axhspan(0, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
+    low.set_ylim(0, None)
+    low.set_ylabel(f"residual rms, {trace.unit}")
+    _legend(top)
+    return figure
+
+
+@styled
+def torque_closely(trace: Trace, title: str = "") -> Figure:
+    """Measured and predicted torque over some seconds; below it the residual, with the noise floor as a band."""
+    figure, top, low = _time_axes(trace, title)
+    drawn = _Lines(trace.t, trace.piece)
+    drawn.line(top, trace.tau, color=INK, lw=1.6, label="measured")
+    for name, predicted, colour in trace.models():
+        drawn.line(top, predicted, color=colour, lw=1.2, label=name)
+        drawn.line(low, trace.tau - predicted, color=colour, lw=1.1)
     low.axhspan(-trace.floor, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
     low.axhline(0, color=FAINT, lw=0.6, zorder=0)
-    # As in the header of a table: names in their colours, above the curves.
-    top.legend(
-        loc="lower left",
-        bbox_to_anchor=(0, 1.0),
-        ncols=3,
-        frameon=False,
-        borderaxespad=0,
-        borderpad=0.2,
-        handlelength=1.1,
-        columnspacing=1.2,
-        labelcolor="linecolor",
-        fontsize=8,
-    )
-    top.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
-    low.set(ylabel=f"residual, {trace.unit}", xlabel="time, s")
     _limits(low, [trace.tau - trace.before], trace.floor)
+    low.set_ylabel(f"residual, {trace.unit}")
+    _legend(top)
+    return figure
+
+
+def _time_axes(trace: Trace, title: str) -> tuple[Figure, Axes, Axes]:
+    figure = Figure(figsize=(_WIDTH, 3.5), layout="constrained")
+    top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    top.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
+    low.set_xlabel("time, s")
     if title:
         top.set_title(title, pad=17)
     for ax in (top, low):
@@ -209,7 +174,24 @@ def torque_over_time(trace: Trace, title: str = "", whole: bool = True) -> Figur
     top.tick_params(axis="x", length=0)
     top.margins(x=0.01)
     figure.align_ylabels()
-    return figure
+    return figure, top, low
+
+
+def _legend(ax: Axes) -> None:
+    """Names in their colours, in one line above the curves."""
+    where: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0, "borderpad": 0.2}
+    shape: Any = {"ncols": 3, "handlelength": 1.1, "columnspacing": 1.2}
+    ax.legend(**where, **shape, frameon=False, labelcolor="linecolor", fontsize=8)
+
+
+def _running_rms(trace: Trace, residual: Array, bins: int = 90) -> tuple[Array, Array]:
+    """Time and rms of a residual in equally long bins; nan where a bin is empty."""
+    edges = np.linspace(trace.t.min(), trace.t.max(), bins + 1)
+    index = np.clip(np.searchsorted(edges, trace.t, side="right") - 1, 0, bins - 1)
+    count = np.bincount(index, minlength=bins)
+    total = np.bincount(index, weights=residual**2, minlength=bins)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return (edges[1:] + edges[:-1]) / 2, np.sqrt(mean)
 
 
 class _Lines:
@@ -246,7 +228,7 @@ class _Envelope:
 # --- the residual over a signal ---
 
 
-@_styled
+@styled
 def residual_over(
     axis: Axis,
     before: Array,
@@ -309,7 +291,8 @@ def _means(ax: Axes, axis: Axis, y: Array, **style: Any) -> None:
         sides = [np.ones(len(y), dtype=bool)] if axis.forward is None else [axis.forward, ~axis.forward]
     names = ["", ""] if axis.creep or len(sides) < 2 else ["+", "−"]
     for side, name in zip(sides, names, strict=False):
-        x, mean = running_mean(axis.values[side], y[side])
+        x, mean = running_mean(axis.stretched()[side], y[side])
+        x = axis.unstretched(x)
         ax.plot(x, mean, **style)
         if name and len(x) and "ls" not in style:
             ax.annotate(
@@ -318,13 +301,19 @@ def _means(ax: Axes, axis: Axis, y: Array, **style: Any) -> None:
 
 
 def running_mean(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
-    """Mean of x and of y in bins of equally many samples; fewer bins where samples are few."""
-    bins = min(bins, len(x) // _LEAST_IN_BIN)
-    if bins < 1:
+    """Mean of x and of y in bins of about equally many samples, none of them a sliver of the range of x."""
+    if len(x) < _LEAST_IN_BIN:
         return np.zeros(0), np.zeros(0)
-    order = np.argsort(x, kind="stable")
-    parts = np.array_split(order, bins)
-    return np.array([x[p].mean() for p in parts]), np.array([y[p].mean() for p in parts])
+    quantiles = np.quantile(x, np.linspace(0, 1, min(bins, len(x) // _LEAST_IN_BIN) + 1))
+    least, edges = _SLIVER * float(np.ptp(x)), [quantiles[0]]
+    for edge in quantiles[1:-1]:
+        if edge - edges[-1] > least:
+            edges.append(edge)
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 1)
+    count = np.bincount(index, minlength=len(edges))
+    use = count > 0
+    mean_x, mean_y = (np.bincount(index, weights=v, minlength=len(edges))[use] / count[use] for v in (x, y))
+    return mean_x, mean_y
 
 
 def _limits(ax: Axes, residuals: Sequence[Array], floor: float) -> None:
@@ -341,17 +330,25 @@ def _stretch(ax: Axes, axis: Axis) -> None:
     if not axis.creep:
         ax.xaxis.set_major_locator(MaxNLocator(6))
         return
-    width = max(float(np.quantile(np.abs(axis.values), 0.2)), 1e-3 * max(abs(lowest), abs(highest)))
-    ax.set_xscale("asinh", linear_width=width)
-    ax.xaxis.set_major_locator(AsinhLocator(width, numticks=7, symthresh=0.0))
+    ax.set_xscale("asinh", linear_width=axis.width)
+    ax.xaxis.set_major_locator(FixedLocator(_creep_ticks(lowest, highest, axis.width)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    ax.xaxis.set_minor_locator(mpl.ticker.NullLocator())
+    ax.xaxis.set_minor_locator(NullLocator())
+
+
+def _creep_ticks(lowest: float, highest: float, width: float) -> list[float]:
+    """0 and a few round rates on either side of it, the largest that fit and every third power of ten below."""
+    ticks = [0.0]
+    for sign, end in ((1.0, highest), (-1.0, -lowest)):
+        round_ones = [m * 10.0**e for e in range(-9, 4) for m in (1.0, 3.0) if 0.7 * width <= m * 10.0**e <= end]
+        ticks += [sign * v for v in round_ones[::-1][:: 1 if len(round_ones) < 4 else 2]]
+    return sorted(ticks)
 
 
 # --- where the residual sits ---
 
 
-@_styled
+@styled
 def structure(shares: Sequence[tuple[str, float, float | None]], title: str = "") -> Figure:
     """Share of the residual's variance that a curve over each signal explains: (signal, before, after or None)."""
     figure = Figure(figsize=(_WIDTH, 0.85 + 0.3 * len(shares)), layout="constrained")

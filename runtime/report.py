@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,18 +14,18 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from runtime import files
 from runtime import report_figures as figures
-from runtime.compare import Comparison, as_written, structure_shares
-from runtime.covariance import Estimate, Inference
+from runtime import report_parameters as parameters
+from runtime.compare import Comparison, as_written
 from runtime.diagnose import Diagnosis, Errors, Finding, Step, finding_json
 from runtime.improve import Improvement
 from runtime.judge import Evidence
-from runtime.terms import Term, structure
+from runtime.terms import Term
+from runtime.wording import at, number, percent, quantity, sentence, whole
 
 Result = Comparison | Diagnosis | Improvement
 Row = dict[str, Any]
 
 NAME = "report.html"
-_CONTRADICTS = 0.05
 
 
 def write_report(directory: Path, result: Result) -> Path:
@@ -106,13 +106,13 @@ def _holes(story: _Story) -> dict[str, Any]:
         "joints": [_joint(story, i) for i in range(len(first.joints))],
         "findings": [_finding(story, k) for k in range(len(story.findings))],
         "ruled_out": _ruled_out(story),
-        "parameters": _parameter_tables(story),
-        "inertial": _inertial(story),
+        "parameters": parameters.tables(first.identification, last.identification),
+        "inertial": parameters.inertial(last.identification),
         "experiments": _experiments(story),
         "limits": _limits(story),
         "commands": _commands(story),
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
-        "skew": _skew(last.identification.inference),
+        "skew": parameters.skew(last.identification.inference),
         "warnings": story.document["warnings"],
         # "<" would let a text of the user's end the script element.
         "document": json.dumps(story.document, indent=1, allow_nan=False).replace("<", "\\u003c"),
@@ -144,11 +144,11 @@ def _verdict(story: _Story) -> Row:
 def _compared(story: _Story) -> str:
     parts = []
     for s in story.steps[0].joints:
-        shares = structure_shares(s)
+        shares = figures.shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
             f"joint {s.joint}: the fitted model misses {percent(s.relative)} of the torque, "
-            f"{number(s.rms / s.floor.value)} times the noise floor"
+            f"{number(s.rms / s.floor.value, 3)} times the noise floor"
         )
         if strongest and shares[strongest] > 0.1:
             text += f"; {percent(shares[strongest], 0)} of what it misses follows {strongest}"
@@ -191,7 +191,8 @@ def _error_block(story: _Story, joint: int) -> Row:
         "structure": figures.drawn(
             figures.structure(first, story.steps[-1], joint),
             f"structure{joint + 1}",
-            f"Joint {joint + 1}: share of the residual's variance that a curve over each signal explains.",
+            f"Joint {joint + 1}: how much of the residual's variance each signal explains, with a curve for each "
+            "direction of motion.",
         ),
     }
 
@@ -201,7 +202,7 @@ def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
         "step": "the file's own values",
         "error": percent(written[1]),
         "rms": quantity(written[0], unit),
-        "floors": number(written[0] / floor),
+        "floors": number(written[0] / floor, 3),
         "held": None,
     }
 
@@ -215,7 +216,7 @@ def _error_row(step: Step, joint: int) -> Row:
         "step": figures.label(step) + (", fitted" if step.added is None else ""),
         "error": percent(step.fitted.relative[joint]),
         "rms": quantity(step.fitted.rms[joint], series.force_unit),
-        "floors": number(step.fitted.rms[joint] / series.floor.value),
+        "floors": number(step.fitted.rms[joint] / series.floor.value, 3),
         "held": held,
     }
 
@@ -226,7 +227,7 @@ def _joint(story: _Story, joint: int) -> Row:
     return {
         "number": joint + 1,
         "improved": last is not first,
-        "added": ", ".join(str(f.term) for f in findings),
+        "added": " and ".join(dict.fromkeys(f.term.effect for f in findings)),
         "figures": figures.of_joint(first, last, joint, findings),
     }
 
@@ -253,7 +254,7 @@ def _finding(story: _Story, number_: int) -> Row:
         "error": _arrow(finding.before.fitted.relative[i], finding.after.fitted.relative[i]),
         "held": held,
         "share": percent(finding.share(), 0),
-        "parameters": _estimates(diagnosis.steps[-1].identification.inference.values.get(finding.term, {})),
+        "parameters": parameters.estimates(diagnosis.steps[-1].identification.inference.values.get(finding.term, {})),
         "rivals": [f"{t.effect}{at(t)}" for t in finding.rivals],
         "remainder": document["remainder"],
         "command": _add(story, finding.term),
@@ -268,11 +269,11 @@ def _arrow(before: float, after: float) -> str:
 
 def _evidence(evidence: Evidence, floor: float, unit: str) -> Row:
     return {
-        "eff": f"{quantity(evidence.eff, unit)} ({number(evidence.eff / floor)} × floor)",
+        "eff": f"{quantity(evidence.eff, unit, 3)} ({evidence.eff / floor:.2f} × floor)",
         "share": percent(evidence.share, 0),
-        "bic": number(evidence.delta_bic, 3),
-        "cv": percent(1 - math.sqrt(max(1 - evidence.cv_gain, 0.0))),
-        "gain": number(evidence.likelihood_gain, 3),
+        "bic": whole(evidence.delta_bic),
+        "cv": percent(1 - math.sqrt(max(1 - evidence.cv_gain, 0.0)), 1),
+        "gain": whole(evidence.likelihood_gain),
     }
 
 
@@ -286,7 +287,7 @@ def _ruled_out(story: _Story) -> list[Row]:
     for series, verdict in zip(joints, story.diagnosis.last, strict=False):
         floor = min(series.floor.value, series.rms)
         for evidence in verdict.ranked:
-            why = "; ".join(evidence.failed)
+            why = re.sub(r"(?<= )-(?=\d)", "−", "; ".join(evidence.failed).replace(" -0,", " 0,"))
             if not why:
                 others = " or on the held-out recording" if last.held_out is not None else ""
                 why = f"passes every gate, but added, the error does not fall on what was fitted{others}"
@@ -322,7 +323,7 @@ def _limits(story: _Story) -> list[Row]:
     return [
         {
             "name": f"{limit.term.effect}{at(limit.term)}",
-            "limit": f"{limit.parameter} {limit.side} {quantity(limit.value, limit.unit)}",
+            "limit": f"{limit.parameter} {limit.side} {quantity(limit.value, limit.unit, 3)}",
             "what": story.left.model.library.effects[limit.term.effect].summary,
         }
         for limit in story.left.seen
@@ -336,141 +337,3 @@ def _commands(story: _Story) -> list[str]:
 def _add(story: _Story, term: Term) -> str:
     joint = "" if term.joint is None else f" --joint {term.joint}"
     return f"tendon add {story.model_file} {term.effect}{joint}"
-
-
-# --- parameters ---
-
-
-def _parameter_tables(story: _Story) -> list[Row]:
-    """Effects' parameters: with the skew that was found, then as if torque and encoder were simultaneous."""
-    first, last = story.steps[0].identification, story.steps[-1].identification
-    before, after = (first.inference, last.inference) if first is not last else (None, last.inference)
-    tables = [_parameters(story, "With skew correction", before, after)]
-    if last.uncorrected is not None:
-        plain = first.uncorrected if first is not last else None
-        tables.append(_parameters(story, "Without skew correction, standstill included", plain, last.uncorrected))
-    return tables
-
-
-def _parameters(story: _Story, title: str, before: Inference | None, after: Inference) -> Row:
-    model = story.steps[0].identification.model
-    written = structure(model)
-    rows = []
-    for k, lump in enumerate(model.lumps):
-        earlier = None if before is None else before.lumps[k]
-        rows.append(_parameter_row(f"joint {lump.joint}", lump.name, lump.meaning, lump.value, earlier, after.lumps[k]))
-    terms = list(dict.fromkeys([*(before.values if before else ()), *after.values]))
-    for term in terms:
-        old = before.values.get(term, {}) if before else {}
-        new = after.values.get(term, {})
-        for name in {**old, **new}:
-            known = written.get(term, {}).get(name)
-            where = "arm" if term.joint is None else f"joint {term.joint}"
-            rows.append(_parameter_row(where, f"{term.effect}: {name}", "", known, old.get(name), new.get(name)))
-    return {"title": title, "both": before is not None, "rows": rows}
-
-
-def _parameter_row(
-    where: str, name: str, meaning: str, known: float | None, before: Estimate | None, after: Estimate | None
-) -> Row:
-    some = after or before
-    assert some is not None
-    return {
-        "where": where,
-        "name": name,
-        "meaning": meaning,
-        "unit": unit(some.unit),
-        "file": "" if known is None else number(known),
-        "before": estimate(before),
-        "after": estimate(after),
-    }
-
-
-def _estimates(values: Mapping[str, Estimate]) -> list[Row]:
-    return [{"name": name, "value": estimate(e), "unit": unit(e.unit)} for name, e in values.items()]
-
-
-def _inertial(story: _Story) -> list[Row]:
-    identification = story.steps[-1].identification
-    rows = []
-    for info, e in zip(identification.model.lumps, identification.inference.lumps, strict=True):
-        off = (e.value - info.value) / abs(info.value) if info.value else None
-        outside = e.interval is not None and not e.interval[0] <= info.value <= e.interval[1]
-        rows.append(
-            {
-                "name": info.name,
-                "meaning": info.meaning,
-                "joint": info.joint,
-                "file": quantity(info.value, info.unit),
-                "fit": estimate(e) + unit(e.unit, " "),
-                "off": "" if off is None else f"{100 * off:+.1f} %".replace("-", "−"),
-                "contradicts": outside and off is not None and abs(off) > _CONTRADICTS,
-            }
-        )
-    return rows
-
-
-def _skew(inference: Inference) -> Row:
-    skew = Estimate(inference.skew, inference.skew_interval, "samples")
-    how = "estimated from the data" if inference.skew_interval else "as given"
-    return {"value": f"{estimate(skew)} samples", "how": how}
-
-
-# --- words and numbers ---
-
-
-def at(term: Term) -> str:
-    return "" if term.joint is None else f" at joint {term.joint}"
-
-
-def sentence(text: str) -> str:
-    text = text[:1].upper() + text[1:]
-    return text if text.endswith((".", "!", "?")) else f"{text}."
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    """A few significant digits, with a true minus sign and powers of ten where a person would write them."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    if value == 0:
-        return "0"
-    exponent = math.floor(math.log10(abs(value)))
-    if -4 <= exponent < 6:
-        text = f"{value:.{max(0, digits - 1 - exponent)}f}"
-        text = text.rstrip("0").rstrip(".") if "." in text else text
-    else:
-        text = f"{value / 10**exponent:.{digits - 1}f}".rstrip("0").rstrip(".") + f"·10{_raised(exponent)}"
-    return text.replace("-", "−")
-
-
-def _raised(exponent: int) -> str:
-    return str(exponent).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
-
-
-def percent(value: float, digits: int = 2) -> str:
-    return f"{100 * value:.{digits}f} %".replace("-", "−")
-
-
-def unit(text: str, before: str = "") -> str:
-    return "" if text == "1" else before + text
-
-
-def quantity(value: float, of: str) -> str:
-    return number(value) + unit(of, " ")
-
-
-def estimate(e: Estimate | None) -> str:
-    """Value ± half of its 95 % interval, to the digits that the interval supports."""
-    if e is None:
-        return ""
-    if e.interval is None:
-        together = f" (only together with {', '.join(e.with_others)})" if e.with_others else ""
-        return number(e.value) + together
-    half = (e.interval[1] - e.interval[0]) / 2
-    if half <= 0 or not math.isfinite(half):
-        return number(e.value)
-    places = 1 - math.floor(math.log10(half))
-    if not -6 <= places <= 9:
-        return f"{number(e.value)} ± {number(half, 2)}"
-    shown = max(0, places)
-    return f"{round(e.value, places):.{shown}f} ± {round(half, places):.{shown}f}".replace("-", "−")

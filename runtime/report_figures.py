@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from runtime import plots
+from runtime import plot_style, plots
 from runtime.compare import JointSeries, structure_shares
 from runtime.diagnose import Finding, Step
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 ORDER = ("velocity", "position", "load", "temperature", "time")
 _ZOOM_S = 2.5
-_TELLING = 0.05
+_LEAST_ROWS = 50
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Drawn:
 
 def drawn(figure: Figure, name: str, caption: str) -> Drawn:
     """An SVG element for the middle of a page, whose colours the page sets; `name` is unique on the page."""
-    text = plots.svg(figure, name)
+    text = plot_style.svg(figure, name)
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
@@ -42,7 +42,7 @@ def drawn(figure: Figure, name: str, caption: str) -> Drawn:
     text = re.sub(r"font: ([^;\"']*?px) [^;\"]*", r"font-size: \1", text)
     text = re.sub(r'<svg height="[^"]*"', "<svg", text)
     text = re.sub(r' (width|height)="[\d.]+pt"', "", text, count=2)
-    for colour, code in plots.COLOURS.items():
+    for colour, code in plot_style.COLOURS.items():
         text = text.replace(code, f"var(--{colour})")
     text = re.sub(r"\n\s*", "\n", text)
     return Drawn(Markup(text), caption)
@@ -77,12 +77,12 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     after = last.joints[joint] if last is not first else None
     number = joint + 1
     trace, end_to_end = _trace(before, after)
-    caption = "Measured and predicted torque, and what is left of it"
+    caption = "Measured and predicted torque, and what is left"
     found = [
         drawn(
             plots.torque_over_time(trace, "All of the recording"),
             f"time{number}",
-            caption + (": recordings end to end." if end_to_end else "."),
+            f"{caption}{', recordings end to end' if end_to_end else ''}.",
         )
     ]
     zoom = trace.cut(*_telling(trace))
@@ -90,14 +90,14 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
         seconds = f"{zoom.t[-1] - zoom.t[0]:.1f} s"
         why = "where the improvement is largest" if after is not None else "where the residual is largest"
         title = f"The {seconds} {why}"
-        found.append(drawn(plots.torque_over_time(zoom, title, whole=False), f"zoom{number}", f"{caption}: {seconds}."))
-    curve = None if after is None else after.predicted - before.predicted
-    name = " + ".join(dict.fromkeys(f.term.effect for f in findings))
-    shares = structure_shares(before)
-    for signal in sorted(signals(before), key=lambda s: -shares.get(s, 0.0)):
         found.append(
-            _residual(before, after, signal, curve, name, f"residual{number}{signal}", shares.get(signal, 0.0))
+            drawn(plots.torque_closely(zoom, title), f"zoom{number}", f"{caption}, in {seconds}; gaps are standstill.")
         )
+    curve = after.predicted - before.predicted if after is not None and findings else None
+    name = " + ".join(dict.fromkeys(f.term.effect for f in findings))
+    share = shares(before)
+    for signal in sorted(signals(before), key=lambda s: -share[s]):
+        found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
     return found
 
 
@@ -107,8 +107,7 @@ def of_finding(finding: Finding, name: str) -> Drawn:
     before, after = finding.before.joints[joint], finding.after.joints[joint]
     curve = after.predicted - before.predicted
     signal = most_telling(before, curve)
-    share = structure_shares(before).get(signal, 0.0)
-    return _residual(before, after, signal, curve, finding.term.effect, name, share)
+    return _residual(before, after, signal, curve, finding.term.effect, name, shares(before)[signal])
 
 
 def most_telling(series: JointSeries, curve: Array) -> str:
@@ -142,8 +141,8 @@ def _residual(
         label,
         f"Residual over {signal}",
     )
-    part = f"a curve over it explains {100 * share:.0f} % of the variance" if share > _TELLING else "it hardly follows"
-    caption = f"Residual of joint {before.joint} over {signal}: {part}{' before' if after is not None else ''}."
+    when = "" if after is None else " before"
+    caption = f"Residual over {signal}, which explains {100 * share:.0f} % of its variance{when}."
     return drawn(figure, name, caption)
 
 
@@ -202,9 +201,37 @@ def _telling(trace: plots.Trace) -> tuple[float, float, int]:
     return float(trace.t[start]), float(trace.t[start] + _ZOOM_S), int(trace.piece[start])
 
 
+def shares(series: JointSeries) -> dict[str, float]:
+    """Share of the residual's variance that curves over each signal explain, one for each direction of motion.
+
+    Friction leaves opposite residuals in the two directions; a single curve would miss them. The
+    difference between the directions counts as "direction" and in every other signal.
+    """
+    r = series.residual
+    total = float(np.sum((r - r.mean()) ** 2))
+    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > _LEAST_ROWS]
+    if total == 0 or not sides:
+        return dict.fromkeys(series.signals(), 0.0)
+    between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
+    found = dict.fromkeys(series.signals(), between)
+    for use in sides:
+        part = _only(series, use)
+        weight = float(np.sum((part.residual - part.residual.mean()) ** 2)) / total
+        for signal, share in structure_shares(part).items():
+            if signal != "direction":
+                found[signal] += weight * share
+    return {signal: min(share, 1.0) for signal, share in found.items()}
+
+
+def _only(series: JointSeries, use: NDArray[np.bool_]) -> JointSeries:
+    names = ("t", "piece", "q", "qd", "qdd", "load", "tau", "predicted")
+    rows = {name: getattr(series, name)[use] for name in names}
+    return replace(series, **rows, warmth=None if series.warmth is None else series.warmth[use])
+
+
 def structure(first: Step, last: Step, joint: int) -> Figure:
     """What the residual of a joint follows, before and after."""
-    before = structure_shares(first.joints[joint])
-    after: dict[str, Any] = structure_shares(last.joints[joint]) if last is not first else {}
+    before = shares(first.joints[joint])
+    after: dict[str, Any] = shares(last.joints[joint]) if last is not first else {}
     names = sorted(before, key=lambda s: -before[s])
     return plots.structure([(s, before[s], after.get(s)) for s in names], "What the residual follows")
