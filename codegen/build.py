@@ -20,6 +20,8 @@ FLAGS = (
     *("-fPIC", "-shared"),
 )
 """-ffp-contract=off: the same bits from every compiler; no -march=native and no -ffast-math for the same reason."""
+_NO_EPILOGUES = ("--param", "vect-epilogues-nomask=0")
+"""gcc would vectorise what is left of a loop once more, half as wide: a third of its time, for no measurable speed."""
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wfloat-conversion"),
     *("-Wshadow", "-Wundef", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla", "-Werror"),
@@ -67,7 +69,10 @@ def vector_flags() -> tuple[str, ...]:
         flags = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
     except (OSError, StopIteration):
         return ()
-    return ("-mavx2",) if "avx2" in flags.split() else ()
+    if "avx2" not in flags.split():
+        return ()
+    gcc = "gcc" in Path(shutil.which(compiler()[0]) or "").resolve().name
+    return ("-mavx2", *(_NO_EPILOGUES if gcc else ()))
 
 
 @functools.cache

@@ -136,3 +136,35 @@ def _leaves(effect: Effect) -> dict[sp.Symbol, str]:
     leaves = {p.symbol: f"p[{i}]" for i, p in enumerate(effect.parameters)}
     leaves |= {s.symbol: f"x[{i}]" for i, s in enumerate(effect.states)}
     return leaves | {DT: "dt"}
+
+
+def decimation(precision: Precision) -> Routine:
+    """The filter that takes torque and regressors into the band: only the outputs that are kept are computed."""
+    kind = precision.kind
+    body = f"""for (size_t k = 0; k < count; ++k) {{
+    const {kind} *restrict window = x + k * factor;
+    {kind} lane[8] = {{0}};
+    {kind} rest = 0;
+    size_t i = 0;
+    for (; i + 8 <= taps; i += 8) {{
+        for (size_t j = 0; j < 8; ++j) {{
+            lane[j] += window[i + j] * kernel[i + j];
+        }}
+    }}
+    for (; i < taps; ++i) {{
+        rest += window[i] * kernel[i];
+    }}
+    out[k] = ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7])) + rest;
+}}"""
+    arguments = ["size_t count", "size_t factor", "size_t taps", f"const {kind} *restrict kernel"]
+    return Routine(
+        comment(
+            "FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.",
+            "Eight lanes, so that the sum has one order whatever the width of the processor's vectors.",
+        ),
+        declaration(
+            f"void tendon_decimate_{precision.suffix}",
+            [*arguments, f"const {kind} *restrict x", f"{kind} *restrict out"],
+        ),
+        indent(body.splitlines(), 1),
+    )

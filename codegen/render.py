@@ -96,6 +96,7 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
         for effect in effects:
             routines += c_effects.routines(effect, precision)
             routines += c_effects.batches(effect, precision) if host else []
+        routines += [c_effects.decimation(precision)] if host else []
         files |= _c_files("effects", origin, precision, c_effects.types(precision, batch=host), routines)
     builders = [
         casadi_code.builder(function, widths=True)

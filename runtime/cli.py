@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,10 @@ import typer
 
 from runtime import boundary, measured
 from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
+
+# The matrices here are small: threads of the linear algebra library would only wait for each other. This
+# must be said before NumPy is imported; who says otherwise in the environment is heard.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Everything heavy (SymPy, CasADi, SciPy) is imported by the verb that needs it, so that --help is quick.
 if TYPE_CHECKING:

@@ -146,6 +146,7 @@ class Search:
     steps: list[Step] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     last: tuple[Verdict, ...] = ()
+    _ground: Field | None = None
 
     def start(self, known: Structure) -> Step:
         self.steps.append(self._step(None, known, None))
@@ -161,7 +162,7 @@ class Search:
     def advance(self) -> Finding | None:
         """Add the best candidate that passes every gate; None if there is none."""
         step = self.steps[-1]
-        ground = Field(step.identification.problem, step.identification.fit)
+        ground = self.ground()
         floors = [min(s.floor.value, s.rms) for s in step.joints]
         enough = [seconds_moving(self.motion, i) >= _LEAST_MOVING_S for i in range(self.model.n)]
         self.last = tuple(judge(ground, i, floors[i]) if enough[i] else Verdict((), ()) for i in range(self.model.n))
@@ -177,10 +178,17 @@ class Search:
                 return finding
         return None
 
+    def ground(self) -> Field:
+        """The last step as the field on which candidates compete, with what was computed on it."""
+        last = self.steps[-1].identification
+        if self._ground is None or self._ground.fit is not last.fit:
+            self._ground = Field(last.problem, last.fit)
+        return self._ground
+
     def _with(self, step: Step, evidence: Evidence) -> Structure:
         """The structure with the candidate in place of what it generalises, and all shapes found so far."""
         fit = step.identification.fit
-        replaced = Field(step.identification.problem, fit).replaced(evidence.term)
+        replaced = self.ground().replaced(evidence.term)
         known: Structure = {t: dict(fit.shapes[t]) for t in fit.shapes if t not in replaced}
         known[evidence.term] = dict(evidence.candidate.shape)
         return known
@@ -217,7 +225,7 @@ def diagnose(model: Model, recordings: Sequence[Recording], held_out: Sequence[R
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
     """A search on recordings; the held-out ones are judged in the same band and never fitted."""
     motion = prepared(model, recordings)
-    search = Search(model, motion, prepare(held_out, motion.band) if held_out else None)
+    search = Search(model, motion, prepare(held_out, motion.band, model.library) if held_out else None)
     search.start(structure(model))
     return search
 
@@ -226,7 +234,7 @@ def conclude(search: Search) -> Diagnosis:
     """The verdict, once nothing more passes the gates."""
     verdict, reason = _verdict(search)
     step = search.steps[-1]
-    ground = Field(step.identification.problem, step.identification.fit)
+    ground = search.ground()
     floors = [min(s.floor.value, s.rms) for s in step.joints]
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= _LEAST_MOVING_S]
     seen = tuple(limit for i in able for limit in limits.at_joint(ground, i, floors[i]))

@@ -11,7 +11,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
+from scipy.signal import firwin, kaiserord, oaconvolve
+
+from runtime.loader import Library
 
 Array = NDArray[np.float64]
 
@@ -78,14 +80,11 @@ class LowPass:
     factor: int
     half: int
     beta: float
+    library: Library
 
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x delayed by `delay` samples (|delay| < 4)."""
-        kernel = self._centred if delay == 0 else self._kernel(delay)
-        size = x.shape[-1]
-        out = upfirdn(kernel, x, up=1, down=1, axis=-1) if self.factor == 1 else self._decimate(kernel, x)
-        first = 2 * self.half if self.factor == 1 else 0
-        return np.ascontiguousarray(out[..., first : first + len(self.centres(size))])
+        return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
 
     def _kernel(self, delay: float) -> Array:
         n = np.arange(-self.half, self.half + 1) - delay
@@ -99,21 +98,15 @@ class LowPass:
 
     @cached_property
     def _centred(self) -> Array:
-        return self._kernel(0.0)
-
-    def _decimate(self, kernel: Array, x: Array) -> Array:
-        # upfirdn keeps outputs 0, factor, 2 factor...: leading zeros move the first whole window onto one of them.
-        lead = -2 * self.half % self.factor
-        out = upfirdn(np.concatenate([np.zeros(lead), kernel]), x, up=1, down=self.factor, axis=-1)
-        return out[..., (2 * self.half + lead) // self.factor :]
+        return self._kernel(0.0)[::-1]
 
     def centres(self, size: int) -> NDArray[np.intp]:
         """Indices of the input samples on which the outputs sit."""
         return np.arange(self.half, size - self.half, self.factor)
 
 
-def low_pass(cutoff: float, rate: float) -> LowPass:
+def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
     """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
     cutoff = min(cutoff, 0.39 * rate)
     taps, beta = kaiserord(60.0, 0.5 * cutoff / (rate / 2))
-    return LowPass(cutoff, rate, max(1, int(rate / (2.5 * cutoff))), taps // 2, beta)
+    return LowPass(cutoff, rate, max(1, int(rate / (2.5 * cutoff))), taps // 2, beta, library)

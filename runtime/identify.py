@@ -327,7 +327,7 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia."""
-    return prepare(recordings, choose_band(recordings, _diagonal(model)))
+    return prepare(recordings, choose_band(recordings, _diagonal(model)), model.library)
 
 
 def identify_motion(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from runtime.diagnose import Diagnosis, Finding, Search, Step, begin, conclude, finding_json
@@ -88,7 +88,7 @@ def improve(
         search.model = _reloaded(open_model, text, search)
         tell(_progress(search.steps[-1]))
     found = conclude(search)
-    left = conclude(Search(search.model, search.motion, search.held_out, [search.steps[-1]], [], search.last))
+    left = conclude(replace(search, steps=[search.steps[-1]], findings=[]))
     text = put(text, search.steps[-1].identification.to_json())
     return Improvement(text, found, left)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import json
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +237,20 @@ class Library:
             known = {**found, **dict(zip((c.name for c in info.coefficients), map(float, values), strict=True))}
             solved = {p.name: evaluate(form, known) for p, form in zip(info.linear, info.recover, strict=True)}
         return {p.name: {**found, **solved}[p.name] for p in info.parameters}
+
+    def decimate(self, kernel: Array, factor: int, x: Array) -> Array:
+        """FIR filter with decimation: out[..., k] = sum_i kernel[i] x[..., k factor + i], every whole window.
+
+        kernel (taps,), x (..., N) -> (..., (N − taps) // factor + 1), or (..., 0) where N < taps.
+        """
+        rows = np.ascontiguousarray(x, dtype=np.float64).reshape(prod(x.shape[:-1]), x.shape[-1])
+        count = max(0, (rows.shape[1] - len(kernel)) // factor + 1)
+        out = np.empty((len(rows), count))
+        sizes = ctypes.c_size_t(count), ctypes.c_size_t(factor), ctypes.c_size_t(len(kernel))
+        taps = np.ascontiguousarray(kernel)
+        for row, result in zip(rows, out, strict=True):
+            self._lib.tendon_decimate_f64(*sizes, _pointer(taps), _pointer(row), _pointer(result))
+        return out.reshape(*x.shape[:-1], count)
 
     def _call(
         self,

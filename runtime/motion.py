@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from runtime.band import Band
 from runtime.filters import Differentiator, LowPass, differentiator, low_pass
+from runtime.loader import Library
 from runtime.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
@@ -121,7 +122,7 @@ def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
     return count[hi] == count[lo]
 
 
-def prepare(recordings: Sequence[Recording], band: Band) -> Motion:
+def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
     """Smooth and differentiate positions once; keep torque raw for the band's filter.
 
     Stretches shorter than the filters are dropped. Raises RecordingError if none is left.
@@ -129,7 +130,7 @@ def prepare(recordings: Sequence[Recording], band: Band) -> Motion:
     pieces: list[Piece] = []
     for number, recording in enumerate(recordings):
         rate = 1 / recording.dt
-        derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate)
+        derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate, library)
         for segment in recording.segments:
             if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
                 pieces.append(_piece(recording, number, segment, derive, band_filter))

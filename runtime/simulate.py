@@ -23,7 +23,7 @@ from runtime import files
 from runtime.band import Band
 from runtime.filters import differentiator, low_pass
 from runtime.grids import points
-from runtime.loader import JointInfo, LoaderError, Model, ParameterInfo
+from runtime.loader import JointInfo, Library, LoaderError, Model, ParameterInfo
 from runtime.motion import Motion, Piece
 from runtime.recording import MIN_SAMPLES, Recording
 from runtime.terms import Prediction, Regressors, Signals, Structure, Term, Values, joints_of, structure
@@ -110,7 +110,7 @@ def simulate(
             f"the motion has {path.shape[0]} joints and {path.shape[1]} samples; "
             f"expected {model.n} joints of {model.name} and at least {MIN_SAMPLES} samples"
         )
-    piece = _piece(path)
+    piece = _piece(model.library, path)
     terms = _all_terms(model, hidden)
     values = _complete(model, piece, terms)
     signals = Signals(model, piece, Prediction(model.lump_values, values))
@@ -136,7 +136,7 @@ def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
     return terms
 
 
-def _piece(path: Array) -> Piece:
+def _piece(library: Library, path: Array) -> Piece:
     """The motion with its derivatives, from a quintic spline through the positions."""
     n, count = path.shape
     t = np.arange(count) / RATE
@@ -145,7 +145,7 @@ def _piece(path: Array) -> Piece:
     # Rounding must not decide in which direction a joint at rest has friction.
     qd[np.abs(qd) < AT_REST * np.abs(qd).max()] = 0.0
     none = np.zeros((n, count))
-    filters = low_pass(CUTOFF, RATE), differentiator(CUTOFF, RATE)
+    filters = low_pass(CUTOFF, RATE, library), differentiator(CUTOFF, RATE)
     return Piece(0, 1, 1 / RATE, t, q, qd, qdd, none, none, np.zeros(n, dtype=bool), *filters)
 
 

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+
+# As the command line does: small matrices, and several of us may run at once.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1544,3 +1544,30 @@ void tendon_plate_damping_torque_batch_f64(
         out[k] = tendon_step_f64(plate_y[k] - tip_y[k]) * (tip_yd[k] * (p[0] * tip_row[k]));
     }
 }
+
+/* FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.
+ * Eight lanes, so that the sum has one order whatever the width of the processor's vectors. */
+void tendon_decimate_f64(
+    size_t count,
+    size_t factor,
+    size_t taps,
+    const double *restrict kernel,
+    const double *restrict x,
+    double *restrict out)
+{
+    for (size_t k = 0; k < count; ++k) {
+        const double *restrict window = x + k * factor;
+        double lane[8] = {0};
+        double rest = 0;
+        size_t i = 0;
+        for (; i + 8 <= taps; i += 8) {
+            for (size_t j = 0; j < 8; ++j) {
+                lane[j] += window[i + j] * kernel[i + j];
+            }
+        }
+        for (; i < taps; ++i) {
+            rest += window[i] * kernel[i];
+        }
+        out[k] = ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7])) + rest;
+    }
+}

@@ -806,4 +806,14 @@ void tendon_plate_damping_torque_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.
+ * Eight lanes, so that the sum has one order whatever the width of the processor's vectors. */
+void tendon_decimate_f64(
+    size_t count,
+    size_t factor,
+    size_t taps,
+    const double *restrict kernel,
+    const double *restrict x,
+    double *restrict out);
+
 #endif

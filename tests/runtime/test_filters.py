@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.filters import differentiator, low_pass
+from runtime.loader import Library
 
 RATE = 1000.0
 
@@ -40,9 +41,9 @@ def test_parabolas_are_exact(c: list[float], cutoff: float) -> None:
 
 
 @pytest.mark.parametrize("cutoff", [8.0, 60.0, 150.0, 480.0])
-def test_rows_sit_on_their_centres(cutoff: float) -> None:
+def test_rows_sit_on_their_centres(cutoff: float, library: Library) -> None:
     """A slow ramp comes out as its values at the centres, delayed by what was asked for."""
-    band = low_pass(cutoff, RATE)
+    band = low_pass(cutoff, RATE, library)
     t = np.arange(6000) / RATE
     rows = band(t[None])
     assert rows.shape == (1, len(band.centres(len(t))))
@@ -50,15 +51,29 @@ def test_rows_sit_on_their_centres(cutoff: float) -> None:
     assert np.allclose(band(t, 0.7), t[band.centres(len(t))] - 0.7 / RATE, atol=1e-9)
 
 
-def test_linear_relations_survive() -> None:
+def test_linear_relations_survive(library: Library) -> None:
     """Filtering torque and regressors alike keeps a linear model exact."""
     rng = np.random.default_rng(0)
     x = rng.standard_normal((3, 5000))
-    band = low_pass(40.0, RATE)
+    band = low_pass(40.0, RATE, library)
     assert np.allclose(band(np.array([2.0, -1.0, 0.5]) @ x), np.array([2.0, -1.0, 0.5]) @ band(x))
 
 
-def test_noise_above_the_band_is_stopped() -> None:
-    band = low_pass(40.0, RATE)
+def test_noise_above_the_band_is_stopped(library: Library) -> None:
+    band = low_pass(40.0, RATE, library)
     t = np.arange(5000) / RATE
     assert np.abs(band(np.sin(2 * np.pi * 70.0 * t))).max() < 2e-3
+
+
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 40), st.integers(0, 200))
+@settings(max_examples=40, deadline=None)
+def test_decimation_is_convolution_with_every_window(
+    library: Library, seed: int, factor: int, taps: int, count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    kernel, x = rng.standard_normal(taps), rng.standard_normal((2, count))
+    out = library.decimate(kernel, factor, x)
+    windows = range(0, count - taps + 1, factor)
+    assert out.shape == (2, len(windows))
+    for k, first in enumerate(windows):
+        assert np.allclose(out[:, k], x[:, first : first + taps] @ kernel, atol=1e-12)
