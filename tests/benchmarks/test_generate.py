@@ -1,0 +1,115 @@
+"""From a changed length to compiled C and the CasADi module, everything from an empty cache: below 3 s."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from harness import best, show, timed
+
+from codegen import build
+
+ROOT = Path(__file__).resolve().parents[2]
+TARGET = 3.0
+ROUNDS = 4
+
+# The parts of `tendon generate` one after another, in a process of their own; prints `name seconds` a line.
+PARTS = """
+import sys, time
+from pathlib import Path
+clock = time.perf_counter()
+def lap(name):
+    global clock
+    now = time.perf_counter()
+    print(name, now - clock)
+    clock = now
+import runtime.terminal, runtime.cli, symbolic.effects, symbolic.model_file, symbolic.model, codegen.render
+lap("import")
+source = runtime.cli.Source.read(Path(sys.argv[1]), None)
+arm = source.arm()
+lap("read")
+model = symbolic.model.derive(arm)
+lap("derive")
+codegen.render.arm_files(model)
+lap("emit")
+codegen.render.effect_files(tuple(source.library.values()))
+lap("effects")
+"""
+
+
+def test_generate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time of the whole command and of its parts; the host's compiler then takes what it wrote."""
+    changed = tmp_path / "vishard4.toml"
+    changed.write_text(_with_other_length((ROOT / "symbolic" / "arms" / "vishard4.toml").read_text()))
+    whole, arm, effects = [], [], []
+    parts: list[dict[str, float]] = []
+    for number in range(ROUNDS):
+        cache, out = tmp_path / f"cache{number}", tmp_path / f"generated{number}"
+        monkeypatch.setenv("TENDON_CACHE", str(cache))
+        command = "from runtime.cli import main; main()"
+        arguments = ("-c", command, "generate", str(changed), "--out", str(out / "vishard4"))
+        whole.append(timed(lambda: _python(*arguments))[0])  # noqa: B023
+        parts.append(_laps(_python("-c", PARTS, str(changed))))
+        arm.append(_compiling(out / "vishard4"))
+        effects.append(_compiling(out / "effects"))
+    text = (tmp_path / "generated0" / "vishard4" / "vishard4_f64.c").read_text()
+    assert "parameters->l1 = 0.2345;" in text
+    least = {name: min(p[name] for p in parts) for name in parts[0]}
+    _report(best(lambda: _python("-c", "pass"), ROUNDS), least, min(whole), min(arm), min(effects))
+
+
+def _with_other_length(text: str) -> str:
+    changed, count = re.subn(r"length = 0\.23\b", "length = 0.2345", text)
+    assert count == 1
+    return changed
+
+
+def _python(*arguments: str) -> str:
+    """The output of a Python process in the project's folder."""
+    result = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def _laps(text: str) -> dict[str, float]:
+    return {name: float(seconds) for name, seconds in (line.split() for line in text.splitlines())}
+
+
+def _compiling(directory: Path) -> float:
+    """Seconds to compile a directory's double-precision C, as codegen.workspace does it."""
+    files = {path.name: path.read_text() for path in directory.glob("*_f64.[ch]")}
+    return timed(lambda: build.shared_library(files, "code"))[0]
+
+
+def _report(start: float, parts: Mapping[str, float], whole: float, arm: float, effects: float) -> None:
+    total = whole + arm
+    lines = [
+        ("start of Python", start),
+        ("imports (SymPy, Jinja, Typer)", parts["import"]),
+        ("model file and library of effects read", parts["read"]),
+        ("derivation", parts["derive"]),
+        ("emission: the arm's C and CasADi", parts["emit"]),
+        ("emission: the library of effects", parts["effects"]),
+        ("tendon generate, measured as one process", whole),
+        ("host compilation of the arm", arm),
+        ("total", total),
+        ("host compilation of the library (once, it does not depend on the arm)", effects),
+        ("total with it", total + effects),
+    ]
+    verdicts = [
+        f"{name}: {'PASS' if seconds < TARGET else 'short of the target'} ({seconds:.2f} s, target {TARGET:g} s)"
+        for name, seconds in (("a changed length", total), ("with the library too", total + effects))
+    ]
+    rows = [(name, f"{seconds:.3f}", f"{100 * seconds / total:.0f} %") for name, seconds in lines]
+    command = " ".join([*build.compiler(), *build.vector_flags()])
+    show(
+        "A changed length of vishard4 to compiled code, empty cache",
+        ("part", "s", "of total"),
+        rows,
+        [*verdicts, f"minima of {ROUNDS} runs; compiler: {command}"],
+    )
