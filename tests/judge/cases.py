@@ -12,7 +12,7 @@ from scipy import signal
 
 from runtime.recording import Recording
 
-from . import motion
+from . import motion, outside  # noqa: F401 (outside adds its entries)
 from .bodies import ARMS, BELIEVED, Body, model_text, torque
 from .hidden import ENTRIES, PAIRS, Hidden, Rows, Setup
 from .plant import COUNT, PERIOD, RanAwayError, Run, simulate
@@ -102,19 +102,19 @@ class Bench:
     def run(self, hidden: Sequence[tuple[Hidden, int, float]]) -> Run:
         """The plant with effects (what, 0-based joint, amount) hidden in it. Raises RanAwayError."""
         rows, arm = [dict(row) for row in self.rows], {"COUNT": COUNT}
-        outside = self.background.copy()
+        pushes = self.background.copy()
         substeps = 8.0
         for what, joint, amount in hidden:
             if what.put is not None:
                 what.put(rows, arm, amount)
             if what.push is not None:
-                outside[joint] += what.push(self.t, amount)
+                pushes[joint] += what.push(self.t, amount)
         if any(row.get("STIFFNESS", 0.0) > 3e4 for row in rows):
             substeps = 16.0
         if not self.setting.fine_control:
             arm["COUNT"] = COUNT * self.setting.coarse
         arm["SUBSTEPS"] = substeps
-        return simulate(rows, self.motion, arm, self.forward, outside, self.warm, self.period)
+        return simulate(rows, self.motion, arm, self.forward, pushes, self.warm, self.period)
 
     def recording(self, run: Run) -> Recording:
         count = COUNT * self.setting.coarse

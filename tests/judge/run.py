@@ -9,6 +9,7 @@ error at the joint of the truth: before / after / floor. Then totals by class an
     right   the truth was named first, or nothing where nothing should be (for pairs: both were named)
     rival   the truth, or what counts as right for it, is among the rivals of what was named first
     missed  nothing was named     wrong   something else was named first     half   one of a pair
+    mimic   physics that the library lacks was explained to within a twentieth of the floor by another effect
     +n      n effects were named beyond the truth
 """
 
@@ -137,11 +138,14 @@ def line(case: Case) -> Line:
     out.after = here[-1]["rms_after"] if here else out.before
     if here and here[-1]["held_out_after"] is not None:
         out.held_out_after = here[-1]["held_out_after"]
+    if out.kind == "unknown" and out.outcome == "wrong" and out.after < _MIMIC * out.floor:
+        out.outcome = "mimic"
     out.parameters = json.dumps([{k: v["value"] for k, v in f["parameters"].items()} for f in findings])
     return out
 
 
 HELD_OUT = False
+_MIMIC = 1.05
 
 
 def _start(held_out: bool) -> None:
