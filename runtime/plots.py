@@ -74,9 +74,9 @@ def error_fall(
     colours = [BEFORE if k == 0 else AFTER for k in range(count)]
     height = 0.36 if held_out is not None else 0.56
     shift = 0.2 if held_out is not None else 0.0
-    _bars(ax, rows - shift, fitted, height, colours, 0.9, "fitted " if held_out is not None else "")
+    _bars(ax, rows - shift, fitted, height, colours, 0.9, "fitted " if held_out is not None else "", floor)
     if held_out is not None:
-        _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ")
+        _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ", floor)
     longest = max([*fitted, *(held_out or ()), floor, 1e-6])
     ax.axvspan(0, 100 * floor, color=FAINT, alpha=0.16, lw=0, zorder=0)
     ax.axvline(100 * floor, color=FAINT, lw=1.1, ls=(0, (4, 2)), zorder=3)
@@ -92,13 +92,21 @@ def error_fall(
 
 
 def _bars(
-    ax: Axes, rows: Array, values: Sequence[float], height: float, colours: list[str], alpha: float, what: str
+    ax: Axes,
+    rows: Array,
+    values: Sequence[float],
+    height: float,
+    colours: list[str],
+    alpha: float,
+    what: str,
+    floor: float,
 ) -> None:
-    bars = ax.barh(rows, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
-    for k, (bar, value) in enumerate(zip(bars, values, strict=True)):
+    ax.barh(rows, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
+    for k, (row, value) in enumerate(zip(rows, values, strict=True)):
         text = f"{what if k == 0 else ''}{100 * value:.2f} %"
-        end = (bar.get_width(), bar.get_y() + bar.get_height() / 2)
-        ax.annotate(text, end, (4, 0), textcoords="offset points", va="center", fontsize=8)
+        # A label that would lie across the floor's line stands behind it.
+        end = floor if value < floor < 1.4 * value else value
+        ax.annotate(text, (100 * end, row), (4, 0), textcoords="offset points", va="center", fontsize=8)
 
 
 # --- torque over time ---
@@ -343,6 +351,31 @@ def _creep_ticks(lowest: float, highest: float, width: float) -> list[float]:
         round_ones = [m * 10.0**e for e in range(-9, 4) for m in (1.0, 3.0) if 0.7 * width <= m * 10.0**e <= end]
         ticks += [sign * v for v in round_ones[::-1][:: 1 if len(round_ones) < 4 else 2]]
     return sorted(ticks)
+
+
+@styled
+def spectrum(
+    frequency: Array, before: Array, after: Array | None, noise: float, cutoff: float, unit: str, title: str = ""
+) -> Figure:
+    """Amplitude density of the residual over the frequency, with the white noise of the instruments.
+
+    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz
+    """
+    figure = Figure(figsize=(_WIDTH, 2.3), layout="constrained")
+    ax = figure.add_subplot()
+    use = (frequency > 0) & (frequency <= cutoff)
+    ax.axhspan(1e-12, max(noise, 1e-12), color=FAINT, alpha=0.22, lw=0, zorder=0)
+    ax.plot(frequency[use], before[use], color=BEFORE, lw=1.2)
+    if after is not None:
+        ax.plot(frequency[use], after[use], color=AFTER, lw=1.2)
+    low = min(float(np.min(y[use], initial=np.inf)) for y in (before, after) if y is not None)
+    high = max(float(np.max(y[use], initial=0.0)) for y in (before, after) if y is not None)
+    if 0 < low < high:
+        ax.set(yscale="log", ylim=(0.7 * min(low, noise or low), 1.6 * high))
+    ax.set(xlabel="frequency, Hz", ylabel=f"residual, {unit}/√Hz", xlim=(0, cutoff))
+    if title:
+        ax.set_title(title)
+    return figure
 
 
 # --- where the residual sits ---

@@ -148,7 +148,7 @@ def _compared(story: _Story) -> str:
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
             f"joint {s.joint}: the fitted model misses {percent(s.relative)} of the torque, "
-            f"{number(s.rms / s.floor.value, 3)} times the noise floor"
+            f"{number(s.rms / s.floor.value, 2)} times the noise floor"
         )
         if strongest and shares[strongest] > 0.1:
             text += f"; {percent(shares[strongest], 0)} of what it misses follows {strongest}"
@@ -157,10 +157,12 @@ def _compared(story: _Story) -> str:
 
 
 def _facts(story: _Story) -> list[Row]:
-    """The few figures to take away, of the joint whose error changes most."""
+    """The few figures to take away, of the joint whose error falls most, else of the one farthest above its floor."""
     first, last = story.steps[0], story.steps[-1]
     count = len(first.joints)
-    i = max(range(count), key=lambda j: first.fitted.relative[j] - last.fitted.relative[j])
+    fall = [first.fitted.relative[j] - last.fitted.relative[j] for j in range(count)]
+    excess = [s.rms / s.floor.value if s.floor.value else 0.0 for s in first.joints]
+    i = max(range(count), key=lambda j: (fall[j], excess[j]))
     where = f", joint {i + 1}" if count > 1 else ""
 
     def change(before: float, after: float) -> str:
@@ -174,6 +176,9 @@ def _facts(story: _Story) -> list[Row]:
     return facts
 
 
+_SOURCES = {"repeats": "repeated motion", "spectrum": "the spectra of torque and encoder"}
+
+
 def _error_block(story: _Story, joint: int) -> Row:
     first = story.steps[0]
     series = first.joints[joint]
@@ -185,15 +190,11 @@ def _error_block(story: _Story, joint: int) -> Row:
         "joint": joint + 1,
         "rows": rows,
         "floor": f"{quantity(series.floor.value, series.force_unit)} "
-        f"({percent(figures.relative_floor(series))} of the torque), from {series.floor.source}",
+        f"({percent(figures.relative_floor(series))} of the torque), from {_SOURCES[series.floor.source]}; "
+        f"the instruments' own noise, if it is white: {quantity(series.floor.spectrum, series.force_unit)}",
         "repeatable": {True: "yes", False: "no", None: "unknown"}[series.floor.repeatable(series.rms)],
         "figure": figures.drawn(figures.error(story.steps, joint), f"error{joint + 1}", caption),
-        "structure": figures.drawn(
-            figures.structure(first, story.steps[-1], joint),
-            f"structure{joint + 1}",
-            f"Joint {joint + 1}: how much of the residual's variance each signal explains, with a curve for each "
-            "direction of motion.",
-        ),
+        "structure": figures.structure(first, story.steps[-1], joint),
     }
 
 
@@ -204,20 +205,20 @@ def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
         "rms": quantity(written[0], unit),
         "floors": number(written[0] / floor, 3),
         "held": None,
+        "held_rms": None,
     }
 
 
 def _error_row(step: Step, joint: int) -> Row:
     series = step.joints[joint]
-    held = None
-    if step.held_out is not None:
-        held = f"{percent(step.held_out.relative[joint])} ({quantity(step.held_out.rms[joint], series.force_unit)})"
+    held = step.held_out
     return {
         "step": figures.label(step) + (", fitted" if step.added is None else ""),
         "error": percent(step.fitted.relative[joint]),
         "rms": quantity(step.fitted.rms[joint], series.force_unit),
         "floors": number(step.fitted.rms[joint] / series.floor.value, 3),
-        "held": held,
+        "held": None if held is None else percent(held.relative[joint]),
+        "held_rms": None if held is None else quantity(held.rms[joint], series.force_unit),
     }
 
 

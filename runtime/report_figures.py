@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.signal import welch
 
 from runtime import plot_style, plots
 from runtime.compare import JointSeries, structure_shares
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 ORDER = ("velocity", "position", "load", "temperature", "time")
 _ZOOM_S = 2.5
 _LEAST_ROWS = 50
+_WELCH_S = 3.0
+_NOTHING = 0.01
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,33 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     share = shares(before)
     for signal in sorted(signals(before), key=lambda s: -share[s]):
         found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
+    found.append(_spectrum(first, last, joint))
     return found
+
+
+def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
+    """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
+    motion, before = first.identification.motion, first.joints[joint]
+    frequency, density = _density(first, joint)
+    figure = plots.spectrum(
+        frequency,
+        density,
+        None if last is first else _density(last, joint)[1],
+        before.floor.spectrum / np.sqrt(motion.band.cutoff),
+        motion.band.cutoff,
+        before.force_unit,
+        "Residual over frequency",
+    )
+    caption = "Residual over frequency; grey: the noise of the instruments alone, if it is white."
+    return drawn(figure, f"spectrum{joint + 1}", caption)
+
+
+def _density(step: Step, joint: int) -> tuple[Array, Array]:
+    """Frequencies, Hz, and amplitude density of a joint's residual, by Welch's method."""
+    residual = step.identification.fit.residual[joint]
+    rate = step.identification.motion.row_rate
+    frequency, power = welch(residual, rate, nperseg=min(len(residual), max(8, round(_WELCH_S * rate))))
+    return frequency, np.sqrt(power)
 
 
 def of_finding(finding: Finding, name: str) -> Drawn:
@@ -229,9 +258,16 @@ def _only(series: JointSeries, use: NDArray[np.bool_]) -> JointSeries:
     return replace(series, **rows, warmth=None if series.warmth is None else series.warmth[use])
 
 
-def structure(first: Step, last: Step, joint: int) -> Figure:
-    """What the residual of a joint follows, before and after."""
+def structure(first: Step, last: Step, joint: int) -> Drawn | None:
+    """What the residual of a joint follows, before and after; None if it follows nothing."""
     before = shares(first.joints[joint])
     after: dict[str, Any] = shares(last.joints[joint]) if last is not first else {}
-    names = sorted(before, key=lambda s: -before[s])
-    return plots.structure([(s, before[s], after.get(s)) for s in names], "What the residual follows")
+    names = sorted((s for s in before if max(before[s], after.get(s, 0.0)) > _NOTHING), key=lambda s: -before[s])
+    if not names:
+        return None
+    figure = plots.structure([(s, before[s], after.get(s)) for s in names], "What the residual follows")
+    caption = (
+        f"Joint {joint + 1}: how much of the residual's variance each signal explains, with a curve for each "
+        "direction of motion."
+    )
+    return drawn(figure, f"structure{joint + 1}", caption)

@@ -1,4 +1,4 @@
-"""The report: whole on one page, the same bytes twice, safe with any text of the user's, and with the result's figures."""
+"""The report: whole on one page, the same bytes twice, safe with any text, and with the figures of the result."""
 
 from __future__ import annotations
 
@@ -266,4 +266,5 @@ def test_figures_draw_extremes():
     assert plots.residual_over(axis, flat, flat, 0.1, "N m", flat, "none")
     trace = SimpleNamespace(t=flat, piece=np.zeros(1, int))
     assert plots.torque_over_time(plots.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
+    assert plots.spectrum(flat, flat, None, 0.0, 10.0, "N m")
     assert plots.error_fall(["as in the file"], [0.0], None, 0.0)
