@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from runtime.plot_style import AFTER, BEFORE, FAINT, INK, styled
@@ -140,10 +140,9 @@ class Trace:
 def torque_over_time(trace: Trace, title: str = "") -> Figure:
     """Measured and predicted torque over a whole recording; below it how large the residual is as time goes on."""
     figure, top, low = _time_axes(trace, title)
-    drawn = _Envelope(trace.t, trace.piece)
-    drawn.line(top, trace.tau, color=INK, lw=1.1, label="measured")
+    _envelope(top, trace, trace.tau, color=INK, lw=1.1, label="measured")
     name, predicted, colour = trace.models()[-1]
-    drawn.line(top, predicted, color=colour, lw=0.6, label=name)
+    _envelope(top, trace, predicted, color=colour, lw=0.6, label=name)
     for _, predicted, colour in trace.models():
         low.plot(*_running_rms(trace, trace.tau - predicted), color=colour, lw=1.4)
     low.axhspan(0, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
@@ -214,23 +213,16 @@ class _Lines:
         ax.plot(np.insert(self.t, self.breaks, np.nan), np.insert(y, self.breaks, np.nan), **style)
 
 
-class _Envelope:
-    """Curves over a long time: the smallest and largest value of each bin, in their order in time."""
-
-    def __init__(self, t: Array, piece: NDArray[np.intp]) -> None:
-        self.size = max(1, 2 * len(t) // _MOST_LINE)
-        self.plain = _Lines(t, piece)
-        self.t = t
-
-    def line(self, ax: Axes, y: Array, **style: Any) -> None:
-        if self.size < 3:
-            self.plain.line(ax, y, **style)
-            return
-        keep = (len(y) // self.size) * self.size
-        bins = y[:keep].reshape(-1, self.size)
-        pick = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
-        index = (pick + self.size * np.arange(len(bins))[:, None]).ravel()
-        ax.plot(self.t[index], y[index], **style)
+def _envelope(ax: Axes, trace: Trace, y: Array, **style: Any) -> None:
+    """A curve over a long time: the smallest and largest value of each bin, in their order in time."""
+    size = 2 * len(y) // _MOST_LINE
+    if size < 3:
+        _Lines(trace.t, trace.piece).line(ax, y, **style)
+        return
+    bins = y[: len(y) // size * size].reshape(-1, size)
+    pick = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
+    index = (pick + size * np.arange(len(bins))[:, None]).ravel()
+    ax.plot(trace.t[index], y[index], **style)
 
 
 # --- the residual over a signal ---
@@ -279,8 +271,7 @@ def residual_over(
     _limits(panels[0], [before], floor)
     _stretch(panels[-1], axis)
     panels[-1].set_xlabel(axis.label)
-    if title:
-        panels[0].set_title(title)
+    panels[0].set_title(title)
     figure.align_ylabels()
     return figure
 
@@ -340,8 +331,14 @@ def _stretch(ax: Axes, axis: Axis) -> None:
         return
     ax.set_xscale("asinh", linear_width=axis.width)
     ax.xaxis.set_major_locator(FixedLocator(_creep_ticks(lowest, highest, axis.width)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+    ax.xaxis.set_major_formatter(_plain)
     ax.xaxis.set_minor_locator(NullLocator())
+
+
+@FuncFormatter
+def _plain(value: float, _: object) -> str:
+    """Ticks as plain numbers, on stretched and logarithmic axes too."""
+    return f"{value:g}".replace("-", "−")
 
 
 def _creep_ticks(lowest: float, highest: float, width: float) -> list[float]:
@@ -372,9 +369,10 @@ def spectrum(
     high = max(float(np.max(y[use], initial=0.0)) for y in (before, after) if y is not None)
     if 0 < low < high:
         ax.set(yscale="log", ylim=(0.7 * min(low, noise or low), 1.6 * high))
+        ax.yaxis.set_major_formatter(_plain)
+        ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set(xlabel="frequency, Hz", ylabel=f"residual, {unit}/√Hz", xlim=(0, cutoff))
-    if title:
-        ax.set_title(title)
+    ax.set_title(title)
     return figure
 
 
@@ -398,6 +396,5 @@ def structure(shares: Sequence[tuple[str, float, float | None]], title: str = ""
     ax.set_xticks([0, 25, 50, 75, 100])
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    if title:
-        ax.set_title(title)
+    ax.set_title(title)
     return figure

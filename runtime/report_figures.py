@@ -24,6 +24,7 @@ _ZOOM_S = 2.5
 _LEAST_ROWS = 50
 _WELCH_S = 3.0
 _NOTHING = 0.01
+_FOLLOWS = 0.1
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ def drawn(figure: Figure, name: str, caption: str) -> Drawn:
 
 
 def label(step: Step) -> str:
-    return "as in the file" if step.added is None else f"+ {step.added}"
+    """What a step did to the model, in a few words."""
+    return "as in the file" if step.added is None else f"+\N{NO-BREAK SPACE}{step.added}"
 
 
 def error(steps: Sequence[Step], joint: int) -> Figure:
@@ -101,7 +103,9 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     share = shares(before)
     for signal in sorted(signals(before), key=lambda s: -share[s]):
         found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
-    found.append(_spectrum(first, last, joint))
+    # What follows no signal may be a disturbance, and then its frequency says more.
+    place = len(found) if max(share.values()) > _FOLLOWS else 2
+    found.insert(place, _spectrum(first, last, joint))
     return found
 
 
