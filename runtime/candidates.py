@@ -113,7 +113,7 @@ class Field:
 
     def _stack(self, joints: tuple[int, ...], without: tuple[Term, ...]) -> Rows:
         parts = [self._joint_rows(i, without) for i in joints]
-        weights = self._weights(joints)
+        weights = self.weights(joints)
         size = sum(len(part.base) for part in parts)
         base = np.zeros((size, sum(len(part.y) for part in parts)))
         noise = np.zeros((size + 1, base.shape[1]))
@@ -132,12 +132,15 @@ class Field:
         rows = Rows.levelled(y, base, noise, (bounds[:, 0], bounds[:, 1]), use, piece, fold)
         return replace(rows, level=self.rows(joints).level) if without else rows
 
-    def _weights(self, joints: tuple[int, ...]) -> Array:
-        """1 for a single joint; for several, the inverse residuals relative to the first."""
-        if len(joints) == 1:
-            return np.ones(1)
-        rms = np.array([np.sqrt(np.mean(self.fit.residual[i][self.motion.moving(i)] ** 2)) for i in joints])
-        return rms[0] / np.maximum(rms, 1e-300)
+    def weights(self, joints: tuple[int, ...]) -> Array:
+        """1 for the first joint; for others the inverse of their residuals relative to the first's."""
+        rms = np.array([self.rms(i) for i in joints])
+        return np.where(rms > 0, rms[0] / np.where(rms > 0, rms, 1.0), 0.0)
+
+    def rms(self, joint: int) -> float:
+        """Of the fitted model's residual at a joint (0-based)."""
+        use = self.motion.moving(joint)
+        return float(np.sqrt(np.mean(self.fit.residual[joint][use] ** 2))) if use.any() else 0.0
 
     def _joint_rows(self, joint: int, without: tuple[Term, ...]) -> _JointRows:
         x, fixed = self.problem.rows(joint, self.fit.shapes)
@@ -174,7 +177,7 @@ class Field:
         return replace(block, noise=noisy - np.vstack([block.fixed, block.columns]))
 
     def _columns(self, regressors: Regressors, term: Term, joints: tuple[int, ...], shape: Values) -> Array:
-        weights = self._weights(joints)
+        weights = self.weights(joints)
         return np.concatenate(
             [w * regressors.columns(term, i, shape) for i, w in zip(joints, weights, strict=True)], axis=1
         )

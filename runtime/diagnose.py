@@ -165,7 +165,7 @@ class Search:
         ground = self.ground()
         floors = [min(s.floor.value, s.rms) for s in step.joints]
         enough = [seconds_moving(self.motion, i) >= _LEAST_MOVING_S for i in range(self.model.n)]
-        self.last = tuple(judge(ground, i, floors[i]) if enough[i] else Verdict((), ()) for i in range(self.model.n))
+        self.last = tuple(judge(ground, i, floors) if enough[i] else Verdict((), ()) for i in range(self.model.n))
         passing = [(e, v) for v in self.last for e in v.ranked if e.passes]
         passing.sort(key=lambda item: -item[0].delta_bic)
         for evidence, verdict in passing:

@@ -81,15 +81,15 @@ class Verdict:
         return self.ranked[0] if self.ranked and self.ranked[0].passes else None
 
 
-def judge(field: Field, joint: int, floor: float) -> Verdict:
-    """Rank every candidate at a joint (0-based) against the field; `floor` is the joint's noise floor."""
+def judge(field: Field, joint: int, floors: Sequence[float]) -> Verdict:
+    """Rank every candidate at a joint (0-based) against the field; `floors` are all joints' noise floors."""
     found = [c for c in (field.search(term) for term in field.terms(joint)) if c is not None]
     scored = sorted(found, key=lambda c: _relative_error(field, c))
     finalists = [field.refine(c) for c in scored[:_FINALISTS]]
     if not finalists:
         return Verdict((), ())
     best = min(finalists, key=lambda c: _relative_error(field, c))
-    evidence = [_weigh(field, c, best, floor) for c in finalists]
+    evidence = [_weigh(field, c, best, floors) for c in finalists]
     evidence.sort(key=lambda e: (not e.passes, -e.delta_bic))
     return Verdict(tuple(evidence), _rivals(evidence))
 
@@ -101,7 +101,7 @@ def _relative_error(field: Field, candidate: Candidate) -> float:
     return float(candidate.rows.cross_validate([c for _, c in candidate.choices])[0].sum() / base)
 
 
-def _weigh(field: Field, candidate: Candidate, best: Candidate, floor: float) -> Evidence:
+def _weigh(field: Field, candidate: Candidate, best: Candidate, floors: Sequence[float]) -> Evidence:
     joints = joints_of(field.model, candidate.term)
     base, rows = field.rows(joints), candidate.rows
     plain = base.solve()
@@ -117,11 +117,14 @@ def _weigh(field: Field, candidate: Candidate, best: Candidate, floor: float) ->
         *white_base.cross_validate([None]), sizes
     )
     fall = max(plain.sse - candidate.solution.sse, 0.0)
-    eff = float(np.sqrt(fall / base.count))
-    excess = max(plain.sse / base.count - floor**2, eff**2, 1e-300)
+    # Of the first joint's torque, also where an effect is judged on several joints' rows.
+    eff = float(np.sqrt(fall * len(joints) / base.count))
+    weights = field.weights(joints)
+    over = [w**2 * max(field.rms(i) ** 2 - floors[i] ** 2, 0.0) for i, w in zip(joints, weights, strict=True)]
+    excess = max(sum(over), eff**2, 1e-300)
     cv_gain = 1 - _relative_error(field, candidate)
     share = eff**2 / excess
-    failed = _failed(delta, gain, cv_gain, eff / floor, share, candidate.at_edge)
+    failed = _failed(delta, gain, cv_gain, eff / floors[joints[0]], share, candidate.at_edge)
     return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, after.residual)
 
 

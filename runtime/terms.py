@@ -49,11 +49,14 @@ def structure(model: Model) -> Structure:
 
 
 def joints_of(model: Model, term: Term) -> tuple[int, ...]:
-    """Indices (0-based) of the joints on whose torque the term acts."""
+    """Indices (0-based) of the joints on whose torque the term acts, its own first."""
     if term.joint is None:
         return tuple(range(model.n))
-    if model.library.effects[term.effect].scope == "joints":
+    info = model.library.effects[term.effect]
+    if info.scope == "joints":
         return (term.joint - 1, term.joint)
+    if "coupling" in info.signals:
+        return (term.joint - 1, *(i for i in range(model.n) if i != term.joint - 1))
     return (term.joint - 1,)
 
 
@@ -124,9 +127,15 @@ class Signals:
     def rotor_torque(self, joint: int) -> Array:
         return self.model.joints[joint].rotor_inertia * self.piece.qdd[joint]
 
+    @cached_property
+    def _inertia(self) -> Array:
+        return self.model.inertia(self.piece.q, self._known.lumps)
+
     def link_inertia(self, joint: int) -> Array:
-        diagonal = self.model.inertia(self.piece.q, self._known.lumps)[joint, joint]
-        return diagonal - self.model.joints[joint].rotor_inertia
+        return self._inertia[joint, joint] - self.model.joints[joint].rotor_inertia
+
+    def _coupling(self, joint: int, own: int) -> Array:
+        return self.link_inertia(own) if joint == own else self._inertia[joint, own]
 
     def plate(self) -> float:
         return self._known.values.get(Term("plate"), {}).get("position", -np.inf)
@@ -155,7 +164,9 @@ class Signals:
         return self.model.library.torque(term.effect, self.term_signals(term, joint), values, self.piece.dt)
 
     def term_signals(self, term: Term, joint: int) -> dict[str, Array | float]:
-        """As `of`, with the place of the joint in a pair of joints."""
+        """As `of`, with the place of the joint in a pair of joints, or its coupling to the term's own."""
+        if "coupling" in self.model.library.effects[term.effect].signals and term.joint is not None:
+            return {**self.of(term.effect, term.joint - 1), "coupling": self._coupling(joint, term.joint - 1)}
         signals = self.of(term.effect, joint)
         if "has_next" in signals:
             signals["has_next"] = 1.0 if term.joint is not None and joint == term.joint - 1 else 0.0
@@ -169,6 +180,7 @@ _READERS: dict[str, Callable[[Signals, int], Array | float]] = {
     "t": lambda s, _: s.piece.t,
     "load": lambda s, i: s.rigid[i] - s.rotor_torque(i),
     "link_inertia": lambda s, i: s.link_inertia(i),
+    "coupling": lambda s, i: s.link_inertia(i),
     "level": lambda s, i: s.level(i),
     "predicted": lambda s, i: s.predicted(i),
     "predicted_rate": lambda s, i: np.gradient(np.asarray(s.get("predicted", i)), s.piece.dt),

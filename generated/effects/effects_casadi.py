@@ -546,6 +546,8 @@ def elasticity_torque():
       delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+      link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   p [as declared]: stiffness, damping
     in   x [as declared]: deflection, rate, acceleration, load
     out  torque [N m]: added to the motor torque
@@ -555,18 +557,21 @@ def elasticity_torque():
     """
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
+    coupling = ca.SX.sym("coupling")
     p = ca.SX.sym("p", 2)
     x = ca.SX.sym("x", 4)
     width = ca.SX.sym("width", 4)
-    torque = ca.SX(-(link_inertia * x[2]))
-    inputs, outputs = [load, link_inertia, p, x, width], [torque]
-    return ca.Function("elasticity_torque", inputs, outputs, ["load", "link_inertia", "p", "x", "width"], ["torque"])
+    torque = ca.SX(-(coupling * x[2]))
+    inputs, outputs = [load, link_inertia, coupling, p, x, width], [torque]
+    return ca.Function("elasticity_torque", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["torque"])
 
 
 def elasticity_start():
     """elasticity_start: Initial states.
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+      link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   p [as declared]: stiffness, damping
     in   x [as declared]: deflection, rate, acceleration, load
     out  x_next [as declared]: states of the first sample
@@ -576,18 +581,21 @@ def elasticity_start():
     """
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
+    coupling = ca.SX.sym("coupling")
     p = ca.SX.sym("p", 2)
     x = ca.SX.sym("x", 4)
     width = ca.SX.sym("width", 4)
     x_next = ca.SX(ca.vertcat(load / p[0], 0.0, 0.0, load))
-    inputs, outputs = [load, link_inertia, p, x, width], [x_next]
-    return ca.Function("elasticity_start", inputs, outputs, ["load", "link_inertia", "p", "x", "width"], ["x_next"])
+    inputs, outputs = [load, link_inertia, coupling, p, x, width], [x_next]
+    return ca.Function("elasticity_start", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["x_next"])
 
 
 def elasticity_step():
     """elasticity_step: One step of the states: states of the next sample.
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+      link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   dt [s]: step
     in   p [as declared]: stiffness, damping
     in   x [as declared]: deflection, rate, acceleration, load
@@ -598,6 +606,7 @@ def elasticity_step():
     """
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
+    coupling = ca.SX.sym("coupling")
     dt = ca.SX.sym("dt")
     p = ca.SX.sym("p", 2)
     x = ca.SX.sym("x", 4)
@@ -627,8 +636,8 @@ def elasticity_step():
     v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22
     v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))))
     x_next = ca.SX(ca.vertcat(v23, v24, v1 * (v8 - p[1] * v24 - p[0] * v23), load))
-    inputs, outputs = [load, link_inertia, dt, p, x, width], [x_next]
-    return ca.Function("elasticity_step", inputs, outputs, ["load", "link_inertia", "dt", "p", "x", "width"], ["x_next"])
+    inputs, outputs = [load, link_inertia, coupling, dt, p, x, width], [x_next]
+    return ca.Function("elasticity_step", inputs, outputs, ["load", "link_inertia", "coupling", "dt", "p", "x", "width"], ["x_next"])
 
 
 def gravity_torque():

@@ -344,6 +344,8 @@ float tendon_torque_delay_torque_f32(const tendon_sample_f32 *s, const float *p,
  *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
@@ -353,12 +355,14 @@ float tendon_torque_delay_torque_f32(const tendon_sample_f32 *s, const float *p,
 float tendon_elasticity_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)p;
-    return -(s->link_inertia * x[2]);
+    return -(s->coupling * x[2]);
 }
 
 /* elasticity_start: Initial states.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
  * out  x_next (4) [as declared]: states of the first sample
@@ -380,6 +384,8 @@ void tendon_elasticity_start_f32(const tendon_sample_f32 *s, const float *p, flo
 /* elasticity_step: One step of the states: states of the next sample.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load

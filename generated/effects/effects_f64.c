@@ -1072,6 +1072,8 @@ void tendon_torque_delay_torque_batch_f64(
  *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
@@ -1081,12 +1083,14 @@ void tendon_torque_delay_torque_batch_f64(
 double tendon_elasticity_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)p;
-    return -(s->link_inertia * x[2]);
+    return -(s->coupling * x[2]);
 }
 
 /* elasticity_start: Initial states.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
  * out  x_next (4) [as declared]: states of the first sample
@@ -1108,6 +1112,8 @@ void tendon_elasticity_start_f64(const tendon_sample_f64 *s, const double *p, do
 /* elasticity_step: One step of the states: states of the next sample.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
@@ -1162,6 +1168,7 @@ void tendon_elasticity_columns_batch_f64(
 {
     const double *restrict load = s->load;
     const double *restrict link_inertia = s->link_inertia;
+    const double *restrict coupling = s->coupling;
     double x[4];
     if (count == 0U) {
         return;
@@ -1193,10 +1200,10 @@ void tendon_elasticity_columns_batch_f64(
         const double v20 = 36.0 * v14;
         const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (link_inertia[k] * v19) + (6.0 * v16 + p[0] * p[0] * (v3
             * v3)));
-        const double v22 = v20 / (v20 + (24.0 * (dt * (link_inertia[k] * p[1])) + v21));
+        const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * link_inertia[k])) + v21));
         const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
         const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
-        out[k] = -(link_inertia[k] * x[2]);
+        out[k] = -(coupling[k] * x[2]);
         const double next0 = v23;
         const double next1 = v24;
         const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
@@ -1218,6 +1225,7 @@ void tendon_elasticity_torque_batch_f64(
 {
     const double *restrict load = s->load;
     const double *restrict link_inertia = s->link_inertia;
+    const double *restrict coupling = s->coupling;
     double x[4];
     if (count == 0U) {
         return;
@@ -1249,10 +1257,10 @@ void tendon_elasticity_torque_batch_f64(
         const double v20 = 36.0 * v14;
         const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (link_inertia[k] * v19) + (6.0 * v16 + p[0] * p[0] * (v3
             * v3)));
-        const double v22 = v20 / (v20 + (24.0 * (dt * (link_inertia[k] * p[1])) + v21));
+        const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * link_inertia[k])) + v21));
         const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
         const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
-        out[k] = -(link_inertia[k] * x[2]);
+        out[k] = -(coupling[k] * x[2]);
         const double next0 = v23;
         const double next1 = v24;
         const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);

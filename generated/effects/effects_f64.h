@@ -11,6 +11,8 @@ typedef struct {
     double t; /* s: time since the start of the run */
     double load; /* N m: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor */
     double link_inertia; /* N m s^2/rad: inertia of the link side as this joint sees it, without the own rotor */
+    double coupling; /* N m s^2/rad: inertia between this joint and the effect's own, link side; at the own joint link_inertia. An
+ *   effect that reads it acts on all joints: what its own joint's link does is felt in the others */
     double level; /* N m: predicted magnitude of the joint's Coulomb friction in the present direction */
     double predicted; /* N m: predicted motor torque, all active effects included */
     double predicted_rate; /* N m/s: time derivative of the predicted motor torque */
@@ -37,6 +39,7 @@ typedef struct {
     const double *t;
     const double *load;
     const double *link_inertia;
+    const double *coupling;
     const double *level;
     const double *predicted;
     const double *predicted_rate;
@@ -616,6 +619,8 @@ void tendon_torque_delay_torque_batch_f64(
  *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
@@ -627,6 +632,8 @@ double tendon_elasticity_torque_f64(const tendon_sample_f64 *s, const double *p,
 /* elasticity_start: Initial states.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load
  * out  x_next (4) [as declared]: states of the first sample
@@ -638,6 +645,8 @@ void tendon_elasticity_start_f64(const tendon_sample_f64 *s, const double *p, do
 /* elasticity_step: One step of the states: states of the next sample.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
  * in   p (2) [as declared]: stiffness, damping
  * in   x (4) [as declared]: deflection, rate, acceleration, load

@@ -46,6 +46,12 @@ SIGNALS: tuple[Signal, ...] = (
     _signal("t", u.SECOND, "time since the start of the run"),
     _signal("load", u.FORCE, "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor"),
     _signal("link_inertia", u.INERTIA, "inertia of the link side as this joint sees it, without the own rotor"),
+    _signal(
+        "coupling",
+        u.INERTIA,
+        "inertia between this joint and the effect's own, link side; at the own joint link_inertia. An effect that "
+        "reads it acts on all joints: what its own joint's link does is felt in the others",
+    ),
     _signal("level", u.FORCE, "predicted magnitude of the joint's Coulomb friction in the present direction"),
     _signal("predicted", u.FORCE, "predicted motor torque, all active effects included"),
     _signal("predicted_rate", u.FORCE / u.SECOND, "time derivative of the predicted motor torque"),

@@ -9,7 +9,7 @@ import sympy as sp
 from symbolic import units as u
 from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, State, parameter, state
 
-LOAD, LINK_INERTIA = SIGNAL["load"].symbol, SIGNAL["link_inertia"].symbol
+LOAD, LINK_INERTIA, COUPLING = (SIGNAL[name].symbol for name in ("load", "link_inertia", "coupling"))
 
 
 def linear_step(A: sp.Matrix, x: sp.Matrix, early: sp.Matrix, late: sp.Matrix) -> sp.Matrix:
@@ -47,8 +47,8 @@ ELASTICITY = Effect(
     name="elasticity",
     scope="joint",
     family="transmission",
-    # The link accelerates by qdd - delta_dd in place of qdd.
-    torque=-LINK_INERTIA * state("acceleration"),
+    # The link accelerates by qdd - delta_dd in place of qdd, and takes the other links along.
+    torque=-COUPLING * state("acceleration"),
     parameters=(
         Parameter(
             "stiffness",
