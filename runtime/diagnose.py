@@ -18,11 +18,12 @@ from runtime.judge import Evidence, Verdict, judge
 from runtime.loader import Model
 from runtime.motion import Motion, prepare
 from runtime.recording import Recording
-from runtime.terms import Structure, Term, Values, structure
+from runtime.terms import Structure, Term, Values, joints_of, structure
 
 Array = NDArray[np.float64]
 
 _MOST_FINDINGS = 6
+_LEAST_FALL = 0.005
 _OUTSIDE = 1.35
 """A residual above this multiple of the instruments' own noise has a source, even if nothing explains it."""
 _LEAST_MOVING_S = 2.0
@@ -170,7 +171,7 @@ class Search:
         passing.sort(key=lambda item: -item[0].delta_bic)
         for evidence, verdict in passing:
             after = self._step(evidence.term, self._with(step, evidence), step.identification)
-            if self._better(step, after):
+            if self._better(step, after, joints_of(self.model, evidence.term)[0]):
                 rivals = verdict.rivals if evidence is verdict.ranked[0] else ()
                 finding = Finding(evidence, rivals, step, after)
                 self.steps.append(after)
@@ -193,9 +194,9 @@ class Search:
         known[evidence.term] = dict(evidence.candidate.shape)
         return known
 
-    def _better(self, before: Step, after: Step) -> bool:
-        """The error falls where it was fitted and, if there is one, on the held-out recording."""
-        falls = sum(r**2 for r in after.fitted.relative) < sum(r**2 for r in before.fitted.relative)
+    def _better(self, before: Step, after: Step, joint: int) -> bool:
+        """Refitted as a whole, the error falls at the effect's joint and, if there is one, on the held-out recording."""
+        falls = after.fitted.rms[joint] < (1 - _LEAST_FALL) * before.fitted.rms[joint]
         if before.held_out is None or after.held_out is None:
             return falls
         return falls and sum(r**2 for r in after.held_out.relative) < sum(r**2 for r in before.held_out.relative)
