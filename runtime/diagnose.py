@@ -195,7 +195,7 @@ class Search:
         return known
 
     def _better(self, before: Step, after: Step, joint: int) -> bool:
-        """Refitted as a whole, the error falls at the effect's joint and, if there is one, on the held-out recording."""
+        """Refitted as a whole, the error falls at the effect's joint and on the held-out recording, if any."""
         falls = after.fitted.rms[joint] < (1 - _LEAST_FALL) * before.fitted.rms[joint]
         if before.held_out is None or after.held_out is None:
             return falls
