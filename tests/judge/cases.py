@@ -187,8 +187,8 @@ def specimen(bodies: Sequence[Body], believed: Sequence[str], rng: np.random.Gen
 
 def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> tuple[float, float]:
     """Amount and size as near to the wanted size as the limits allow: secants in the logarithms, within a bracket."""
-    rising = np.sign(hidden.power)
-    low, high = (float(np.log(x)) for x in hidden.limits)
+    least, most = (float(np.log(x)) for x in hidden.limits)
+    small = large = None  # logarithms of amounts known to give too little and too much
     x, slope = float(np.log(hidden.amount)), hidden.power
     best, last = (hidden.amount, 0.0), None
     for _ in range(12):
@@ -200,21 +200,14 @@ def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> 
             best = (float(np.exp(x)), target * float(np.exp(miss)))
         if abs(miss) < NEAR:
             break
-        if miss * rising > 0:
-            high = min(high, x)
-        else:
-            low = max(low, x)
+        small, large = (small, x) if miss > 0 else (x, large)
         if last is not None and abs(x - last[0]) > 1e-3:
             secant = (miss - last[1]) / (x - last[0])
             slope = secant if 0.2 < secant / hidden.power < 5.0 else slope
         last = (x, miss)
-        following = x - float(np.clip(miss / slope, -2.5, 2.5))
-        if not low < following < high:
-            following = (
-                0.5 * (low + high)
-                if last[0] in (low, high) and high - low < 5.0
-                else float(np.clip(following, low, high))
-            )
+        following = float(np.clip(x - np.clip(miss / slope, -2.5, 2.5), least, most))
+        if small is not None and large is not None and not min(small, large) < following < max(small, large):
+            following = 0.5 * (small + large)
         if abs(following - x) < 1e-3:
             break
         x = following

@@ -14,16 +14,16 @@ from .plant import PERIOD, Run
 Array = NDArray[np.float64]
 
 BAND = 45.0  # Hz
-EVERY = 5
+EVERY = 10
 TAPS = signal.firwin(121, BAND, fs=1 / PERIOD)
 STANDSTILL = 3e-4  # rad/s
 
 
 def in_band(x: Array) -> Array:
-    """x (..., N) low-passed and every fifth sample of it; the ends, where the filter is not full, are left out."""
-    return np.asarray(signal.oaconvolve(x, np.broadcast_to(TAPS, (*x.shape[:-1], len(TAPS))), "valid", axes=-1))[
-        ..., ::EVERY
-    ]
+    """x (..., N) low-passed and every tenth sample of it; the ends, where the filter is not full, are left out."""
+    filtered = signal.upfirdn(TAPS, x, 1, EVERY, axis=-1)
+    first = -(-(len(TAPS) - 1) // EVERY)
+    return np.asarray(filtered)[..., first : first + (x.shape[-1] - len(TAPS)) // EVERY + 1]
 
 
 def orthogonal(
@@ -34,34 +34,29 @@ def orthogonal(
     outside (n, N) is the known small disturbance, which is no part of the effect. The projection is onto the
     inertial parameters of all joints together and each joint's friction; standstill is left out.
     """
-    n = len(run.q)
     middle = run.q + 0.5 * PERIOD * run.rate
     inertial = inertial_columns(bodies, middle, run.rate, run.acceleration, gravity)
     kept = ~_standing(run.rate)
-    blocks, targets, own = [], [], []
+    n, shared = inertial.shape[:2]
+    own = [len(friction_columns_of(believed, run, i)) for i in range(n)]
+    places = [np.r_[0:shared, shared + sum(own[:i]) : shared + sum(own[: i + 1])] for i in range(n)]
+    gram, blocks, left = np.zeros((shared + sum(own),) * 2), [], []
     for i in range(n):
-        frictions = friction_columns_of(believed, run, i)
-        blocks.append(in_band(np.concatenate([inertial[i], frictions]))[:, kept[i]])
-        targets.append(in_band(run.tau[i] + outside[i])[kept[i]])
-        own.append(len(frictions))
-    shared = inertial.shape[1]
-    width = shared + sum(own)
-    rows = sum(len(x) for x in targets)
-    A = np.zeros((rows, width))
-    row, column = 0, shared
-    for block, count in zip(blocks, own, strict=True):
-        A[row : row + block.shape[1], :shared] = block[:shared].T
-        A[row : row + block.shape[1], column : column + count] = block[shared:].T
-        row, column = row + block.shape[1], column + count
-    norms = np.linalg.norm(A, axis=0)
-    A = A[:, norms > 1e-9 * norms.max()]
-    A /= np.linalg.norm(A, axis=0)
-    b = np.concatenate(targets)
-    gram = A.T @ A
-    left = b - A @ np.linalg.lstsq(gram, A.T @ b, rcond=1e-11)[0]
-    left -= A @ np.linalg.lstsq(gram, A.T @ left, rcond=1e-11)[0]
-    edges = np.cumsum([0] + [len(x) for x in targets])
-    return np.array([np.sqrt(np.mean(left[edges[i] : edges[i + 1]] ** 2)) for i in range(n)])
+        rows = np.concatenate([inertial[i], friction_columns_of(believed, run, i)])
+        used = np.any(rows != 0.0, axis=1)
+        places[i] = places[i][used]
+        blocks.append(in_band(rows[used])[:, kept[i]])
+        left.append(in_band(run.tau[i] + outside[i])[kept[i]])
+        gram[np.ix_(places[i], places[i])] += blocks[i] @ blocks[i].T
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-11, hermitian=True)
+    for _ in range(3):  # each round mends what the condition of the Gram matrix cost the last
+        moment = np.zeros(len(scale))
+        for place, block, e in zip(places, blocks, left, strict=True):
+            moment[place] += block @ e
+        values = inverse @ (moment / scale) / scale
+        left = [e - values[place] @ block for place, block, e in zip(places, blocks, left, strict=True)]
+    return np.array([np.sqrt(np.mean(e**2)) for e in left])
 
 
 def friction_columns_of(believed: Sequence[str], run: Run, joint: int) -> list[Array]:
