@@ -66,6 +66,7 @@ class Made:
     joints: tuple[int | None, ...]
     sizes: tuple[float, ...]
     amounts: tuple[float, ...]
+    beyond_delay: float  # size of all that is hidden together, with the shift between torque and motion free as well
 
 
 @dataclass(frozen=True)
@@ -240,15 +241,18 @@ def make(case: Case) -> Made:
     inside = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
     elsewhere = motion.desired(other_rng, len(bodies), setting.excitation)
     other = bench(setting, elsewhere, other_rng, warms, rows)
+    together = main.run(inside)
+    left = orthogonal(together, bodies, believed, main.background, free_delay=True) / floor
     return Made(
         case,
         model_text(bodies, believed),
-        main.recording(main.run(inside)),
+        main.recording(together),
         other.recording(other.run(inside)),
         tuple(hidden),
         tuple(None if what.of_arm else joint + 1 for what, joint in zip(hidden, joints, strict=True)),
         tuple(size for _, size in found),
         tuple(amount for amount, _ in found),
+        float(np.max(left)),
     )
 
 

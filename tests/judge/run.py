@@ -4,7 +4,8 @@
 
 --cases takes classes (clean, single, forms, unknown, pairs) and names (stribeck, elasticity+torque_ripple, ...).
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, and the
-error at the joint of the truth: before / after / floor. Then totals by class and by name.
+error at the joint of the truth: before / after / floor. Then totals by class and by name. The CSV has also what is
+left of the size when a shift between torque and motion is free (beyond_delay), the amounts and what was fitted.
 
     right   the truth was named first, or nothing where nothing should be (for pairs: both were named)
     rival   the truth, or what counts as right for it, is among the rivals of what was named first
@@ -48,6 +49,7 @@ class Line:
     setting: str
     truth: str
     size: str
+    beyond_delay: float = float("nan")
     outcome: str = ""
     extra: int = 0
     verdict: str = ""
@@ -115,6 +117,7 @@ def line(case: Case) -> Line:
         truth = [_tag(h.truth or name, j) for h, name, j in zip(made.hidden, case.names, made.joints, strict=True)]
         out.truth = " ".join(truth)
         out.size = " ".join(f"{x:.2f}" for x in made.sizes)
+        out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
         with tempfile.TemporaryDirectory() as directory:
             path = Path(directory) / "model.toml"

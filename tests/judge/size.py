@@ -27,16 +27,25 @@ def in_band(x: Array) -> Array:
 
 
 def orthogonal(
-    run: Run, bodies: Sequence[Body], believed: Sequence[str], outside: Array, gravity: tuple[float, float] = (0.0, 0.0)
+    run: Run,
+    bodies: Sequence[Body],
+    believed: Sequence[str],
+    outside: Array,
+    gravity: tuple[float, float] = (0.0, 0.0),
+    free_delay: bool = False,
 ) -> Array:
     """RMS (n,) of what the believed model cannot explain of the torque that the plant really took.
 
     outside (n, N) is the known small disturbance, which is no part of the effect. The projection is onto the
-    inertial parameters of all joints together and each joint's friction; standstill is left out.
+    inertial parameters of all joints together, each joint's friction and, if free_delay, one small shift between
+    torque and motion, common to all joints; standstill is left out.
     """
     middle = run.q + 0.5 * PERIOD * run.rate
     inertial = inertial_columns(bodies, middle, run.rate, run.acceleration, gravity)
     kept = ~_standing(run.rate)
+    if free_delay:
+        slope = np.gradient(run.tau, PERIOD, axis=1)
+        inertial = np.concatenate([inertial, slope[:, None]], axis=1)
     n, shared = inertial.shape[:2]
     own = [len(friction_columns_of(believed, run, i)) for i in range(n)]
     places = [np.r_[0:shared, shared + sum(own[:i]) : shared + sum(own[: i + 1])] for i in range(n)]
