@@ -240,9 +240,10 @@ class Field:
             return {**candidate.shape, **dict(zip((p.name for p in moving), map(float, moved), strict=True))}
 
         def error(z: Array) -> float:
-            if np.any(np.abs(z) > 1.5):
+            shape = shape_at(z)
+            if np.any(np.abs(z) > 1.5) or not grids.within(self.regressors, candidate.term, shape):
                 return float("inf")
-            return candidate.rows.sse(self.block(candidate.term, joints, shape_at(z)))
+            return candidate.rows.sse(self.block(candidate.term, joints, shape))
 
         simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
         options = {"maxfev": _REFINE_STEPS, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.0}

@@ -155,23 +155,34 @@ def _pairs(regressors: Regressors) -> list[tuple[Signals, Any]]:
 
 
 def structure_shares(series: JointSeries) -> dict[str, float]:
-    """Share of the residual's variance that a curve over each signal explains, corrected for chance.
+    """Share of the residual's variance that curves over each signal explain, one for each direction of motion.
 
-    The curve is the mean over quantile bins; chance is the number of bins over the number of
-    independent samples, from the residual's correlation time.
+    Friction leaves opposite residuals in the two directions, which a single curve would miss; so the
+    difference between the directions counts as "direction" and in every other signal.
     """
-    if len(series.tau) < 2 * _BINS:
-        return {}
-    r = series.residual - series.residual.mean()
-    total = float(r @ r)
-    if total == 0:
-        return {}
-    lag = float(np.clip((r[1:] @ r[:-1]) / total, 0.0, 0.999))
-    independent = max(2.0, len(r) * (1 - lag) / (1 + lag))
-    return {name: _share(r, total, values, independent) for name, values in series.signals().items()}
+    r = series.residual
+    total = float(np.sum((r - r.mean()) ** 2)) if len(r) else 0.0
+    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * _BINS]
+    if total == 0 or not sides:
+        return dict.fromkeys(series.signals(), 0.0)
+    between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
+    found = dict.fromkeys(series.signals(), between)
+    for use in sides:
+        part = r[use] - r[use].mean()
+        weight = float(part @ part)
+        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, 0.999)) if weight else 0.0
+        independent = max(2.0, len(part) * (1 - lag) / (1 + lag))
+        for name, values in series.signals().items():
+            if name != "direction" and weight:
+                found[name] += weight / total * _share(part, weight, values[use], independent)
+    return {name: min(share, 1.0) for name, share in found.items()}
 
 
 def _share(r: Array, total: float, values: Array, independent: float) -> float:
+    """Share of r's variance that its means over quantile bins explain, corrected for what chance would.
+
+    Chance is the number of bins over the number of independent samples, from the correlation time.
+    """
     edges = np.unique(np.quantile(values, np.linspace(0, 1, _BINS + 1)[1:-1]))
     index = np.searchsorted(edges, values)
     count = np.bincount(index)

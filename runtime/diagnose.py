@@ -52,10 +52,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Finding:
-    """A named effect: what speaks for it, and what the data cannot tell from it."""
+    """A named effect: what speaks for it, what the data cannot tell from it, and against whom it was chosen."""
 
     evidence: Evidence
     rivals: tuple[Term, ...]
+    verdict: Verdict
     before: Step
     after: Step
 
@@ -71,7 +72,7 @@ class Finding:
         """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1."""
         i = self.joint_index
         before, after = self.before.fitted.rms[i], self.after.fitted.rms[i]
-        excess = before**2 - min(self.before.joints[i].floor.value, before) ** 2
+        excess = before**2 - self.before.joints[i].floor.value ** 2
         return float(np.clip((before**2 - after**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
 
 
@@ -164,7 +165,7 @@ class Search:
         """Add the best candidate that passes every gate; None if there is none."""
         step = self.steps[-1]
         ground = self.ground()
-        floors = [min(s.floor.value, s.rms) for s in step.joints]
+        floors = [s.floor.value for s in step.joints]
         enough = [seconds_moving(self.motion, i) >= _LEAST_MOVING_S for i in range(self.model.n)]
         self.last = tuple(judge(ground, i, floors) if enough[i] else Verdict((), ()) for i in range(self.model.n))
         passing = [(e, v) for v in self.last for e in v.ranked if e.passes]
@@ -173,7 +174,7 @@ class Search:
             after = self._step(evidence.term, self._with(step, evidence), step.identification)
             if self._better(step, after, joints_of(self.model, evidence.term)[0]):
                 rivals = verdict.rivals if evidence is verdict.ranked[0] else ()
-                finding = Finding(evidence, rivals, step, after)
+                finding = Finding(evidence, rivals, verdict, step, after)
                 self.steps.append(after)
                 self.findings.append(finding)
                 return finding
@@ -236,7 +237,7 @@ def conclude(search: Search) -> Diagnosis:
     verdict, reason = _verdict(search)
     step = search.steps[-1]
     ground = search.ground()
-    floors = [min(s.floor.value, s.rms) for s in step.joints]
+    floors = [s.floor.value for s in step.joints]
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= _LEAST_MOVING_S]
     seen = tuple(limit for i in able for limit in limits.at_joint(ground, i, floors[i]))
     findings = tuple(search.findings)

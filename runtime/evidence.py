@@ -249,7 +249,12 @@ def bic(sse: float, count: int, parameters: int) -> float:
 
 
 def log_likelihood(held: Array, trained: Array, sizes: Array) -> float:
-    """Held-out Gaussian log-likelihood, each fold with the variance of its training rows."""
+    """Held-out Gaussian log-likelihood, each fold with the variance of its training rows.
+
+    Minus infinity where compensation leaves no variance: such a model explains noise.
+    """
+    if np.any(trained <= 0):
+        return float("-inf")
     variance = trained / (sizes.sum() - sizes)
     return float(np.sum(-0.5 * sizes * np.log(2 * np.pi * variance) - held / (2 * variance)))
 

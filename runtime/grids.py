@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.loader import ParameterInfo
-from runtime.motion import Motion
 from runtime.terms import Regressors, Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -27,6 +26,8 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     if of in ("position", "tip"):
         values = _everywhere(regressors, "q" if of == "position" else "tip_y", joints)
         return float(values.min()), float(np.ptp(values))
+    if of == "range":
+        return 0.0, float(np.ptp(_everywhere(regressors, "q", joints)))
     if of == "link_inertia":
         return 0.0, float(np.median(_everywhere(regressors, of, joints)))
     if of == "critical":
@@ -65,23 +66,27 @@ def points(regressors: Regressors, term: Term) -> list[Values]:
 
 
 def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
-    """Whether any shape value sits at an end of its grid, where a search proves nothing."""
-    for parameter in regressors.model.library.effects[term.effect].shape:
+    """Whether the shape sits at an end of what was searched, where a search proves nothing.
+
+    Only the first shape parameter counts: it places the effect; the others round it off, and an end of
+    their grid (a damping too small to matter) is as good an answer as any.
+    """
+    for parameter in regressors.model.library.effects[term.effect].shape[:1]:
         values = axis(regressors, term, parameter, shape)
         if len(values) < 3:
             continue
         logarithmic = parameter.grid is not None and parameter.grid.spacing == "log"
-        x = (
-            np.log(np.maximum([values[0], shape[parameter.name], values[-1]], 1e-300))
-            if logarithmic
-            else np.array([values[0], shape[parameter.name], values[-1]])
-        )
-        if x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]):
-            return True
+        ends = np.array([values[0], shape[parameter.name], values[-1]])
+        x = np.log(np.maximum(ends, 1e-300)) if logarithmic else ends
+        return bool(x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]))
     return False
 
 
-def covered(motion: Motion) -> Array:
-    """(n, 2) smallest and largest |rate| of each joint in the motion."""
-    fastest = np.max([np.abs(p.qd).max(axis=1) for p in motion.pieces], axis=0)
-    return np.stack([motion.standstill, fastest], axis=1)
+def within(regressors: Regressors, term: Term, shape: Values) -> bool:
+    """Whether every shape parameter lies on its grid's stretch."""
+    for parameter in regressors.model.library.effects[term.effect].shape:
+        values = axis(regressors, term, parameter, shape)
+        slack = 1e-9 * abs(float(values[-1] - values[0]))
+        if not values[0] - slack <= shape[parameter.name] <= values[-1] + slack:
+            return False
+    return True

@@ -64,7 +64,7 @@ class Evidence:
             "share_of_excess": self.share,
             "delta_bic": self.delta_bic,
             "cv_gain": self.cv_gain,
-            "cv_log_likelihood_gain": self.likelihood_gain,
+            "cv_log_likelihood_gain": self.likelihood_gain if np.isfinite(self.likelihood_gain) else None,
             "failed_gates": list(self.failed),
         }
 
@@ -113,9 +113,8 @@ def _weigh(field: Field, candidate: Candidate, best: Candidate, floors: Sequence
     before, after = white_base.solve(), white_rows.solve(block)
     delta = bic(before.sse, base.count, base.rank()) - bic(after.sse, rows.count, candidate.parameters)
     sizes = base.fold_sizes
-    gain = log_likelihood(*white_rows.cross_validate(choices), sizes) - log_likelihood(
-        *white_base.cross_validate([None]), sizes
-    )
+    gain = log_likelihood(*white_rows.cross_validate(choices), sizes)
+    gain -= log_likelihood(*white_base.cross_validate([None]), sizes)
     fall = max(plain.sse - candidate.solution.sse, 0.0)
     # Of the first joint's torque, also where an effect is judged on several joints' rows.
     eff = float(np.sqrt(fall * len(joints) / base.count))
@@ -138,14 +137,19 @@ def _autoregression(field: Field, candidate: Candidate, best: Candidate) -> Arra
 
 def _failed(delta: float, gain: float, cv_gain: float, effect: float, share: float, at_edge: bool) -> tuple[str, ...]:
     gates = (
-        (delta > LEAST_DELTA_BIC, f"whitened BIC falls by {delta:.0f}, not by {LEAST_DELTA_BIC:g}"),
-        (gain > LEAST_LIKELIHOOD_GAIN, f"held-out log-likelihood gains {gain:.0f}, not {LEAST_LIKELIHOOD_GAIN:g}"),
+        (delta > LEAST_DELTA_BIC, f"whitened BIC falls by {_whole(delta)}, not by {LEAST_DELTA_BIC:g}"),
+        (gain > LEAST_LIKELIHOOD_GAIN, f"held-out log-likelihood gains {_whole(gain)}, not {LEAST_LIKELIHOOD_GAIN:g}"),
         (1 - np.sqrt(max(1 - cv_gain, 0.0)) > LEAST_ERROR_FALL, "held-out error does not fall by 1 %"),
         (effect > LEAST_EFFECT, f"its own torque is {effect:.2f} of the noise floor, not {LEAST_EFFECT:g}"),
         (share > LEAST_SHARE, f"it explains {100 * share:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"),
         (not at_edge, "its shape lies at the edge of what was searched"),
     )
     return tuple(text for ok, text in gates if not ok)
+
+
+def _whole(x: float) -> str:
+    """Without decimals, with a real minus, and never as minus zero."""
+    return f"{round(x):d}".replace("-", "−") if np.isfinite(x) else "nothing"
 
 
 def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:

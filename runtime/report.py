@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from runtime import files
 from runtime import report_figures as figures
 from runtime import report_parameters as parameters
-from runtime.compare import Comparison, as_written
+from runtime.compare import Comparison, as_written, structure_shares
 from runtime.diagnose import Diagnosis, Errors, Finding, Step, finding_json
 from runtime.improve import Improvement
 from runtime.judge import Evidence
@@ -144,7 +143,7 @@ def _verdict(story: _Story) -> Row:
 def _compared(story: _Story) -> str:
     parts = []
     for s in story.steps[0].joints:
-        shares = figures.shares(s)
+        shares = structure_shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
             f"joint {s.joint}: the fitted model misses {percent(s.relative)} of the torque, "
@@ -286,9 +285,9 @@ def _ruled_out(story: _Story) -> list[Row]:
     rivals = {t for f in story.findings for t in f.rivals}
     rows = []
     for series, verdict in zip(joints, story.diagnosis.last, strict=False):
-        floor = min(series.floor.value, series.rms)
+        floor = series.floor.value
         for evidence in verdict.ranked:
-            why = re.sub(r"(?<= )-(?=\d)", "−", "; ".join(evidence.failed).replace(" -0,", " 0,"))
+            why = "; ".join(evidence.failed)
             if not why:
                 others = " or on the held-out recording" if last.held_out is not None else ""
                 why = f"passes every gate, but added, the error does not fall on what was fitted{others}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 
 ORDER = ("velocity", "position", "load", "temperature", "time")
 _ZOOM_S = 2.5
-_LEAST_ROWS = 50
 _WELCH_S = 3.0
 _NOTHING = 0.01
 _FOLLOWS = 0.1
@@ -100,7 +99,7 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
         )
     curve = after.predicted - before.predicted if after is not None and findings else None
     name = " + ".join(dict.fromkeys(f.term.effect for f in findings))
-    share = shares(before)
+    share = structure_shares(before)
     for signal in sorted(signals(before), key=lambda s: -share[s]):
         found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
     # What follows no signal may be a disturbance, and then its frequency says more.
@@ -140,7 +139,7 @@ def of_finding(finding: Finding, name: str) -> Drawn:
     before, after = finding.before.joints[joint], finding.after.joints[joint]
     curve = after.predicted - before.predicted
     signal = most_telling(before, curve)
-    return _residual(before, after, signal, curve, finding.term.effect, name, shares(before)[signal])
+    return _residual(before, after, signal, curve, finding.term.effect, name, structure_shares(before)[signal])
 
 
 def most_telling(series: JointSeries, curve: Array) -> str:
@@ -234,38 +233,10 @@ def _telling(trace: plots.Trace) -> tuple[float, float, int]:
     return float(trace.t[start]), float(trace.t[start] + _ZOOM_S), int(trace.piece[start])
 
 
-def shares(series: JointSeries) -> dict[str, float]:
-    """Share of the residual's variance that curves over each signal explain, one for each direction of motion.
-
-    Friction leaves opposite residuals in the two directions; a single curve would miss them. The
-    difference between the directions counts as "direction" and in every other signal.
-    """
-    r = series.residual
-    total = float(np.sum((r - r.mean()) ** 2))
-    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > _LEAST_ROWS]
-    if total == 0 or not sides:
-        return dict.fromkeys(series.signals(), 0.0)
-    between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
-    found = dict.fromkeys(series.signals(), between)
-    for use in sides:
-        part = _only(series, use)
-        weight = float(np.sum((part.residual - part.residual.mean()) ** 2)) / total
-        for signal, share in structure_shares(part).items():
-            if signal != "direction":
-                found[signal] += weight * share
-    return {signal: min(share, 1.0) for signal, share in found.items()}
-
-
-def _only(series: JointSeries, use: NDArray[np.bool_]) -> JointSeries:
-    names = ("t", "piece", "q", "qd", "qdd", "load", "tau", "predicted")
-    rows = {name: getattr(series, name)[use] for name in names}
-    return replace(series, **rows, warmth=None if series.warmth is None else series.warmth[use])
-
-
 def structure(first: Step, last: Step, joint: int) -> Drawn | None:
     """What the residual of a joint follows, before and after; None if it follows nothing."""
-    before = shares(first.joints[joint])
-    after: dict[str, Any] = shares(last.joints[joint]) if last is not first else {}
+    before = structure_shares(first.joints[joint])
+    after: dict[str, Any] = structure_shares(last.joints[joint]) if last is not first else {}
     names = sorted((s for s in before if max(before[s], after.get(s, 0.0)) > _NOTHING), key=lambda s: -before[s])
     if not names:
         return None
