@@ -142,7 +142,7 @@ def line(case: Case) -> Line:
     if here and here[-1]["held_out_after"] is not None:
         out.held_out_after = here[-1]["held_out_after"]
     if out.kind == "unknown" and out.outcome == "wrong" and out.after < _MIMIC * out.floor:
-        out.outcome = "mimic"
+        out.outcome, out.extra = "mimic", 0
     out.parameters = json.dumps([{k: v["value"] for k, v in f["parameters"].items()} for f in findings])
     return out
 
