@@ -11,15 +11,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import sympy as sp
 
 from codegen import magnitude
+from codegen.lowering import Larger, Lowering, Smaller, lower
 from symbolic import primitives
 from symbolic.functions import SymbolicFunction
-
-Lowering = Literal["exact", "smooth"]
 
 ARITHMETIC = ("add", "sub", "mul", "div", "neg")
 _PRIMITIVES = {primitives.sgn: "sgn", primitives.step: "step", primitives.ramp: "ramp"}
@@ -73,8 +72,8 @@ class Tape:
     ) -> Tape:
         """ValueError names the function and the symbol or operation that no target can evaluate."""
         known = frozenset(leaves)
-        outputs = [_lower(e, lowering) for e in expressions]
-        named = [(symbol, _lower(e, lowering)) for symbol, e in definitions]
+        outputs = [lower(e, lowering) for e in expressions]
+        named = [(symbol, lower(e, lowering)) for symbol, e in definitions]
         plain = _Builder(named, {}, known, where).tape(outputs)
         replacements, reduced = sp.cse(
             [e for _, e in named] + outputs, symbols=sp.numbered_symbols("cse_", cls=sp.Dummy), order="none"
@@ -151,11 +150,6 @@ _ARITHMETIC: dict[str, Callable[..., Any]] = {
     "div": lambda a, b: a / b,
     "neg": lambda a: -a,
 }
-
-
-def _lower(expr: sp.Expr, lowering: Lowering) -> sp.Expr:
-    expr = sp.sympify(expr)
-    return primitives.smooth(expr) if lowering == "smooth" and expr.has(*_PRIMITIVES) else expr
 
 
 Ref = tuple[int, int]
@@ -306,8 +300,8 @@ class _Builder:
             return 1, self.node((_PRIMITIVES | _UNARY)[kind], self.plain(self.value(e.args[0])))
         if kind is sp.atan2:
             return 1, self.node("atan2", *(self.plain(self.value(a)) for a in e.args))
-        if kind in (sp.Max, sp.Min):
-            op = "max" if kind is sp.Max else "min"
+        if kind in (sp.Max, sp.Min, Larger, Smaller):
+            op = "max" if kind in (sp.Max, Larger) else "min"
             ids = sorted(self.plain(self.value(a)) for a in e.args)
             result = ids[0]
             for i in ids[1:]:
