@@ -102,11 +102,7 @@ class Diagnosis:
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
-            "ruled_out": [
-                {"effect": e.term.effect, "joint": e.term.joint, "evidence": e.to_json()}
-                for verdict in self.last
-                for e in verdict.ranked
-            ],
+            "ruled_out": [entry for verdict in self.last for entry in _ranking(verdict)],
             "would_have_seen": [limit.to_json() for limit in self.seen],
             "warnings": range_warnings(self.steps[-1].identification),
         }
@@ -133,9 +129,15 @@ def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
         "evidence": finding.evidence.to_json(),
         "parameters": {name: e.to_json() for name, e in values.items()},
         "rivals": [{"effect": t.effect, "joint": t.joint} for t in finding.rivals],
+        "ranking": _ranking(finding.verdict),
         "experiment": info.experiment,
         "remainder": remainder(diagnosis.steps[-1], i) if number == len(diagnosis.findings) - 1 else None,
     }
+
+
+def _ranking(verdict: Verdict) -> list[dict[str, Any]]:
+    """Every finalist with what speaks for it and which gates it failed."""
+    return [{"effect": e.term.effect, "joint": e.term.joint, "evidence": e.to_json()} for e in verdict.ranked]
 
 
 @dataclass

@@ -64,7 +64,7 @@ def improvement(drive) -> Improvement:
         errors = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
         held_out = Errors(tuple(1.1 * r for r in errors.rms), tuple(1.1 * r for r in errors.relative))
         steps.append(Step(added, identification, joints, errors, held_out))
-    finding = Finding(evidence(STRIBECK), (ELASTICITY,), *steps)
+    finding = Finding(evidence(STRIBECK), (ELASTICITY,), Verdict((), ()), *steps)
     last = (Verdict((evidence(ELASTICITY, "its shape lies at the edge of what was searched"),), ()),)
     seen = (limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
     found = Diagnosis("effect", "the model lacks stribeck", tuple(steps), (finding,), last, seen)
