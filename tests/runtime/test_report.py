@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runtime import demo_plant, limits, plots, report, report_figures, wording
+from runtime import demo_plant, limits, plots, report, wording
 from runtime.candidates import Candidate
-from runtime.compare import Comparison, as_written, series
+from runtime.compare import Comparison, as_written, series, structure_shares
 from runtime.covariance import Estimate
 from runtime.diagnose import Diagnosis, Errors, Finding, Step
 from runtime.identify import identify_motion, prepared
@@ -219,7 +219,7 @@ def test_residual_that_changes_sign_with_the_direction_is_seen_over_load(improve
     load = rng.uniform(-1, 1, len(s.q))
     noise = 0.1 * rng.standard_normal(len(s.q))
     made = replace(s, load=load, tau=s.predicted + np.abs(load) * np.sign(s.qd) + noise)
-    found = report_figures.shares(made)
+    found = structure_shares(made)
     # |load| about its mean has a variance of 1/12 and its mean 1/4; the noise 0.01.
     assert found["load"] > 0.9
     assert found["load"] > found["position"]
