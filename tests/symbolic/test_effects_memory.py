@@ -51,7 +51,8 @@ def vibration(stiffness: float, damping: float, frequency: float, seconds: float
     """Torque of the elasticity of a 0.2 kg m² link under a load of 3 N m at a frequency, at 1 kHz."""
     dt = 1e-3
     omega = 2 * math.pi * frequency
-    samples = [{"load": 3 * math.sin(omega * k * dt), "link_inertia": 0.2, "coupling": 0.2} for k in range(round(seconds / dt))]
+    fixed = {"link_inertia": 0.2, "coupling": 0.2}
+    samples = [{"load": 3 * math.sin(omega * k * dt), **fixed} for k in range(round(seconds / dt))]
     return simulate("elasticity", {"stiffness": stiffness, "damping": damping}, dt, samples)
 
 
