@@ -1,11 +1,12 @@
 """An effect's declaration as the symbolic functions that are generated from it.
 
 All read the effect's signals, then dt where time passes, then `p` (all parameters in declared order) and
-`x` (its states).
+`x` (its states). Each is asked for by several printers, so all are kept.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import sympy as sp
@@ -15,6 +16,7 @@ from symbolic.effects.declaration import DT, Effect
 from symbolic.functions import Argument, Output, SymbolicFunction
 
 
+@functools.cache
 def _inputs(effect: Effect, passes_time: bool) -> tuple[Argument, ...]:
     inputs = [Argument(s.name, (s.symbol,), (), s.unit.text(), s.meaning) for s in effect.signals]
     if passes_time:
@@ -34,12 +36,14 @@ def _states(expressions: Sequence[sp.Expr], meaning: str) -> Output:
     return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), "as declared", meaning)
 
 
+@functools.cache
 def torque(effect: Effect) -> SymbolicFunction:
     """signals, p, x -> torque."""
     output = Output("torque", (sp.sympify(effect.torque),), (), u.FORCE.text(), "added to the motor torque")
     return _function(effect, "torque", f"{effect.summary} {effect.equation}", output)
 
 
+@functools.cache
 def columns(effect: Effect) -> SymbolicFunction:
     """signals, p, x -> fixed part, then the derivative by each linear parameter: (1 + k,)."""
     expressions = (sp.sympify(effect.fixed), *effect.columns)
@@ -47,12 +51,14 @@ def columns(effect: Effect) -> SymbolicFunction:
     return _function(effect, "columns", f"Regressor: {effect.summary} {effect.equation}", output)
 
 
+@functools.cache
 def step(effect: Effect) -> SymbolicFunction:
     """signals, dt, p, x -> states of the next sample."""
     output = _states([s.step for s in effect.states], "states of the next sample")
     return _function(effect, "step", f"One step of the states: {output.meaning}.", output, passes_time=True)
 
 
+@functools.cache
 def start(effect: Effect) -> SymbolicFunction:
     """signals of the first sample, p, x (not read) -> initial states."""
     return _function(

@@ -1,0 +1,90 @@
+"""The same least-squares fit as one would write it without generated code: SymPy's lambdify to NumPy, and lstsq."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from codegen import effect_functions
+from runtime.identify import Layout, Problem
+from runtime.motion import Piece
+from runtime.terms import Term, Values, joints_of
+from symbolic import primitives
+from symbolic.arm import Arm
+from symbolic.effects import LIBRARY
+from symbolic.functions import SymbolicFunction
+from symbolic.model import derive
+
+Array = NDArray[np.float64]
+
+
+class NumPyFit:
+    """Regressors of an arm and of effects without memory, one NumPy expression after another."""
+
+    def __init__(self, arm: Arm, terms: Sequence[Term]) -> None:
+        model = derive(arm)
+        function = next(f for f in model.functions if f.name == "regressor")
+        self.n, self.lumps = len(arm.joints), len(model.lumps)
+        self._regressor = _lambdified(function)
+        self._parameters = model.struct.defaults
+        self._columns = {t: _lambdified(effect_functions.columns(LIBRARY[t.effect])) for t in terms}
+
+    def rigid(self, piece: Piece) -> Array:
+        """(n, p, N), as Model.regressor."""
+        out = np.empty((self.n * self.lumps, len(piece.t)))
+        for row, value in zip(out, self._regressor(*self._parameters, *piece.q, *piece.qd, *piece.qdd), strict=True):
+            row[:] = value
+        return out.reshape(self.n, self.lumps, -1)
+
+    def columns(self, term: Term, shape: Mapping[str, float], signals: Mapping[str, Any], count: int) -> Array:
+        """(1 + k, N), as Library.columns."""
+        effect = LIBRARY[term.effect]
+        values = [shape.get(p.name, p.default or 0.0) for p in effect.parameters]
+        found = self._columns[term](*(signals[s.name] for s in effect.signals), *values)
+        return np.array([np.broadcast_to(value, count) for value in found])
+
+    def fit(self, problem: Problem, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, list[Array]]:
+        """Coefficients (K,) and each joint's rows (K, M): filtered like ours, then numpy.linalg.lstsq."""
+        layout, motion = problem.layout, problem.motion
+        parts = [self._rows(problem, layout, piece, i, shapes) for i, piece in enumerate(motion.pieces)]
+        joints = [np.concatenate(rows, axis=1) for rows in zip(*parts, strict=True)]
+        left, right = [], []
+        for i, x in enumerate(joints):
+            use = motion.moving(i)
+            left.append(problem.weights[i] * x[1:, use])
+            right.append(problem.weights[i] * (motion.torque(i, skew) - x[0])[use])
+        theta = np.linalg.lstsq(np.concatenate(left, axis=1).T, np.concatenate(right))[0]
+        return theta, [x[1:] for x in joints]
+
+    def _rows(
+        self, problem: Problem, layout: Layout, piece: Piece, number: int, shapes: Mapping[Term, Values]
+    ) -> list[Array]:
+        """Per joint (1 + K, M): the part without free coefficient, then a row a coefficient."""
+        rigid = self.rigid(piece)
+        signals = problem.regressors.signals[number]
+        out = []
+        for i in range(self.n):
+            x = np.zeros((1 + layout.size, len(piece.t)))
+            x[1 : 1 + self.lumps] = rigid[i]
+            for term in layout.terms:
+                if i in joints_of(problem.model, term):
+                    part = layout.slices[term]
+                    columns = self.columns(term, shapes[term], signals.term_signals(term, i), len(piece.t))
+                    x[0] += columns[0]
+                    x[1 + part.start : 1 + part.stop] = columns[1:]
+            out.append(piece.in_band(x))
+        return out
+
+
+def _lambdified(function: SymbolicFunction) -> Callable[..., Sequence[Any]]:
+    """Outputs from the struct's and the inputs' numbers or arrays, common subexpressions computed once."""
+    arguments = list(function.struct.symbols) if function.struct is not None else []
+    arguments += [s for a in function.inputs for s in a.symbols]
+    definitions = list(function.definitions)
+    outputs = [primitives.exact(sp.sympify(e)) for o in function.outputs for e in o.expressions]
+    shared = (lambda expressions: (definitions, expressions)) if definitions else True
+    return sp.lambdify(arguments, outputs, modules="numpy", cse=shared)
