@@ -29,12 +29,14 @@ _ENCODER_SHARE = 0.25
 
 @dataclass(frozen=True)
 class Band:
-    """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position."""
+    """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
+    resolution (n,) the positions' step, rad (m), 0 where they have none."""
 
     cutoff: float
     reason: str
     torque_density: Array
     position_density: Array
+    resolution: Array
 
     def torque_floor(self) -> Array:
         """Standard deviation of white torque noise inside the band, (n,)."""
@@ -51,6 +53,20 @@ def white_density(x: Array, rate: float, low: float = 0.3, high: float = 0.45) -
     return float(np.median(density[inside]))
 
 
+def resolution(q: Array) -> float:
+    """The step of which nearly all differences of q (N,) are multiples; 0 if there is none."""
+    steps = np.abs(np.diff(q))
+    steps = steps[steps > 1e-12 * (np.ptp(q) + 1e-300)]
+    if not len(steps):
+        return 0.0
+    # Printed digits round each position, hence each step by a little.
+    least = float(np.quantile(steps, 0.001))
+    size = float(np.median(steps[steps < 1.5 * least]))
+    multiples = steps / size
+    fits = np.abs(multiples - np.round(multiples)) < 0.1
+    return size if fits.mean() > 0.95 and (multiples < 1.5).mean() > 0.02 else 0.0
+
+
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     """Cut-off for all joints of all recordings together.
 
@@ -58,9 +74,10 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     """
     rate = min(1 / r.dt for r in recordings)
     n = len(inertia)
-    torque, position = np.zeros(n), np.zeros(n)
+    torque, position, step = np.zeros(n), np.zeros(n), np.zeros(n)
+    longest = [(r, max(r.segments, key=lambda s: s.stop - s.start)) for r in recordings]
     for i in range(n):
-        longest = [(r, max(r.segments, key=lambda s: s.stop - s.start)) for r in recordings]
+        step[i] = max(resolution(r.q[i, s]) for r, s in longest)
         torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
         position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
     with np.errstate(divide="ignore"):
@@ -76,4 +93,4 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     else:
         who = f"the encoder noise of joint {joint + 1}"
         reason = f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
-    return Band(cutoff, reason, torque, position)
+    return Band(cutoff, reason, torque, position, step)

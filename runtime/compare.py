@@ -124,11 +124,11 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
     loads = np.concatenate(
         [np.stack([s.get("load", i) for i in range(model.n)])[:, p.centres] for s, p in _pairs(regressors)], axis=1
     )
-    diagonal = np.diagonal(model.inertia(np.zeros((model.n, 1)), fit.prediction.lumps)[:, :, 0])
     out = []
     for i, joint in enumerate(model.joints):
         use = motion.moving(i)
         tau = motion.torque(i, fit.skew)
+        noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
         warm = all(bool(p.measured[i]) for p in motion.pieces)
         out.append(
             JointSeries(
@@ -144,7 +144,7 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
                 motion.rows("warmth")[i, use] if warm else None,
                 tau[use],
                 (tau - fit.residual[i])[use],
-                floor(motion, found, i, fit.residual[i], float(diagonal[i])),
+                floor(motion, found, i, fit.residual[i], fit.coefficients @ noise + fixed_noise),
             )
         )
     return tuple(out)

@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 
 _MOST_FINDINGS = 6
 _LEAST_FALL = 0.005
-_OUTSIDE = 1.35
+_OUTSIDE = 1.5
 """A residual above this multiple of the instruments' own noise has a source, even if nothing explains it."""
+_ABOVE_NOISE = 1.15
 _LEAST_MOVING_S = 2.0
 _STANDS_OUT = 0.2
 _DISAGREES = 0.05
@@ -276,7 +277,8 @@ def _sentence(finding: Finding) -> str:
 def remainder(step: Step, joint: int) -> str | None:
     """What a joint's residual holds beyond noise, in words; None if it is noise."""
     s = step.joints[joint]
-    if s.floor.repeatable(s.rms):
+    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
+    if s.floor.repeatable(s.rms) and s.rms > _ABOVE_NOISE * s.floor.spectrum:
         part = min(1.0, ((s.floor.repeating or 0.0) / s.rms) ** 2)
         return (
             f"{100 * part:.0f} % of its variance comes back with the motion, so physics is left: "

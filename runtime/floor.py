@@ -39,21 +39,16 @@ class Floor:
         return self.repeating**2 > _LASTING * rms**2
 
 
-def spectrum_floor(motion: Motion, joint: int, inertia: float) -> float:
-    """Torque noise in the band and encoder noise as an inertial torque; inertia in kg m² (kg)."""
-    band = motion.band
-    torque = band.torque_density[joint] * band.cutoff
-    encoder = inertia**2 * band.position_density[joint] * (2 * np.pi) ** 4 * band.cutoff**5 / 5
-    return float(np.sqrt(torque + encoder))
+def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: Array) -> Floor:
+    """Floor of a residual (M,) that is zero where rows do not count.
 
-
-def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, inertia: float) -> Floor:
-    """Floor of a residual (M,) that is zero where rows do not count."""
-    spectrum = spectrum_floor(motion, joint, inertia)
-    parts = repeats.pure_error(residual, motion.moving(joint))
+    read (M,): what another reading of the encoders would change in the predicted torque.
+    """
+    use = motion.moving(joint)
+    torque = motion.band.torque_density[joint] * motion.band.cutoff
+    spectrum = float(np.sqrt(torque + np.mean(read[use] ** 2))) if use.any() else float(np.sqrt(torque))
+    parts = repeats.pure_error(residual, use)
     if parts is None:
         return Floor(spectrum, "spectrum", spectrum, None)
-    used = residual[motion.moving(joint)]
     # Two passes under a disturbance may differ by more than either holds.
-    value = min(parts[0], float(np.sqrt(np.mean(used**2))))
-    return Floor(value, "repeats", spectrum, parts[1])
+    return Floor(min(parts[0], float(np.sqrt(np.mean(residual[use] ** 2)))), "repeats", spectrum, parts[1])

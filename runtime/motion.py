@@ -43,11 +43,21 @@ class Piece:
     low_pass: LowPass
     derive: Differentiator
 
-    def perturbed(self, deviation: Array, seed: int) -> Piece:
-        """The piece with white noise of standard deviation (n,) on the positions as they were read."""
-        raw = np.random.default_rng(seed).standard_normal((len(deviation), len(self.t) + 2 * self.derive.half))
-        noise = np.array([self.derive(d * x) for d, x in zip(deviation, raw, strict=True)])
-        q, qd, qdd = self.q + noise[:, 0], self.qd + noise[:, 1], self.qdd + noise[:, 2]
+    def perturbed(self, band: Band, seed: int) -> Piece:
+        """The piece as its encoders might have read it another time: other places of the steps, other noise.
+
+        Errors of coarse steps are no white noise where the motion is slow, so the steps themselves are taken again.
+        """
+        rng = np.random.default_rng(seed)
+        noise = []
+        for q, step, density in zip(self.q, band.resolution, band.position_density, strict=True):
+            path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
+            shifted = path + step * rng.uniform()
+            error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
+            rest = max(density / (2 * self.dt) - step**2 / 12, 0.0)
+            noise.append(self.derive(error + np.sqrt(rest) * rng.standard_normal(len(path))))
+        parts = np.array(noise)
+        q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
         return replace(self, q=q, qd=qd, qdd=qdd)
 
     @cached_property
@@ -77,9 +87,7 @@ class Motion:
     @cached_property
     def perturbed(self) -> Motion:
         """The same motion as another reading of the encoders might have given it; always the same one."""
-        deviation = [np.sqrt(self.band.position_density / (2 * p.dt)) for p in self.pieces]
-        pieces = tuple(p.perturbed(d, seed) for seed, (p, d) in enumerate(zip(self.pieces, deviation, strict=True)))
-        return replace(self, pieces=pieces)
+        return replace(self, pieces=tuple(p.perturbed(self.band, seed) for seed, p in enumerate(self.pieces)))
 
     def moving(self, joint: int) -> Mask:
         """(M,) rows at which the joint (0-based) moves."""

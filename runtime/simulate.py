@@ -175,7 +175,8 @@ def _check_value(term: Term, parameter: ParameterInfo, values: Values) -> None:
 def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: Structure) -> Values:
     """Parameters that give the term a visible and not absurd part of the torque."""
     info = model.library.effects[term.effect]
-    band = Band(CUTOFF, "simulated", np.zeros(model.n), np.zeros(model.n))
+    silent = np.zeros(model.n)
+    band = Band(CUTOFF, "simulated", silent, silent, silent)
     motion = Motion(band, (piece,), np.zeros(model.n))
     regressors = Regressors(model, motion, Prediction(model.lump_values, others))
     with np.errstate(divide="ignore", invalid="ignore"):
