@@ -180,7 +180,8 @@ _SOURCES = {"repeats": "repeated motion", "spectrum": "the spectra of torque and
 
 def _error_block(story: _Story, joint: int) -> Row:
     first = story.steps[0]
-    series = first.joints[joint]
+    # The better the model, the better the floor is known: a wrong one leaves its error in the repeats.
+    series = story.steps[-1].joints[joint]
     written = as_written(first.identification)
     rows = [] if written is None else [_written_row(written[joint], series.floor.value, series.force_unit)]
     rows += [_error_row(step, joint) for step in story.steps]
@@ -190,7 +191,7 @@ def _error_block(story: _Story, joint: int) -> Row:
         "rows": rows,
         "floor": f"{quantity(series.floor.value, series.force_unit)} "
         f"({percent(figures.relative_floor(series))} of the torque), from {_SOURCES[series.floor.source]}; "
-        f"the instruments' own noise, if it is white: {quantity(series.floor.spectrum, series.force_unit)}",
+        f"the instruments' own noise: {quantity(series.floor.spectrum, series.force_unit)}",
         "repeatable": {True: "yes", False: "no", None: "unknown"}[series.floor.repeatable(series.rms)],
         "figure": figures.drawn(figures.error(story.steps, joint), f"error{joint + 1}", caption),
         "structure": figures.structure(first, story.steps[-1], joint),
