@@ -27,16 +27,21 @@ def solve(gram: Array, moment: Array) -> Array:
     """
     if not len(moment):
         return moment
-    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.where(scale > 0, scale, 1.0)
-    scaled = gram / np.outer(scale, scale)
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    there = size > 0
+    if not there.all():
+        theta = np.zeros(len(moment))
+        if there.any():
+            theta[there] = solve(gram[np.ix_(there, there)], moment[there])
+        return theta
+    scaled = gram / np.outer(size, size)
     factor, failed = lapack.dpotrf(scaled, lower=True)
     if not failed and np.diagonal(factor).min() > _WELL_POSED:
-        answer: Array = lapack.dpotrs(factor, moment / scale, lower=True)[0] / scale
+        answer: Array = lapack.dpotrs(factor, moment / size, lower=True)[0] / size
         return answer
     value, vector = np.linalg.eigh(scaled)
     seen = value > _RANK * value[-1]
-    return (vector[:, seen] @ ((vector[:, seen].T @ (moment / scale)) / value[seen])) / scale
+    return (vector[:, seen] @ ((vector[:, seen].T @ (moment / size)) / value[seen])) / size
 
 
 def bounded(gram: Array, moment: Array, lower: Array, upper: Array) -> Array:
