@@ -9,6 +9,8 @@ outside |x| < width, not merely approaches it.
 
 from __future__ import annotations
 
+from functools import cache
+
 import sympy as sp
 
 WIDTH_RATE = sp.Symbol("width_rate", positive=True)
@@ -61,16 +63,20 @@ def smooth(expr: sp.Expr) -> sp.Expr:
     )
 
 
+# SymPy compares the arguments of Max and Min at length, and one switch stands at many places of a step.
+@cache
 def smooth_sgn(x: sp.Expr, width: sp.Expr) -> sp.Expr:
     """Quintic between −width and width: value, slope and curvature join the exact law."""
     s = sp.Max(-1, sp.Min(1, x / width))
     return s * (15 - 10 * s**2 + 3 * s**4) / 8
 
 
+@cache
 def smooth_step(x: sp.Expr, width: sp.Expr) -> sp.Expr:
     return (1 + smooth_sgn(x, width)) / 2
 
 
+@cache
 def smooth_ramp(x: sp.Expr, width: sp.Expr) -> sp.Expr:
     """(x + |x|)/2 with |x| the integral of smooth_sgn, exact outside the width."""
     s = sp.Max(-1, sp.Min(1, x / width))

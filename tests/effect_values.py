@@ -15,14 +15,15 @@ Values = Mapping[sp.Symbol, float]
 
 
 @cache
-def compiled(expr: sp.Expr) -> tuple[Callable[..., float], tuple[sp.Symbol, ...]]:
+def compiled(law: sp.Expr) -> tuple[Callable[..., float], tuple[sp.Symbol, ...]]:
+    expr = exact(law)
     symbols = tuple(sorted(expr.free_symbols, key=lambda s: s.name))
     sign = {"sign": lambda x: (x > 0) - (x < 0)}
-    return sp.lambdify(symbols, expr, modules=[sign, "math"]), symbols
+    return sp.lambdify(symbols, expr, modules=[sign, "math"], cse=True), symbols
 
 
 def evaluate(expr: sp.Expr, values: Values) -> float:
-    function, symbols = compiled(exact(expr))
+    function, symbols = compiled(expr)
     return float(function(*(values[s] for s in symbols)))
 
 
@@ -34,13 +35,21 @@ def torque(name: str, parameters: Mapping[str, float], **signals: float) -> floa
 
 def simulate(name: str, parameters: Mapping[str, float], dt: float, samples: list[dict[str, float]]) -> list[float]:
     """Torque of an effect with memory along samples, as generated code steps it: torque first, then the step."""
+    return [at["torque"] for at in trace(name, parameters, dt, samples)]
+
+
+def trace(
+    name: str, parameters: Mapping[str, float], dt: float, samples: list[dict[str, float]]
+) -> list[dict[str, float]]:
+    """The same with the states of each sample, by name."""
     effect = LIBRARY[name]
     fixed = {parameter(k): v for k, v in parameters.items()} | {DT: dt}
     first = fixed | {SIGNAL[k].symbol: v for k, v in samples[0].items()}
     states = {s.symbol: evaluate(s.initial, first) for s in effect.states}
-    torques = []
+    found = []
     for sample in samples:
         values = fixed | states | {SIGNAL[k].symbol: v for k, v in sample.items()}
-        torques.append(evaluate(effect.torque, values))
+        named = {s.name: states[s.symbol] for s in effect.states}
+        found.append({"torque": evaluate(effect.torque, values), **named})
         states = {s.symbol: evaluate(s.step, values) for s in effect.states}
-    return torques
+    return found

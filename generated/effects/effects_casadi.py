@@ -460,6 +460,171 @@ def end_stop_torque():
     return ca.Function("end_stop_torque", inputs, outputs, ["q", "qd", "p", "x", "width"], ["torque"])
 
 
+def spring_hysteresis_torque():
+    """spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
+      or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
+      1..4
+    in   q [rad]: joint position
+    in   p [as declared]: torque, width
+    in   x [as declared]: element1, element2, element3, element4, position
+    out  torque [N m]: added to the motor torque
+    Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+      nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+      for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+    Operations: 186 operations (46 add, 36 sub, 86 mul, 2 div, 16 neg) and 24 max and 8 min
+    """
+    q = ca.SX.sym("q")
+    p = ca.SX.sym("p", 2)
+    x = ca.SX.sym("x", 5)
+    width = ca.SX.sym("width", 4)
+    v1 = 0.7142857142857143 * p[1]
+    v2 = q - x[4]
+    v3 = x[2] + v2
+    v4 = v1 + v3
+    v5 = v2 + x[3]
+    v6 = p[1] + v5
+    v7 = 0.14285714285714285 * p[1]
+    v8 = v2 + x[0]
+    v9 = v7 + v8
+    v10 = 0.42857142857142855 * p[1]
+    v11 = v2 + x[1]
+    v12 = v10 + v11
+    v13 = v7 - v8
+    v14 = v10 - v11
+    v15 = v1 - x[2] - v2
+    v16 = p[1] - x[3] - v2
+    v17 = 1.0 / width[1]
+    v18 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v17)))
+    v19 = v18 * v18
+    v20 = v18 * v19
+    v21 = 0.03125 * width[1]
+    v22 = ca.fmax(-1.0, ca.fmin(1.0, -(v9 * v17)))
+    v23 = v22 * v22
+    v24 = v22 * v23
+    v25 = ca.fmax(-1.0, ca.fmin(1.0, -(v12 * v17)))
+    v26 = v25 * v25
+    v27 = v25 * v26
+    v28 = ca.fmax(-1.0, ca.fmin(1.0, -(v4 * v17)))
+    v29 = v28 * v28
+    v30 = v28 * v29
+    v31 = ca.fmax(-1.0, ca.fmin(1.0, -(v13 * v17)))
+    v32 = v31 * v31
+    v33 = v31 * v32
+    v34 = ca.fmax(-1.0, ca.fmin(1.0, -(v14 * v17)))
+    v35 = v34 * v34
+    v36 = v34 * v35
+    v37 = ca.fmax(-1.0, ca.fmin(1.0, -(v15 * v17)))
+    v38 = v37 * v37
+    v39 = v37 * v38
+    v40 = ca.fmax(-1.0, ca.fmin(1.0, -(v16 * v17)))
+    v41 = v40 * v40
+    v42 = v40 * v41
+    v43 = 0.5 * ca.fmax(0.0, -(width[1] + v9)) + (0.5 * ca.fmax(0.0, -(width[1] + v4)) + 0.5 * ca.fmax(0.0, -(width[1] + v6)))
+    v44 = 0.5 * ca.fmax(0.0, v6 - width[1]) + (0.5 * ca.fmax(0.0, v4 - width[1]) + (0.5 * ca.fmax(0.0, -(width[1] + v12)) + v43))
+    v45 = 0.5 * ca.fmax(0.0, v12 - width[1]) + (0.5 * ca.fmax(0.0, v9 - width[1]) + v44) - 0.5 * ca.fmax(0.0, -(width[1] + v13))
+    v46 = v45 - 0.5 * ca.fmax(0.0, -(width[1] + v14)) - 0.5 * ca.fmax(0.0, -(width[1] + v15)) - 0.5 * ca.fmax(0.0, -(width[1] + v16))
+    v47 = v46 - 0.5 * ca.fmax(0.0, p[1] - width[1] - v5) - 0.5 * ca.fmax(0.0, v1 - (width[1] + v3)) - 0.5 * ca.fmax(0.0, v7 - (width[1] + v8))
+    v48 = (15.0 * v19 + (5.0 + v20 * v20 - 5.0 * (v19 * v19))) * v21 + (v47 - 0.5 * ca.fmax(0.0, v10 - (width[1] + v11)))
+    v49 = v21 * (15.0 * v26 + (5.0 + v27 * v27 - 5.0 * (v26 * v26))) + (v21 * (15.0 * v23 + (5.0 + v24 * v24 - 5.0 * (v23 * v23))) + v48)
+    v50 = v21 * (15.0 * v29 + (5.0 + v30 * v30 - 5.0 * (v29 * v29))) + v49 - v21 * (15.0 * v32 + (5.0 + v33 * v33 - 5.0 * (v32 * v32)))
+    v51 = v50 - v21 * (15.0 * v35 + (5.0 + v36 * v36 - 5.0 * (v35 * v35))) - v21 * (15.0 * v38 + (5.0 + v39 * v39 - 5.0 * (v38 * v38)))
+    torque = ca.SX(0.4375 * (p[0] * (v51 - v21 * (15.0 * v41 + (5.0 + v42 * v42 - 5.0 * (v41 * v41))))) / p[1])
+    inputs, outputs = [q, p, x, width], [torque]
+    return ca.Function("spring_hysteresis_torque", inputs, outputs, ["q", "p", "x", "width"], ["torque"])
+
+
+def spring_hysteresis_start():
+    """spring_hysteresis_start: Initial states.
+    in   q [rad]: joint position
+    in   p [as declared]: torque, width
+    in   x [as declared]: element1, element2, element3, element4, position
+    out  x_next [as declared]: states of the first sample
+    Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+      nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+      for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+    Operations: 0 operations
+    """
+    q = ca.SX.sym("q")
+    p = ca.SX.sym("p", 2)
+    x = ca.SX.sym("x", 5)
+    width = ca.SX.sym("width", 4)
+    x_next = ca.SX(ca.vertcat(0.0, 0.0, 0.0, 0.0, q))
+    inputs, outputs = [q, p, x, width], [x_next]
+    return ca.Function("spring_hysteresis_start", inputs, outputs, ["q", "p", "x", "width"], ["x_next"])
+
+
+def spring_hysteresis_step():
+    """spring_hysteresis_step: One step of the states: states of the next sample.
+    in   q [rad]: joint position
+    in   dt [s]: step
+    in   p [as declared]: torque, width
+    in   x [as declared]: element1, element2, element3, element4, position
+    out  x_next [as declared]: states of the next sample
+    Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+      nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+      for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+    Operations: 182 operations (43 add, 38 sub, 84 mul, 1 div, 16 neg) and 24 max and 8 min
+    """
+    q = ca.SX.sym("q")
+    dt = ca.SX.sym("dt")
+    p = ca.SX.sym("p", 2)
+    x = ca.SX.sym("x", 5)
+    width = ca.SX.sym("width", 4)
+    v1 = 0.14285714285714285 * p[1]
+    v2 = q - x[4]
+    v3 = x[0] + v2
+    v4 = v1 + v3
+    v5 = v1 - x[0] - v2
+    v6 = 1.0 / width[1]
+    v7 = ca.fmax(-1.0, ca.fmin(1.0, -(v4 * v6)))
+    v8 = v7 * v7
+    v9 = v7 * v8
+    v10 = 0.03125 * width[1]
+    v11 = ca.fmax(-1.0, ca.fmin(1.0, -(v5 * v6)))
+    v12 = v11 * v11
+    v13 = v11 * v12
+    v14 = 0.5 * ca.fmax(0.0, -(width[1] + v4)) + 0.5 * ca.fmax(0.0, v4 - width[1]) - 0.5 * ca.fmax(0.0, -(width[1] + v5))
+    v15 = (15.0 * v8 + (5.0 + v9 * v9 - 5.0 * (v8 * v8))) * v10 + (v14 - 0.5 * ca.fmax(0.0, v1 - (width[1] + v3)))
+    v16 = 0.42857142857142855 * p[1]
+    v17 = v2 + x[1]
+    v18 = v16 + v17
+    v19 = v16 - x[1] - v2
+    v20 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v18)))
+    v21 = v20 * v20
+    v22 = v20 * v21
+    v23 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v19)))
+    v24 = v23 * v23
+    v25 = v23 * v24
+    v26 = 0.5 * ca.fmax(0.0, -(width[1] + v18)) + 0.5 * ca.fmax(0.0, v18 - width[1]) - 0.5 * ca.fmax(0.0, -(width[1] + v19))
+    v27 = v10 * (15.0 * v21 + (5.0 + v22 * v22 - 5.0 * (v21 * v21))) + (v26 - 0.5 * ca.fmax(0.0, v16 - (width[1] + v17)))
+    v28 = 0.7142857142857143 * p[1]
+    v29 = v2 + x[2]
+    v30 = v28 + v29
+    v31 = v28 - x[2] - v2
+    v32 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v30)))
+    v33 = v32 * v32
+    v34 = v32 * v33
+    v35 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v31)))
+    v36 = v35 * v35
+    v37 = v35 * v36
+    v38 = 0.5 * ca.fmax(0.0, -(width[1] + v30)) + 0.5 * ca.fmax(0.0, v30 - width[1]) - 0.5 * ca.fmax(0.0, -(width[1] + v31))
+    v39 = v10 * (15.0 * v33 + (5.0 + v34 * v34 - 5.0 * (v33 * v33))) + (v38 - 0.5 * ca.fmax(0.0, v28 - (width[1] + v29)))
+    v40 = v2 + x[3]
+    v41 = p[1] + v40
+    v42 = p[1] - x[3] - v2
+    v43 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v41)))
+    v44 = v43 * v43
+    v45 = v43 * v44
+    v46 = ca.fmax(-1.0, ca.fmin(1.0, -(v6 * v42)))
+    v47 = v46 * v46
+    v48 = v46 * v47
+    v49 = 0.5 * ca.fmax(0.0, -(width[1] + v41)) + 0.5 * ca.fmax(0.0, v41 - width[1]) - 0.5 * ca.fmax(0.0, -(width[1] + v42))
+    v50 = v10 * (15.0 * v44 + (5.0 + v45 * v45 - 5.0 * (v44 * v44))) + (v49 - 0.5 * ca.fmax(0.0, p[1] - width[1] - v40))
+    x_next = ca.SX(ca.vertcat(v15 - v10 * (15.0 * v12 + (5.0 + v13 * v13 - 5.0 * (v12 * v12))), v27 - v10 * (15.0 * v24 + (5.0 + v25 * v25 - 5.0 * (v24 * v24))), v39 - v10 * (15.0 * v36 + (5.0 + v37 * v37 - 5.0 * (v36 * v36))), v50 - v10 * (15.0 * v47 + (5.0 + v48 * v48 - 5.0 * (v47 * v47))), q))
+    inputs, outputs = [q, dt, p, x, width], [x_next]
+    return ca.Function("spring_hysteresis_step", inputs, outputs, ["q", "dt", "p", "x", "width"], ["x_next"])
+
+
 def torque_ripple_torque():
     """torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
       cos(n N q + phi)
@@ -638,6 +803,150 @@ def elasticity_step():
     x_next = ca.SX(ca.vertcat(v23, v24, v1 * (v8 - p[1] * v24 - p[0] * v23), load))
     inputs, outputs = [load, link_inertia, coupling, dt, p, x, width], [x_next]
     return ca.Function("elasticity_step", inputs, outputs, ["load", "link_inertia", "coupling", "dt", "p", "x", "width"], ["x_next"])
+
+
+def backlash_torque():
+    """backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
+      other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
+      sgn(delta)
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+      link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   p [as declared]: gap, stiffness, damping
+    in   x [as declared]: deflection, rate, acceleration, acceleration_before, load
+    out  torque [N m]: added to the motor torque
+    Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+      Processing 11(1)
+    Operations: 5 operations (1 sub, 3 mul, 1 neg)
+    """
+    load = ca.SX.sym("load")
+    link_inertia = ca.SX.sym("link_inertia")
+    coupling = ca.SX.sym("coupling")
+    p = ca.SX.sym("p", 3)
+    x = ca.SX.sym("x", 5)
+    width = ca.SX.sym("width", 4)
+    torque = ca.SX(-(0.5 * (coupling * (3.0 * x[2] - x[3]))))
+    inputs, outputs = [load, link_inertia, coupling, p, x, width], [torque]
+    return ca.Function("backlash_torque", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["torque"])
+
+
+def backlash_start():
+    """backlash_start: Initial states.
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+      link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   p [as declared]: gap, stiffness, damping
+    in   x [as declared]: deflection, rate, acceleration, acceleration_before, load
+    out  x_next [as declared]: states of the first sample
+    Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+      Processing 11(1)
+    Operations: 12 operations (2 add, 1 sub, 7 mul, 2 div) and 1 max and 1 min
+    """
+    load = ca.SX.sym("load")
+    link_inertia = ca.SX.sym("link_inertia")
+    coupling = ca.SX.sym("coupling")
+    p = ca.SX.sym("p", 3)
+    x = ca.SX.sym("x", 5)
+    width = ca.SX.sym("width", 4)
+    v1 = ca.fmax(-1.0, ca.fmin(1.0, load / width[2]))
+    v2 = v1 * v1
+    x_next = ca.SX(ca.vertcat(load / p[1] + 0.0625 * (v1 * (p[0] * (3.0 * (v2 * v2) + (15.0 - 10.0 * v2)))), 0.0, 0.0, 0.0, load))
+    inputs, outputs = [load, link_inertia, coupling, p, x, width], [x_next]
+    return ca.Function("backlash_start", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["x_next"])
+
+
+def backlash_step():
+    """backlash_step: One step of the states: states of the next sample.
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+      link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   dt [s]: step
+    in   p [as declared]: gap, stiffness, damping
+    in   x [as declared]: deflection, rate, acceleration, acceleration_before, load
+    out  x_next [as declared]: states of the next sample
+    Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+      Processing 11(1)
+    Operations: 224 operations (45 add, 31 sub, 136 mul, 8 div, 4 neg) and 8 max and 6 min and 2 sqrt
+    """
+    load = ca.SX.sym("load")
+    link_inertia = ca.SX.sym("link_inertia")
+    coupling = ca.SX.sym("coupling")
+    dt = ca.SX.sym("dt")
+    p = ca.SX.sym("p", 3)
+    x = ca.SX.sym("x", 5)
+    width = ca.SX.sym("width", 4)
+    v1 = p[2] * x[1]
+    v2 = 0.5 * p[0]
+    v3 = x[0] + v2
+    v4 = 1.0 / width[2]
+    v5 = ca.fmax(-1.0, ca.fmin(1.0, -((v1 + p[1] * v3) * v4)))
+    v6 = v5 * v5
+    v7 = 1.0 / width[1]
+    v8 = ca.fmax(-1.0, ca.fmin(1.0, -(v3 * v7)))
+    v9 = v8 * v8
+    v10 = 0.0625 * (v8 * (3.0 * (v9 * v9) + (15.0 - 10.0 * v9)))
+    v11 = (0.5 + 0.0625 * (v5 * (3.0 * (v6 * v6) + (15.0 - 10.0 * v6)))) * (0.5 + v10)
+    v12 = v2 - x[0]
+    v13 = ca.fmax(-1.0, ca.fmin(1.0, v4 * (v1 - p[1] * v12)))
+    v14 = v13 * v13
+    v15 = ca.fmax(-1.0, ca.fmin(1.0, -(v7 * v12)))
+    v16 = v15 * v15
+    v17 = 0.0625 * (v15 * (3.0 * (v16 * v16) + (15.0 - 10.0 * v16)))
+    v18 = (0.5 + 0.0625 * (v13 * (3.0 * (v14 * v14) + (15.0 - 10.0 * v14)))) * (0.5 + v17)
+    v19 = v11 + v18
+    v20 = dt * v19
+    v21 = 1.0 / link_inertia
+    v22 = (1.5 * load - 0.5 * x[4]) * v21
+    v23 = 2.0 * v22
+    v24 = x[1] * x[1]
+    v25 = 2.0 * x[0]
+    v26 = 0.5 * v22
+    v27 = dt * x[1] + dt * dt * v26
+    v28 = ca.fmax(-1.0, ca.fmin(1.0, -(v7 * (v3 + v27))))
+    v29 = v28 * v28
+    v30 = (0.5 - v10) * (0.5 + 0.0625 * (v28 * (3.0 * (v29 * v29) + (15.0 - 10.0 * v29))))
+    v31 = 0.5 - v17
+    v32 = ca.fmax(-1.0, ca.fmin(1.0, v7 * (v27 - v12)))
+    v33 = v32 * v32
+    v34 = 0.5 + 0.0625 * (v32 * (3.0 * (v33 * v33) + (15.0 - 10.0 * v33)))
+    v35 = v34 * ((dt - (p[0] - v25) / (ca.sqrt(ca.fmax(1e-14, v24 + v12 * v23)) + (x[1] + 1e-07))) * v31)
+    v36 = 1.0 - v19
+    v37 = ((dt - (p[0] + v25) / (1e-07 + ca.sqrt(ca.fmax(1e-14, v24 - v3 * v23)) - x[1])) * v30 + v35) * v36
+    v38 = p[2] * v21
+    v39 = v20 + v37
+    v40 = v39 * v39
+    v41 = 0.16666666666666666 * v40
+    v42 = 0.4166666666666667 * v39
+    v43 = 1.0 / dt
+    v44 = v2 * (p[1] * (v18 + (v36 * (v31 * v34 - v30) - v11))) + (2.0 * load - x[4])
+    v45 = v21 * (v44 - v43 * (v39 * (0.6666666666666666 * (load - x[4]))))
+    v46 = v21 * v44
+    v47 = dt - v39
+    v48 = x[1] + v22 * v47
+    v49 = 0.25 * (v39 * (3.0 * v45 + v46)) + v48
+    v50 = 0.75 * (v39 * (v48 + 0.08333333333333333 * (v39 * (5.0 * v45 - v46))))
+    v51 = v26 * (v47 * v47) + (x[0] + x[1] * v47)
+    v52 = p[1] * v21
+    v53 = v39 * v52
+    v54 = (1.0 + v38 * v42) * v49 - v38 * v50 - 0.3333333333333333 * (v51 * v53)
+    v55 = link_inertia * link_inertia
+    v56 = 1.0 / v55
+    v57 = v40 * (p[2] * p[2])
+    v58 = p[2] * v39
+    v59 = 1.0 - v41 * v52
+    v60 = v50 + (v51 - v42 * v49)
+    v61 = (v38 * v41 + (0.6666666666666666 * v20 + 0.6666666666666666 * v37)) * v54 + (v59 + (0.16666666666666666 * (v56 * v57) + 0.6666666666666666 * (v21 * v58))) * v60
+    v62 = 4.0 * p[1]
+    v63 = 36.0 * v55
+    v64 = v62 * (link_inertia * v40) + (24.0 * (link_inertia * v58) + (6.0 * v57 + p[1] * p[1] * (v40 * v40)))
+    v65 = v63 / (v63 + (v62 * (p[2] * (v39 * v40)) + v64))
+    v66 = v65 * (v54 * v59 - v60 * (0.6666666666666666 * v53 + v56 * (v41 * (p[2] * p[1]))))
+    x_next = ca.SX(ca.vertcat(v61 * v65, v66, v43 * (v66 - x[1]), x[2], load))
+    inputs, outputs = [load, link_inertia, coupling, dt, p, x, width], [x_next]
+    return ca.Function("backlash_step", inputs, outputs, ["load", "link_inertia", "coupling", "dt", "p", "x", "width"], ["x_next"])
 
 
 def gravity_torque():

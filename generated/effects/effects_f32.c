@@ -280,6 +280,89 @@ float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, con
     return tendon_step_f32(v1) * (p[2] * s->qd) + tendon_ramp_f32(v1) * (p[3] * p[1]);
 }
 
+/* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
+ *   or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
+ *   1..4
+ * in   q [rad]: joint position
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  torque [N m]: added to the motor torque
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
+float tendon_spring_hysteresis_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
+{
+    const float v1 = 0.14285715f * p[1];
+    const float v2 = x[4] - s->q;
+    const float v3 = 0.42857143f * p[1];
+    const float v4 = 0.71428573f * p[1];
+    const float v5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f32(x[0] - v1 - v2) - tendon_ramp_f32(x[1] - v2 -
+        v3);
+    const float v6 = 4.0f * s->q + (v5 - tendon_ramp_f32(x[2] - v2 - v4) - tendon_ramp_f32(x[3] - p[1] - v2) - 4.0f
+        * x[4]);
+    const float v7 = tendon_ramp_f32(v2 - (x[1] + v3)) + (tendon_ramp_f32(v2 - (x[0] + v1)) + (tendon_ramp_f32(v2 -
+        (p[1] + x[3])) + v6));
+    return 0.4375f * (p[0] * (tendon_ramp_f32(v2 - (x[2] + v4)) + v7)) / p[1];
+}
+
+/* spring_hysteresis_start: Initial states.
+ * in   q [rad]: joint position
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  x_next (5) [as declared]: states of the first sample
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 0 operations */
+void tendon_spring_hysteresis_start_f32(const tendon_sample_f32 *s, const float *p, float *x)
+{
+    (void)p;
+    const float next0 = 0.0f;
+    const float next1 = 0.0f;
+    const float next2 = 0.0f;
+    const float next3 = 0.0f;
+    const float next4 = s->q;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
+/* spring_hysteresis_step: One step of the states: states of the next sample.
+ * in   q [rad]: joint position
+ * in   dt [s]: step
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  x_next (5) [as declared]: states of the next sample
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 30 operations (8 add, 15 sub, 3 mul, 4 neg) and 8 ramp */
+void tendon_spring_hysteresis_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
+{
+    (void)dt;
+    const float v1 = 0.14285715f * p[1];
+    const float v2 = x[4] - s->q;
+    const float v3 = x[0] - v2;
+    const float v4 = 0.42857143f * p[1];
+    const float v5 = x[1] - v2;
+    const float v6 = 0.71428573f * p[1];
+    const float v7 = x[2] - v2;
+    const float v8 = x[3] - v2;
+    const float next0 = tendon_ramp_f32(-(v1 + v3)) + (v3 - tendon_ramp_f32(x[0] - v1 - v2));
+    const float next1 = tendon_ramp_f32(-(v4 + v5)) + (v5 - tendon_ramp_f32(v5 - v4));
+    const float next2 = tendon_ramp_f32(-(v6 + v7)) + (v7 - tendon_ramp_f32(v7 - v6));
+    const float next3 = tendon_ramp_f32(-(p[1] + v8)) + (v8 - tendon_ramp_f32(x[3] - p[1] - v2));
+    const float next4 = s->q;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
@@ -428,6 +511,132 @@ void tendon_elasticity_step_f32(const tendon_sample_f32 *s, float dt, const floa
     x[1] = next1;
     x[2] = next2;
     x[3] = next3;
+}
+
+/* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
+ *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
+ *   sgn(delta)
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  torque [N m]: added to the motor torque
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 5 operations (1 sub, 3 mul, 1 neg) */
+float tendon_backlash_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
+{
+    (void)p;
+    return -(0.5f * (s->coupling * (3.0f * x[2] - x[3])));
+}
+
+/* backlash_start: Initial states.
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  x_next (5) [as declared]: states of the first sample
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 4 operations (1 add, 2 mul, 1 div) and 1 sgn */
+void tendon_backlash_start_f32(const tendon_sample_f32 *s, const float *p, float *x)
+{
+    const float next0 = s->load / p[1] + 0.5f * (p[0] * tendon_sgn_f32(s->load));
+    const float next1 = 0.0f;
+    const float next2 = 0.0f;
+    const float next3 = 0.0f;
+    const float next4 = s->load;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
+/* backlash_step: One step of the states: states of the next sample.
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   dt [s]: step
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  x_next (5) [as declared]: states of the next sample
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
+{
+    const float v1 = 0.5f * p[0];
+    const float v2 = v1 - x[0];
+    const float v3 = tendon_step_f32(-v2);
+    const float v4 = p[2] * x[1];
+    const float v5 = v3 * tendon_step_f32(v4 - v2 * p[1]);
+    const float v6 = x[0] + v1;
+    const float v7 = tendon_step_f32(-v6);
+    const float v8 = v7 * tendon_step_f32(-(v4 + p[1] * v6));
+    const float v9 = v5 + v8;
+    const float v10 = dt * v9;
+    const float v11 = 1.0f / s->link_inertia;
+    const float v12 = (1.5f * s->load - 0.5f * x[4]) * v11;
+    const float v13 = 2.0f * v12;
+    const float v14 = x[1] * x[1];
+    const float v15 = 2.0f * x[0];
+    const float v16 = dt - (p[0] + v15) / (1e-07f + tendon_sqrt_f32(tendon_max_f32(1e-14f, v14 - v6 * v13)) - x[1]);
+    const float v17 = 0.5f * v12;
+    const float v18 = dt * x[1] + dt * dt * v17;
+    const float v19 = (1.0f - v7) * tendon_step_f32(-(v6 + v18));
+    const float v20 = dt - (p[0] - v15) / (tendon_sqrt_f32(tendon_max_f32(1e-14f, v14 + v2 * v13)) + (x[1] +
+        1e-07f));
+    const float v21 = 1.0f - v3;
+    const float v22 = tendon_step_f32(v18 - v2);
+    const float v23 = 1.0f - v9;
+    const float v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+    const float v25 = p[2] * v11;
+    const float v26 = v10 + v24;
+    const float v27 = v26 * v26;
+    const float v28 = 0.16666667f * v27;
+    const float v29 = 0.41666666f * v26;
+    const float v30 = 1.0f / dt;
+    const float v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0f * s->load - x[4]);
+    const float v32 = v11 * (v31 - v30 * (v26 * (0.6666667f * (s->load - x[4]))));
+    const float v33 = v11 * v31;
+    const float v34 = dt - v26;
+    const float v35 = x[1] + v12 * v34;
+    const float v36 = 0.25f * (v26 * (3.0f * v32 + v33)) + v35;
+    const float v37 = 0.75f * (v26 * (v35 + 0.083333336f * (v26 * (5.0f * v32 - v33))));
+    const float v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
+    const float v39 = p[1] * v11;
+    const float v40 = v26 * v39;
+    const float v41 = (1.0f + v25 * v29) * v36 - v25 * v37 - 0.33333334f * (v38 * v40);
+    const float v42 = s->link_inertia * s->link_inertia;
+    const float v43 = 1.0f / v42;
+    const float v44 = v27 * (p[2] * p[2]);
+    const float v45 = p[2] * v26;
+    const float v46 = 1.0f - v28 * v39;
+    const float v47 = v37 + (v38 - v29 * v36);
+    const float v48 = (v25 * v28 + (0.6666667f * v10 + 0.6666667f * v24)) * v41 + (v46 + (0.16666667f * (v43 * v44)
+        + 0.6666667f * (v11 * v45))) * v47;
+    const float v49 = 4.0f * p[1];
+    const float v50 = 36.0f * v42;
+    const float v51 = v49 * (s->link_inertia * v27) + (24.0f * (s->link_inertia * v45) + (6.0f * v44 + p[1] * p[1] *
+        (v27 * v27)));
+    const float v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
+    const float v53 = v52 * (v41 * v46 - v47 * (0.6666667f * v40 + v43 * (v28 * (p[1] * p[2]))));
+    const float next0 = v48 * v52;
+    const float next1 = v53;
+    const float next2 = v30 * (v53 - x[1]);
+    const float next3 = x[2];
+    const float next4 = s->load;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
 }
 
 /* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m

@@ -225,6 +225,42 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  * Operations: 7 operations (1 add, 1 sub, 5 mul) and 1 ramp and 1 step */
 float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
+/* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
+ *   or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
+ *   1..4
+ * in   q [rad]: joint position
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  torque [N m]: added to the motor torque
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
+float tendon_spring_hysteresis_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+
+/* spring_hysteresis_start: Initial states.
+ * in   q [rad]: joint position
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  x_next (5) [as declared]: states of the first sample
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 0 operations */
+void tendon_spring_hysteresis_start_f32(const tendon_sample_f32 *s, const float *p, float *x);
+
+/* spring_hysteresis_step: One step of the states: states of the next sample.
+ * in   q [rad]: joint position
+ * in   dt [s]: step
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  x_next (5) [as declared]: states of the next sample
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 30 operations (8 add, 15 sub, 3 mul, 4 neg) and 8 ramp */
+void tendon_spring_hysteresis_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
+
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
@@ -308,6 +344,48 @@ void tendon_elasticity_start_f32(const tendon_sample_f32 *s, const float *p, flo
  *   Control 109(4)
  * Operations: 89 operations (15 add, 10 sub, 61 mul, 3 div) */
 void tendon_elasticity_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
+
+/* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
+ *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
+ *   sgn(delta)
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  torque [N m]: added to the motor torque
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 5 operations (1 sub, 3 mul, 1 neg) */
+float tendon_backlash_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+
+/* backlash_start: Initial states.
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  x_next (5) [as declared]: states of the first sample
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 4 operations (1 add, 2 mul, 1 div) and 1 sgn */
+void tendon_backlash_start_f32(const tendon_sample_f32 *s, const float *p, float *x);
+
+/* backlash_step: One step of the states: states of the next sample.
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   dt [s]: step
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  x_next (5) [as declared]: states of the next sample
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
 
 /* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m
  *   the arm's first mass moment

@@ -866,6 +866,186 @@ void tendon_end_stop_torque_batch_f64(
     }
 }
 
+/* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
+ *   or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
+ *   1..4
+ * in   q [rad]: joint position
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  torque [N m]: added to the motor torque
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
+double tendon_spring_hysteresis_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+{
+    const double v1 = 0.14285714285714285 * p[1];
+    const double v2 = x[4] - s->q;
+    const double v3 = 0.42857142857142855 * p[1];
+    const double v4 = 0.7142857142857143 * p[1];
+    const double v5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f64(x[0] - v1 - v2) - tendon_ramp_f64(x[1] - v2 -
+        v3);
+    const double v6 = 4.0 * s->q + (v5 - tendon_ramp_f64(x[2] - v2 - v4) - tendon_ramp_f64(x[3] - p[1] - v2) - 4.0 *
+        x[4]);
+    const double v7 = tendon_ramp_f64(v2 - (x[1] + v3)) + (tendon_ramp_f64(v2 - (x[0] + v1)) + (tendon_ramp_f64(v2 -
+        (p[1] + x[3])) + v6));
+    return 0.4375 * (p[0] * (tendon_ramp_f64(v2 - (x[2] + v4)) + v7)) / p[1];
+}
+
+/* spring_hysteresis_start: Initial states.
+ * in   q [rad]: joint position
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  x_next (5) [as declared]: states of the first sample
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 0 operations */
+void tendon_spring_hysteresis_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
+{
+    (void)p;
+    const double next0 = 0.0;
+    const double next1 = 0.0;
+    const double next2 = 0.0;
+    const double next3 = 0.0;
+    const double next4 = s->q;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
+/* spring_hysteresis_step: One step of the states: states of the next sample.
+ * in   q [rad]: joint position
+ * in   dt [s]: step
+ * in   p (2) [as declared]: torque, width
+ * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * out  x_next (5) [as declared]: states of the next sample
+ * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
+ *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
+ *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
+ * Operations: 30 operations (8 add, 15 sub, 3 mul, 4 neg) and 8 ramp */
+void tendon_spring_hysteresis_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
+{
+    (void)dt;
+    const double v1 = 0.14285714285714285 * p[1];
+    const double v2 = x[4] - s->q;
+    const double v3 = x[0] - v2;
+    const double v4 = 0.42857142857142855 * p[1];
+    const double v5 = x[1] - v2;
+    const double v6 = 0.7142857142857143 * p[1];
+    const double v7 = x[2] - v2;
+    const double v8 = x[3] - v2;
+    const double next0 = tendon_ramp_f64(-(v1 + v3)) + (v3 - tendon_ramp_f64(x[0] - v1 - v2));
+    const double next1 = tendon_ramp_f64(-(v4 + v5)) + (v5 - tendon_ramp_f64(v5 - v4));
+    const double next2 = tendon_ramp_f64(-(v6 + v7)) + (v7 - tendon_ramp_f64(v7 - v6));
+    const double next3 = tendon_ramp_f64(-(p[1] + v8)) + (v8 - tendon_ramp_f64(x[3] - p[1] - v2));
+    const double next4 = s->q;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
+/* spring_hysteresis_columns along `count` samples, 2 rows in `out`. */
+void tendon_spring_hysteresis_columns_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    const double *restrict q = s->q;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = 0.0;
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = q[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = x[4] - q[k];
+        const double v2 = 0.7142857142857143 * p[1];
+        const double v3 = x[2] - v1;
+        const double v4 = tendon_ramp_f64(-(v2 + v3)) - tendon_ramp_f64(v3 - v2);
+        const double v5 = x[3] - v1;
+        const double v6 = tendon_ramp_f64(-(p[1] + v5)) - tendon_ramp_f64(x[3] - p[1] - v1);
+        const double v7 = 0.14285714285714285 * p[1];
+        const double v8 = x[0] - v1;
+        const double v9 = tendon_ramp_f64(-(v7 + v8)) - tendon_ramp_f64(x[0] - v7 - v1);
+        const double v10 = 0.42857142857142855 * p[1];
+        const double v11 = x[1] - v1;
+        const double v12 = tendon_ramp_f64(-(v10 + v11)) - tendon_ramp_f64(v11 - v10);
+        const double v13 = 0.4375 * (v12 + (v9 + (v6 + (v4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
+            x[4]))))));
+        out[k] = 0.0;
+        out[count + k] = v13 / p[1];
+        const double next0 = v8 + v9;
+        const double next1 = v11 + v12;
+        const double next2 = v3 + v4;
+        const double next3 = v5 + v6;
+        const double next4 = q[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
+/* spring_hysteresis_torque along `count` samples, 1 row in `out`. */
+void tendon_spring_hysteresis_torque_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    const double *restrict q = s->q;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = 0.0;
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = q[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = x[4] - q[k];
+        const double v2 = 0.7142857142857143 * p[1];
+        const double v3 = x[2] - v1;
+        const double v4 = tendon_ramp_f64(-(v2 + v3)) - tendon_ramp_f64(v3 - v2);
+        const double v5 = x[3] - v1;
+        const double v6 = tendon_ramp_f64(-(p[1] + v5)) - tendon_ramp_f64(x[3] - p[1] - v1);
+        const double v7 = 0.14285714285714285 * p[1];
+        const double v8 = x[0] - v1;
+        const double v9 = tendon_ramp_f64(-(v7 + v8)) - tendon_ramp_f64(x[0] - v7 - v1);
+        const double v10 = 0.42857142857142855 * p[1];
+        const double v11 = x[1] - v1;
+        const double v12 = tendon_ramp_f64(-(v10 + v11)) - tendon_ramp_f64(v11 - v10);
+        const double v13 = p[0] * (v12 + (v9 + (v6 + (v4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
+            x[4]))))));
+        out[k] = 0.4375 * v13 / p[1];
+        const double next0 = v8 + v9;
+        const double next1 = v11 + v12;
+        const double next2 = v3 + v4;
+        const double next3 = v5 + v6;
+        const double next4 = q[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
@@ -1269,6 +1449,316 @@ void tendon_elasticity_torque_batch_f64(
         x[1] = next1;
         x[2] = next2;
         x[3] = next3;
+    }
+}
+
+/* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
+ *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
+ *   sgn(delta)
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  torque [N m]: added to the motor torque
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 5 operations (1 sub, 3 mul, 1 neg) */
+double tendon_backlash_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+{
+    (void)p;
+    return -(0.5 * (s->coupling * (3.0 * x[2] - x[3])));
+}
+
+/* backlash_start: Initial states.
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  x_next (5) [as declared]: states of the first sample
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 4 operations (1 add, 2 mul, 1 div) and 1 sgn */
+void tendon_backlash_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
+{
+    const double next0 = s->load / p[1] + 0.5 * (p[0] * tendon_sgn_f64(s->load));
+    const double next1 = 0.0;
+    const double next2 = 0.0;
+    const double next3 = 0.0;
+    const double next4 = s->load;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
+/* backlash_step: One step of the states: states of the next sample.
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   dt [s]: step
+ * in   p (3) [as declared]: gap, stiffness, damping
+ * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * out  x_next (5) [as declared]: states of the next sample
+ * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
+ *   Processing 11(1)
+ * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+void tendon_backlash_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
+{
+    const double v1 = 0.5 * p[0];
+    const double v2 = v1 - x[0];
+    const double v3 = tendon_step_f64(-v2);
+    const double v4 = p[2] * x[1];
+    const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+    const double v6 = x[0] + v1;
+    const double v7 = tendon_step_f64(-v6);
+    const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+    const double v9 = v5 + v8;
+    const double v10 = dt * v9;
+    const double v11 = 1.0 / s->link_inertia;
+    const double v12 = (1.5 * s->load - 0.5 * x[4]) * v11;
+    const double v13 = 2.0 * v12;
+    const double v14 = x[1] * x[1];
+    const double v15 = 2.0 * x[0];
+    const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) - x[1]);
+    const double v17 = 0.5 * v12;
+    const double v18 = dt * x[1] + dt * dt * v17;
+    const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+    const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+        1e-07));
+    const double v21 = 1.0 - v3;
+    const double v22 = tendon_step_f64(v18 - v2);
+    const double v23 = 1.0 - v9;
+    const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+    const double v25 = p[2] * v11;
+    const double v26 = v10 + v24;
+    const double v27 = v26 * v26;
+    const double v28 = 0.16666666666666666 * v27;
+    const double v29 = 0.4166666666666667 * v26;
+    const double v30 = 1.0 / dt;
+    const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * s->load - x[4]);
+    const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (s->load - x[4]))));
+    const double v33 = v11 * v31;
+    const double v34 = dt - v26;
+    const double v35 = x[1] + v12 * v34;
+    const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
+    const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
+    const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
+    const double v39 = p[1] * v11;
+    const double v40 = v26 * v39;
+    const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
+    const double v42 = s->link_inertia * s->link_inertia;
+    const double v43 = 1.0 / v42;
+    const double v44 = v27 * (p[2] * p[2]);
+    const double v45 = p[2] * v26;
+    const double v46 = 1.0 - v28 * v39;
+    const double v47 = v37 + (v38 - v29 * v36);
+    const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
+        (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
+    const double v49 = 4.0 * p[1];
+    const double v50 = 36.0 * v42;
+    const double v51 = v49 * (s->link_inertia * v27) + (24.0 * (s->link_inertia * v45) + (6.0 * v44 + p[1] * p[1] *
+        (v27 * v27)));
+    const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
+    const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+    const double next0 = v48 * v52;
+    const double next1 = v53;
+    const double next2 = v30 * (v53 - x[1]);
+    const double next3 = x[2];
+    const double next4 = s->load;
+    x[0] = next0;
+    x[1] = next1;
+    x[2] = next2;
+    x[3] = next3;
+    x[4] = next4;
+}
+
+/* backlash_columns along `count` samples, 1 row in `out`. */
+void tendon_backlash_columns_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict load = s->load;
+    const double *restrict link_inertia = s->link_inertia;
+    const double *restrict coupling = s->coupling;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = load[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = 0.5 * p[0];
+        const double v2 = v1 - x[0];
+        const double v3 = tendon_step_f64(-v2);
+        const double v4 = p[2] * x[1];
+        const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+        const double v6 = x[0] + v1;
+        const double v7 = tendon_step_f64(-v6);
+        const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+        const double v9 = v5 + v8;
+        const double v10 = dt * v9;
+        const double v11 = 1.0 / link_inertia[k];
+        const double v12 = (1.5 * load[k] - 0.5 * x[4]) * v11;
+        const double v13 = 2.0 * v12;
+        const double v14 = x[1] * x[1];
+        const double v15 = 2.0 * x[0];
+        const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) -
+            x[1]);
+        const double v17 = 0.5 * v12;
+        const double v18 = dt * x[1] + dt * dt * v17;
+        const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+        const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+            1e-07));
+        const double v21 = 1.0 - v3;
+        const double v22 = tendon_step_f64(v18 - v2);
+        const double v23 = 1.0 - v9;
+        const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+        const double v25 = p[2] * v11;
+        const double v26 = v10 + v24;
+        const double v27 = v26 * v26;
+        const double v28 = 0.16666666666666666 * v27;
+        const double v29 = 0.4166666666666667 * v26;
+        const double v30 = 1.0 / dt;
+        const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * load[k] - x[4]);
+        const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double v33 = v11 * v31;
+        const double v34 = dt - v26;
+        const double v35 = x[1] + v12 * v34;
+        const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
+        const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
+        const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
+        const double v39 = p[1] * v11;
+        const double v40 = v26 * v39;
+        const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
+        const double v42 = link_inertia[k] * link_inertia[k];
+        const double v43 = 1.0 / v42;
+        const double v44 = v27 * (p[2] * p[2]);
+        const double v45 = p[2] * v26;
+        const double v46 = 1.0 - v28 * v39;
+        const double v47 = v37 + (v38 - v29 * v36);
+        const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
+            (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
+        const double v49 = 4.0 * p[1];
+        const double v50 = 36.0 * v42;
+        const double v51 = v49 * (link_inertia[k] * v27) + (24.0 * (link_inertia[k] * v45) + (6.0 * v44 + p[1] *
+            p[1] * (v27 * v27)));
+        const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
+        const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+        out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
+        const double next0 = v48 * v52;
+        const double next1 = v53;
+        const double next2 = v30 * (v53 - x[1]);
+        const double next3 = x[2];
+        const double next4 = load[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
+/* backlash_torque along `count` samples, 1 row in `out`. */
+void tendon_backlash_torque_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict load = s->load;
+    const double *restrict link_inertia = s->link_inertia;
+    const double *restrict coupling = s->coupling;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = load[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = 0.5 * p[0];
+        const double v2 = v1 - x[0];
+        const double v3 = tendon_step_f64(-v2);
+        const double v4 = p[2] * x[1];
+        const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+        const double v6 = x[0] + v1;
+        const double v7 = tendon_step_f64(-v6);
+        const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+        const double v9 = v5 + v8;
+        const double v10 = dt * v9;
+        const double v11 = 1.0 / link_inertia[k];
+        const double v12 = (1.5 * load[k] - 0.5 * x[4]) * v11;
+        const double v13 = 2.0 * v12;
+        const double v14 = x[1] * x[1];
+        const double v15 = 2.0 * x[0];
+        const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) -
+            x[1]);
+        const double v17 = 0.5 * v12;
+        const double v18 = dt * x[1] + dt * dt * v17;
+        const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+        const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+            1e-07));
+        const double v21 = 1.0 - v3;
+        const double v22 = tendon_step_f64(v18 - v2);
+        const double v23 = 1.0 - v9;
+        const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+        const double v25 = p[2] * v11;
+        const double v26 = v10 + v24;
+        const double v27 = v26 * v26;
+        const double v28 = 0.16666666666666666 * v27;
+        const double v29 = 0.4166666666666667 * v26;
+        const double v30 = 1.0 / dt;
+        const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * load[k] - x[4]);
+        const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double v33 = v11 * v31;
+        const double v34 = dt - v26;
+        const double v35 = x[1] + v12 * v34;
+        const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
+        const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
+        const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
+        const double v39 = p[1] * v11;
+        const double v40 = v26 * v39;
+        const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
+        const double v42 = link_inertia[k] * link_inertia[k];
+        const double v43 = 1.0 / v42;
+        const double v44 = v27 * (p[2] * p[2]);
+        const double v45 = p[2] * v26;
+        const double v46 = 1.0 - v28 * v39;
+        const double v47 = v37 + (v38 - v29 * v36);
+        const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
+            (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
+        const double v49 = 4.0 * p[1];
+        const double v50 = 36.0 * v42;
+        const double v51 = v49 * (link_inertia[k] * v27) + (24.0 * (link_inertia[k] * v45) + (6.0 * v44 + p[1] *
+            p[1] * (v27 * v27)));
+        const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
+        const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+        out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
+        const double next0 = v48 * v52;
+        const double next1 = v53;
+        const double next2 = v30 * (v53 - x[1]);
+        const double next3 = x[2];
+        const double next4 = load[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
     }
 }
 

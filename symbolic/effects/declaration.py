@@ -81,6 +81,7 @@ class Grid:
     of   "one"              as they are
          "rate"             largest |qd|
          "position"         from the smallest to the largest q (low = 0, high = 1)
+         "range"            largest q less smallest: for a length within the motion
          "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
          "load"             largest |load|
          "duration"         of the longest run, s
@@ -92,9 +93,9 @@ class Grid:
     low: float
     high: float
     count: int
-    of: Literal["one", "rate", "position", "tip", "load", "duration", "link_inertia", "critical", "level_per_range"] = (
-        "one"
-    )
+    of: Literal[
+        "one", "rate", "position", "range", "tip", "load", "duration", "link_inertia", "critical", "level_per_range"
+    ] = "one"
     spacing: Literal["log", "linear"] = "log"
 
 

@@ -8,23 +8,24 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, State, parameter, state
+from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, sgn, step
 
 LOAD, LINK_INERTIA, COUPLING = (SIGNAL[name].symbol for name in ("load", "link_inertia", "coupling"))
 
 
-def linear_step(A: sp.Matrix, x: sp.Matrix, early: sp.Matrix, late: sp.Matrix) -> sp.Matrix:
-    """One step of dx/dt = A x + b(t) over DT by Radau IIA with two stages.
+def linear_step(A: sp.Matrix, x: sp.Matrix, early: sp.Matrix, late: sp.Matrix, h: sp.Expr = DT) -> sp.Matrix:
+    """One step of dx/dt = A x + b(t) over h by Radau IIA with two stages.
 
     It is of third order and L-stable: a mode far faster than the samples vanishes at once in place of
     ringing, so that stiffness may grow without limit.
 
-    A   (m, m) frozen during the step     x   (m, 1) now     early, late   (m, 1) b at DT/3 and at DT
+    A   (m, m) frozen during the step     x   (m, 1) now     early, late   (m, 1) b at h/3 and at h
     Returns (m, 1). Source: Hairer & Wanner 1996, Solving Ordinary Differential Equations II, IV.5.
     """
     one = sp.eye(A.rows)
-    H = DT * A
-    first = x + DT * (5 * early - late) / 12
-    second = x + DT * (3 * early + late) / 4
+    H = h * A
+    first = x + h * (5 * early - late) / 12
+    second = x + h * (3 * early + late) / 4
     # The stages' blocks are polynomials in H, so they commute, and one m by m system remains.
     system = one - sp.Rational(2, 3) * H + H * H / 6
     right = (one - sp.Rational(5, 12) * H) * second + sp.Rational(3, 4) * H * first
@@ -79,4 +80,124 @@ ELASTICITY = Effect(
     "Control 109(4)",
 )
 
-EFFECTS = (ELASTICITY,)
+_HALF = parameter("gap") / 2
+# A rate far below those that any gap is crossed with: it keeps quotients finite at rest.
+_CREEP = sp.Rational(1, 10**7)
+# Mean acceleration of the deflection over the step if nothing touches.
+_FREE = (LOAD + _SLOPE / 2) / LINK_INERTIA
+
+
+def _outside(deflection: sp.Expr, side: int) -> sp.Expr:
+    return step(side * deflection - _HALF, WIDTH_POSITION)
+
+
+def _pressed(side: int) -> sp.Expr:
+    """1 if the flank on this side (+1, -1) carries torque now: it is touched and would not have to pull."""
+    push = _K * (side * _DEFLECTION - _HALF) + _D * side * _RATE
+    return _outside(_DEFLECTION, side) * step(push, WIDTH_FORCE)
+
+
+def _met(side: int) -> sp.Expr:
+    """1 if the free deflection passes the flank on this side within the step."""
+    ahead = _DEFLECTION + _RATE * DT + _FREE * DT**2 / 2
+    return _outside(ahead, side) * (1 - _outside(_DEFLECTION, side))
+
+
+def _until(side: int) -> sp.Expr:
+    """When the free deflection meets the flank on this side, if it does."""
+    distance, rate, drive = _HALF - side * _DEFLECTION, side * _RATE, side * _FREE
+    # The root of rate t + drive t^2/2 = distance in the form that is finite without drive; 0 at rest on the flank.
+    # Max is no switch of the physics: below it nothing is met.
+    impact = sp.sqrt(sp.Max(rate**2 + 2 * drive * distance, _CREEP**2))
+    return 2 * distance / (rate + impact + _CREEP)
+
+
+def _gap_step() -> sp.Matrix:
+    """Deflection and rate of the next sample: free up to a flank, the rest of the step on it.
+
+    What is pressed stays so for the whole step. If it comes off within it, it is held back for less than a
+    step: an error that only takes energy away.
+    """
+    free = 1 - _pressed(1) - _pressed(-1)
+    side = _pressed(1) - _pressed(-1) + free * (_met(1) - _met(-1))
+    on = DT * (1 - free) + free * (_met(1) * (DT - _until(1)) + _met(-1) * (DT - _until(-1)))
+    off = DT - on
+    rest = _K * side * _HALF
+    # The step in plain symbols first: what stands for them is long, and its matrices would be expanded.
+    h, x, v, early, late = sp.symbols("h x v early late")
+    plain = linear_step(
+        sp.Matrix([[0, 1], [-_K / LINK_INERTIA, -_D / LINK_INERTIA]]),
+        sp.Matrix([x, v]),
+        sp.Matrix([0, early / LINK_INERTIA]),
+        sp.Matrix([0, late / LINK_INERTIA]),
+        h,
+    )
+    there = {
+        h: on,
+        x: _DEFLECTION + _RATE * off + _FREE * off**2 / 2,
+        v: _RATE + _FREE * off,
+        early: _AHEAD - _SLOPE * sp.Rational(2, 3) * on / DT + rest,
+        late: _AHEAD + rest,
+    }
+    return plain.xreplace(there)
+
+
+_ACROSS = _gap_step()
+
+BACKLASH = Effect(
+    name="backlash",
+    scope="joint",
+    family="transmission",
+    # The mean accelerations of the last two steps, continued by half a step to this sample: an impact shorter than
+    # a sample leaves its whole momentum in them, which the acceleration at the samples would miss.
+    torque=-COUPLING * (3 * state("acceleration") - state("acceleration_before")) / 2,
+    parameters=(
+        Parameter(
+            "gap",
+            u.POSITION,
+            "free play from flank to flank, at the joint",
+            "shape",
+            (0.0, inf),
+            Grid(1e-5, 0.05, 13, "range"),
+        ),
+        Parameter(
+            "stiffness",
+            u.STIFFNESS,
+            "of the transmission in contact",
+            "shape",
+            (0.0, inf),
+            Grid((2 * pi * 20) ** 2, (2 * pi * 150) ** 2, 3, "link_inertia"),
+        ),
+        Parameter(
+            "damping",
+            u.VISCOUS,
+            "of the transmission in contact",
+            "shape",
+            (0.0, inf),
+            Grid(0.03, 0.5, 3, "critical"),
+        ),
+    ),
+    states=(
+        State(
+            "deflection",
+            u.POSITION,
+            "motor less link",
+            _ACROSS[0],
+            initial=LOAD / _K + _HALF * sgn(LOAD, WIDTH_FORCE),
+        ),
+        State("rate", u.RATE, "of the deflection", _ACROSS[1]),
+        State("acceleration", u.ACCELERATION, "of the deflection, mean of the last step", (_ACROSS[1] - _RATE) / DT),
+        State("acceleration_before", u.ACCELERATION, "the same, of the step before", state("acceleration")),
+        State("load", u.FORCE, "of the last sample", LOAD, initial=LOAD),
+    ),
+    summary="The link hangs behind a gap: where the load changes its sign it is free, then it strikes the other flank.",
+    equation="-J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s = sgn(delta)",
+    trace="Where the load changes its sign the residual is the missing load for a moment, then a blow against it.",
+    experiment="Accelerations and decelerations without other load, some gentle, so that the gap takes ten samples.",
+    # Without a gap it is the spring, but for flanks that cannot pull.
+    generalises=("elasticity",),
+    source="Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal "
+    "Processing 11(1)",
+)
+
+EFFECTS = (ELASTICITY, BACKLASH)
