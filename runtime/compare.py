@@ -106,7 +106,7 @@ class Comparison:
             "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
             "skew": self.identification.inference.skew_json(),
             "joints": joints,
-            "warnings": list(range_warnings(self.identification)),
+            "warnings": warnings(self.identification),
         }
 
 
@@ -225,6 +225,22 @@ def _torque(signals: Signals, joint: int) -> Array:
             if joint in joints_of(signals.model, term):
                 total += signals.torque(term, joint)
     return signals.piece.in_band(total)
+
+
+def warnings(identification: Identification) -> list[str]:
+    """What a user should know before trusting the fitted model."""
+    return idle_terms(identification) + range_warnings(identification)
+
+
+def idle_terms(identification: Identification) -> list[str]:
+    """Effects whose coefficients have all come to zero, at the bound of what is physical."""
+    problem, fit = identification.problem, identification.fit
+    found = []
+    for term in problem.layout.terms:
+        own = fit.coefficients[problem.layout.slices[term]]
+        if len(own) and not own.any():
+            found.append(f"{term} has come to 0: the other effects do without it; leave it out if you agree")
+    return found
 
 
 def range_warnings(identification: Identification) -> list[str]:

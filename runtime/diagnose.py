@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import limits
 from runtime.candidates import Field
-from runtime.compare import JointSeries, errors, range_warnings, series
+from runtime.compare import JointSeries, errors, series, warnings
 from runtime.covariance import Inference
 from runtime.identify import Identification, Problem, identify_motion, prepared
 from runtime.judge import Evidence, Verdict, judge
@@ -105,7 +105,7 @@ class Diagnosis:
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
             "ruled_out": [entry for verdict in self.last for entry in _ranking(verdict)],
             "would_have_seen": [limit.to_json() for limit in self.seen],
-            "warnings": range_warnings(self.steps[-1].identification),
+            "warnings": warnings(self.steps[-1].identification),
         }
 
 
