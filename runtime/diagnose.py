@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 _MOST_FINDINGS = 6
 _LEAST_FALL = 0.005
+_MOST_RIVALS = 4
+_CLEARLY_LESS = 0.01
 _OUTSIDE = 1.5
 """A residual above this multiple of the instruments' own noise has a source, even if nothing explains it."""
 _ABOVE_NOISE = 1.15
@@ -174,14 +176,32 @@ class Search:
         passing = [(e, v) for v in self.last for e in v.ranked if e.passes]
         passing.sort(key=lambda item: -item[0].delta_bic)
         for evidence, verdict in passing:
-            after = self._step(evidence.term, self._with(step, evidence), step.identification)
+            first = evidence is verdict.ranked[0]
+            evidence, after = self._refitted(evidence, verdict if first else None)
             if self._better(step, after, joints_of(self.model, evidence.term)[0]):
-                rivals = verdict.rivals if evidence is verdict.ranked[0] else ()
+                group = (verdict.ranked[0].term, *verdict.rivals) if first else ()
+                rivals = tuple(term for term in group if term != evidence.term)
                 finding = Finding(evidence, rivals, verdict, step, after)
                 self.steps.append(after)
                 self.findings.append(finding)
                 return finding
         return None
+
+    def _refitted(self, evidence: Evidence, verdict: Verdict | None) -> tuple[Evidence, Step]:
+        """The candidate and the step that adds it; one of its rivals instead, if that clearly leaves less.
+
+        Candidates are ranked beside a base that was fitted without them; what an effect takes from others
+        (a bristle from dry friction) shows only when everything is refitted.
+        """
+        step, rivals = self.steps[-1], verdict.rivals if verdict else ()
+        contenders = [e for e in (verdict.ranked if verdict else ()) if e.term in rivals][:_MOST_RIVALS]
+        best, after = evidence, self._step(evidence.term, self._with(step, evidence), step.identification)
+        for rival in contenders:
+            other = self._step(rival.term, self._with(step, rival), step.identification)
+            joint = joints_of(self.model, rival.term)[0]
+            if other.fitted.rms[joint] < (1 - _CLEARLY_LESS) * after.fitted.rms[joint]:
+                best, after = rival, other
+        return best, after
 
     def ground(self) -> Field:
         """The last step as the field on which candidates compete, with what was computed on it."""
