@@ -18,7 +18,7 @@ from runtime.judge import Evidence, Verdict, judge
 from runtime.loader import Model
 from runtime.motion import Motion, prepare
 from runtime.recording import Recording
-from runtime.terms import Structure, Term, Values, joints_of, structure
+from runtime.terms import Structure, Term, joints_of, structure
 
 Array = NDArray[np.float64]
 
@@ -359,8 +359,3 @@ def _disagreement(model: Model, inference: Inference) -> str:
         if outside and abs(e.value - lump.value) > _DISAGREES * abs(lump.value):
             wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
     return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""
-
-
-def known_values(step: Step) -> dict[Term, Values]:
-    """Every term's identified parameter values, for the model file."""
-    return {term: dict(values) for term, values in step.identification.fit.prediction.values.items()}

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import gzip
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -19,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from runtime import files
 from runtime.band import Band
 from runtime.filters import differentiator, low_pass
 from runtime.grids import points
@@ -304,17 +302,3 @@ def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
         segments=(slice(0, samples),),
         types=tuple(joint.type for joint in model.joints),
     )
-
-
-def write(recording: Recording, path: Path) -> None:
-    """t, q and tau as a CSV that `recording.read` takes; compressed if the name ends in .gz. Raises OSError."""
-    units = [("rad", "N m") if kind == "revolute" else ("m", "N") for kind in recording.types]
-    header = ["t [s]"]
-    columns: list[Array] = [recording.t]
-    for i, (position, force) in enumerate(units):
-        header += [f"q{i + 1} [{position}]", f"tau{i + 1} [{force}]"]
-        columns += [recording.q[i], recording.tau[i]]
-    text = io.StringIO()
-    np.savetxt(text, np.stack(columns, axis=1), fmt="%.9g", delimiter=",", header=",".join(header), comments="")
-    data = text.getvalue().encode()
-    files.replace(path, gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)

@@ -10,7 +10,7 @@ import pytest
 from codegen.workspace import prepare_arm, prepare_effects
 from runtime import demo_plant, recording
 from runtime.loader import Model, load_library, load_model
-from runtime.simulate import NOISE, SimulationError, parse_hidden, read_motion, simulate, write
+from runtime.simulate import NOISE, SimulationError, parse_hidden, read_motion, simulate
 from runtime.terms import Term
 from symbolic import model_file
 from tests import plants
@@ -119,7 +119,7 @@ def test_values_out_of_bounds_and_effects_twice_are_refused(drive: Model) -> Non
 def test_written_recording_reads_back(arm: Model, tmp_path: Path) -> None:
     made, _ = simulate(arm, seconds=4.0)
     for name in ("made.csv", "made.csv.gz"):
-        write(made, tmp_path / name)
+        recording.write(tmp_path / name, made)
         back = recording.read(tmp_path / name, arm.metadata)
         # Nine digits are written.
         np.testing.assert_allclose(back.tau, made.tau, rtol=1e-8)
