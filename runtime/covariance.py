@@ -32,11 +32,10 @@ class Estimate:
     with_others: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        document: dict[str, Any] = {
-            "value": self.value,
-            "unit": self.unit,
-            "interval": list(self.interval) if self.interval else None,
-        }
+        """null stands for what has no value: the rest position of a spring of no stiffness."""
+        known = self.interval if self.interval and np.all(np.isfinite(self.interval)) else None
+        value = self.value if np.isfinite(self.value) else None
+        document: dict[str, Any] = {"value": value, "unit": self.unit, "interval": list(known) if known else None}
         if self.with_others:
             document["inseparable_from"] = list(self.with_others)
         return document
@@ -62,7 +61,7 @@ class Inference:
     def to_json(self, model: Model) -> dict[str, Any]:
         return {
             "inertial": [
-                {"joint": info.joint, "name": info.name, "model": info.value, "fit": e.value, **_rest(e)}
+                {"joint": info.joint, "name": info.name, "model": info.value, **_as_fit(e)}
                 for info, e in zip(model.lumps, self.lumps, strict=True)
             ],
             "effects": [
@@ -72,10 +71,9 @@ class Inference:
         }
 
 
-def _rest(e: Estimate) -> dict[str, Any]:
+def _as_fit(e: Estimate) -> dict[str, Any]:
     document = e.to_json()
-    del document["value"]
-    return document
+    return {"fit": document.pop("value"), **document}
 
 
 def infer(problem: Problem, fit: Fit, estimated_skew: bool) -> Inference:

@@ -37,7 +37,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 def whole(value: float) -> str:
     """To the nearest whole number."""
-    return f"{round(value):d}".replace("-", "−")
+    return f"{round(value):d}".replace("-", "−") if math.isfinite(value) else "–"
 
 
 def _raised(exponent: int | str) -> str:
