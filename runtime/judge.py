@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from runtime.candidates import Candidate, Field
 from runtime.evidence import bic, log_likelihood, vuong
 from runtime.terms import Term, joints_of
+from runtime.wording import whole
 
 Array = NDArray[np.float64]
 
@@ -137,19 +138,14 @@ def _autoregression(field: Field, candidate: Candidate, best: Candidate) -> Arra
 
 def _failed(delta: float, gain: float, cv_gain: float, effect: float, share: float, at_edge: bool) -> tuple[str, ...]:
     gates = (
-        (delta > LEAST_DELTA_BIC, f"whitened BIC falls by {_whole(delta)}, not by {LEAST_DELTA_BIC:g}"),
-        (gain > LEAST_LIKELIHOOD_GAIN, f"held-out log-likelihood gains {_whole(gain)}, not {LEAST_LIKELIHOOD_GAIN:g}"),
+        (delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"),
+        (gain > LEAST_LIKELIHOOD_GAIN, f"held-out log-likelihood gains {whole(gain)}, not {LEAST_LIKELIHOOD_GAIN:g}"),
         (1 - np.sqrt(max(1 - cv_gain, 0.0)) > LEAST_ERROR_FALL, "held-out error does not fall by 1 %"),
         (effect > LEAST_EFFECT, f"its own torque is {effect:.2f} of the noise floor, not {LEAST_EFFECT:g}"),
         (share > LEAST_SHARE, f"it explains {100 * share:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"),
         (not at_edge, "its shape lies at the edge of what was searched"),
     )
     return tuple(text for ok, text in gates if not ok)
-
-
-def _whole(x: float) -> str:
-    """Without decimals, with a real minus, and never as minus zero."""
-    return f"{round(x):d}".replace("-", "−") if np.isfinite(x) else "nothing"
 
 
 def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:
