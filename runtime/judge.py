@@ -84,7 +84,12 @@ class Verdict:
 
 def judge(field: Field, joint: int, floors: Sequence[float]) -> Verdict:
     """Rank every candidate at a joint (0-based) against the field; `floors` are all joints' noise floors."""
-    found = [c for c in (field.search(term) for term in field.terms(joint)) if c is not None]
+    return rank(field, field.terms(joint), floors)
+
+
+def rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
+    """Rank these candidates against the field; `floors` are all joints' noise floors."""
+    found = [c for c in (field.search(term) for term in terms) if c is not None]
     scored = sorted(found, key=lambda c: _relative_error(field, c))
     finalists = [field.refine(c) for c in scored[:_FINALISTS]]
     if not finalists:
