@@ -95,9 +95,7 @@ class Comparison:
         band = self.identification.motion.band
         joints = []
         for number, series in enumerate(self.joints):
-            shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
-            entry = series.to_json()
-            entry["structure"] = [{"signal": s, "share": share} for s, share in shares if share > _LEAST_SHARE]
+            entry = {**series.to_json(), "structure": structure_json(series)}
             entry["as_written"] = (
                 None if self.written is None else dict(zip(("rms", "relative"), self.written[number], strict=True))
             )
@@ -152,6 +150,12 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
 
 def _pairs(regressors: Regressors) -> list[tuple[Signals, Any]]:
     return list(zip(regressors.signals, regressors.motion.pieces, strict=True))
+
+
+def structure_json(series: JointSeries) -> list[dict[str, Any]]:
+    """Signals over which the residual is structured, the first first, as `tendon compare --json` has them."""
+    shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
+    return [{"signal": signal, "share": share} for signal, share in shares if share > _LEAST_SHARE]
 
 
 def structure_shares(series: JointSeries) -> dict[str, float]:
