@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -86,6 +86,19 @@ class Source:
 
         return model_edit.add_effect(text, str(self.path), self.library, effect, joint, values)
 
+    def drafting(self) -> Source:
+        """The same with guesses at physics that its library has not."""
+        from symbolic.effects.drafts import drafts
+
+        guesses = {effect.name: effect for effect in drafts() if effect.name not in self.library}
+        return replace(self, library={**self.library, **guesses}, own_effects=True)
+
+    def declaration(self, effect: str, notes: Sequence[str], beside: str | None) -> str:
+        """A file for --effects that declares an effect of this library; see symbolic/effects/source.py."""
+        from symbolic.effects.source import python_source
+
+        return python_source(self.library[effect], notes, beside)
+
     def put(self, text: str, identification: Mapping[str, Any]) -> str:
         """`text` with the values of an identification, as its to_json() gives them."""
         from symbolic import model_edit
@@ -125,6 +138,19 @@ def effects_library(effects_file: Path | None) -> dict[str, Effect]:
 
     own = load_user_effects(effects_file) if effects_file else ()
     return {**LIBRARY, **{effect.name: effect for effect in own}}
+
+
+def check_draft(target: Path | None, effects_file: Path | None) -> None:
+    """Refuse a file for a guess that is there and was not written as one, or that the call itself reads."""
+    from symbolic.effects.source import BANNER
+
+    if target is None:
+        return
+    boundary.check_writable(target)
+    if effects_file is not None and target.resolve() == effects_file.resolve():
+        raise UsageError(f"{target}: is read by --effects; choose another name for --draft")
+    if target.exists() and not target.read_bytes().startswith(BANNER.encode()):
+        raise UsageError(f"{target}: is there already and is no draft; choose another name")
 
 
 def open_model(path: Path | str, effects_file: Path | None = None) -> Model:

@@ -7,12 +7,14 @@ outside follows no signal of the model, so no guess passes and nothing is propos
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from runtime.candidates import Field
-from runtime.compare import series
+from runtime.compare import series, structure_json
 from runtime.diagnose import Diagnosis, Errors, Finding, Step, remainder
 from runtime.identify import Problem, identify_motion
 from runtime.judge import Evidence, Verdict, rank
@@ -27,7 +29,7 @@ _REACH = 0.95
 
 @dataclass(frozen=True)
 class Draft:
-    """A guess that passed the gates, added and refitted; `others`: those that passed, too, and were not taken."""
+    """A guess that passed the gates, added and refitted; `others`: those that explain nearly as much."""
 
     finding: Finding
     others: tuple[Term, ...]
@@ -56,6 +58,62 @@ class Draft:
         }
 
 
+def described(diagnosis: Diagnosis) -> dict[str, Any]:
+    """As `tendon diagnose --json`: at unexplained joints also over which signals the residual is structured."""
+    document = {**diagnosis.to_json(), "draft": None}
+    if diagnosis.verdict == "unexplained":
+        step = diagnosis.steps[-1]
+        for joint in unexplained(step):
+            document["joints"][joint]["structure"] = structure_json(step.joints[joint])
+    return document
+
+
+def needless(diagnosis: Diagnosis) -> str:
+    """Why a diagnosis that is not "unexplained" gets no guess."""
+    return {
+        "effect": "No draft: an effect of the library explains what is left; add it (tendon improve) and look again.",
+        "clean": "No draft: the residual is noise, and there is nothing to explain.",
+        "refused": "No draft: these recordings cannot decide, so a guess from them would be none.",
+    }[diagnosis.verdict]
+
+
+def none_found(diagnosis: Diagnosis) -> str:
+    """Why an unexplained residual gets no guess."""
+    step = diagnosis.steps[-1]
+    outside = [i + 1 for i in unexplained(step) if step.joints[i].floor.repeatable(step.joints[i].rms) is False]
+    text = "No draft: no term of the model's own signals explains what is left"
+    if outside:
+        text += f"; at joint {', '.join(map(str, outside))} it does not come back with the motion, as from outside"
+    return text + ". Record what could cause it, or compare with a recording from another day."
+
+
+def notes(draft: Draft, model: str, recordings: Sequence[str]) -> list[str]:
+    """Paragraphs for the top of a draft's file; names of files only."""
+    said = draft.to_json()
+    values = ", ".join(f"{name} = {p['value']:.4g} {p['unit']}" for name, p in said["parameters"].items())
+    others = ", ".join(o["effect"] for o in said["others"])
+    return [
+        f"At joint {said['joint']} of {model}, on {', '.join(recordings)}, it explains {100 * said['share']:.0f} % of "
+        f"what the model leaves above the noise: rms {said['rms_before']:.4g} -> {said['rms_after']:.4g} "
+        f"{said['unit']}, noise floor {said['floor']:.4g}.",
+        f"Fitted there: {values}." + (f" Guesses that explain nearly as much: {others}." if others else ""),
+        "What to do with it: find what could act like this, rename it, correct the law, and bound each parameter as "
+        "the physics does. Units and shape are consistent; whether it is true only another recording can tell.",
+    ]
+
+
+def next_steps(
+    draft: Draft, model: Path, recordings: Sequence[Path], reading: Sequence[str], target: Path
+) -> list[str]:
+    """The commands that show the error fall with the guess, and that put it into the model file."""
+    where = [] if draft.term.joint is None else ["--joint", str(draft.term.joint)]
+    own = ["--effects", str(target)]
+    return [
+        shlex.join(["tendon", "improve", str(model), *map(str, recordings), *reading, *own]),
+        shlex.join(["tendon", "add", str(model), draft.term.effect, *where, *own]),
+    ]
+
+
 def unexplained(step: Step) -> tuple[int, ...]:
     """Joints (0-based) whose residual holds more than noise."""
     return tuple(i for i in range(len(step.joints)) if remainder(step, i) is not None)
@@ -72,22 +130,22 @@ def propose(diagnosis: Diagnosis, model: Model, guesses: Collection[str]) -> Dra
 
 def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[int]) -> Draft | None:
     """As `propose`, on the residual of any step and at these joints (0-based)."""
-    found = identification_with(step, model)
+    found = _field(step, model)
     floors = [s.floor.value for s in step.joints]
     passing = []
     for joint in joints:
         terms = [t for t in found.terms(joint) if t.effect in guesses and _has_neighbours(model, t)]
-        passing += [(_simplest(v), v) for v in (_rank(found, terms, floors),) if v.best is not None]
-    for evidence, verdict in sorted(passing, key=lambda item: -item[0].delta_bic):
-        after = _added(step, model, evidence)
-        joint = (evidence.term.joint or 1) - 1
+        verdict = _rank(found, terms, floors)
+        if verdict.best is not None:
+            passing.append((_nearly_best(verdict), verdict, joint))
+    for near, verdict, joint in sorted(passing, key=lambda item: -item[1].ranked[0].delta_bic):
+        after = _added(step, model, near[0])
         if after.fitted.rms[joint] < step.fitted.rms[joint]:
-            others = tuple(e.term for e in verdict.ranked if e.passes and e.term != evidence.term)
-            return Draft(Finding(evidence, (), verdict, step, after), others)
+            return Draft(Finding(near[0], (), verdict, step, after), tuple(e.term for e in near[1:]))
     return None
 
 
-def identification_with(step: Step, model: Model) -> Field:
+def _field(step: Step, model: Model) -> Field:
     """The step's fit as a field for the candidates of another library."""
     found = step.identification
     problem = Problem(model, found.motion, found.problem.layout.terms, found.fit.prediction)
@@ -111,11 +169,11 @@ def _rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdi
     return rank(field, finalists, floors)
 
 
-def _simplest(verdict: Verdict) -> Evidence:
-    """Of those within reach of the best, the one with the fewest parameters."""
-    first = verdict.ranked[0]
-    near = [e for e in verdict.ranked if e.passes and e.delta_bic >= _REACH * first.delta_bic]
-    return min(near, key=lambda e: (e.candidate.parameters, -e.delta_bic))
+def _nearly_best(verdict: Verdict) -> list[Evidence]:
+    """Those within reach of the best, the one with the fewest parameters first."""
+    least = _REACH * verdict.ranked[0].delta_bic
+    near = [e for e in verdict.ranked if e.passes and e.delta_bic >= least]
+    return sorted(near, key=lambda e: (e.candidate.parameters, -e.delta_bic))
 
 
 def _added(step: Step, model: Model, evidence: Evidence) -> Step:

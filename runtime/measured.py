@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from runtime.boundary import AllowGaps, EffectsFile, Json, Map, ModelFile, Recor
 
 if TYPE_CHECKING:
     from runtime.cli import Source
+    from runtime.diagnose import Diagnosis
     from runtime.improve import Improvement
     from runtime.loader import Model
     from runtime.recording import Recording
@@ -96,6 +98,10 @@ def diagnose(
     model: ModelFile,
     recordings: Recordings,
     report: Report = None,
+    draft: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.py", help="If unexplained: declare a guess at what is missing, for --effects."),
+    ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
@@ -103,20 +109,49 @@ def diagnose(
 ) -> None:
     """Which physical effect is missing? Exit 1 if the answer is "unexplained" or "refused"."""
     from runtime import terminal
+    from runtime.cli import check_draft
 
     boundary.check_writable(json)
     boundary.check_directory(report)
-    _, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
+    check_draft(draft, effects)
+    source, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.diagnose import diagnose as diagnosed
+    from runtime.draft import described
 
     with terminal.working("looking for missing effects"):
         result = diagnosed(loaded, data)
     page = _report(report, result)
-    document = result.to_json()
+    document = described(result)
+    if draft is not None:
+        reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
+        document |= _drafted(source, result, draft, effects, recordings, reading)
     emit(json, document, terminal.diagnosis)
     _name_page(page, json)
     if document["verdict"] in ("unexplained", "refused"):
         raise typer.Exit(boundary.NO)
+
+
+def _drafted(
+    source: Source, result: Diagnosis, target: Path, effects: Path | None, recordings: list[Path], reading: list[str]
+) -> dict[str, Any]:
+    """What a diagnosis says of the guess that was asked for; its file is written if there is one.
+
+    reading   the options with which the recordings were read
+    """
+    from runtime import draft, files, terminal
+
+    if result.verdict != "unexplained":
+        return {"draft_reason": draft.needless(result)}
+    with terminal.working("trying guesses at what is missing"):
+        wider = source.drafting()
+        found = draft.propose(result, wider.model(), wider.library.keys() - source.library.keys())
+    if found is None:
+        return {"draft_reason": draft.none_found(result)}
+    beside = None if effects is None else os.path.relpath(effects.resolve(), target.resolve().parent)
+    notes = draft.notes(found, source.path.name, [path.name for path in recordings])
+    files.replace(target, wider.declaration(found.term.effect, notes, beside).encode())
+    following = draft.next_steps(found, source.path, recordings, reading, target)
+    return {"draft": {**found.to_json(), "file": str(target), "next": following}}
 
 
 @app.command(epilog="Example: tendon improve drive.toml run1.csv --held-out run2.csv --out better.toml --report report")

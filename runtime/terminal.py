@@ -99,11 +99,16 @@ def _fit(document: Document) -> None:
 def compare(document: Document) -> None:
     """Where the model fails: the residual's size, and what it follows."""
     _joints(document)
+    _structure(document)
+    _warnings(document)
+
+
+def _structure(document: Document) -> None:
+    """What the residual of each joint follows, where it is said."""
     for joint in document["joints"]:
         follows = [f"{s['signal']} {_percent(s['share'])}" for s in joint.get("structure", []) if s["share"] > 0.005]
         if follows:
             say(f"Joint {joint['joint']}: of the residual's power, explained by " + ", ".join(follows) + ".")
-    _warnings(document)
 
 
 def diagnosis(document: Document) -> None:
@@ -111,6 +116,8 @@ def diagnosis(document: Document) -> None:
     say(f"{document['verdict'].upper()}: {document['reason']}", "")
     if document.get("joints"):
         _joints(document)
+        _structure(document)
+    _draft(document)
     _parameters(document.get("parameters") or [])
     for finding in document.get("findings") or []:
         _finding(finding)
@@ -136,8 +143,7 @@ def _finding(finding: Document) -> None:
     )
     if finding.get("held_out_before") is not None:
         say(f"  held out: {_g(finding['held_out_before'])} -> {_g(finding['held_out_after'])}")
-    for name, p in finding["parameters"].items():
-        say(f"  {name} = {_g(p['value'])} {_unit(p)}".rstrip() + _interval(p))
+    _values(finding["parameters"])
     figures = {k: v for k, v in (finding.get("evidence") or {}).items() if isinstance(v, (int, float))}
     evidence = ", ".join(f"{name} {_g(value)}" for name, value in figures.items())
     if evidence:
@@ -151,6 +157,30 @@ def _finding(finding: Document) -> None:
     if finding.get("remainder"):
         say(f"  left over: {finding['remainder']}")
     say("")
+
+
+def _draft(document: Document) -> None:
+    """A guess at what no effect explains, or why there is none, where one was asked for."""
+    draft = document.get("draft")
+    if draft is None:
+        say(*filter(None, [document.get("draft_reason")]))
+        return
+    say(
+        f"A guess{_at(draft['joint'])}, no law: {draft['effect']} = {draft['equation']}",
+        f"  residual {_g(draft['rms_before'])} -> {_g(draft['rms_after'])} {draft['unit']} (noise floor "
+        f"{_g(draft['floor'])}), {_percent(draft['share'])} of what was missing.",
+    )
+    _values(draft["parameters"])
+    say(
+        f"  written to {draft['file']}; watch the error fall with it, then add it:",
+        *(f"    {c}" for c in draft["next"]),
+    )
+    say("")
+
+
+def _values(parameters: Mapping[str, Document]) -> None:
+    for name, p in parameters.items():
+        say(f"  {name} = {_g(p['value'])} {_unit(p)}".rstrip() + _interval(p))
 
 
 def _parameters(parameters: Sequence[Document]) -> None:

@@ -29,6 +29,7 @@ SIZES = {
     "lugre": 150.0,  # N m/rad of the bristle: slides after 7 to 11 mrad
     "thermal_friction": -0.35,  # of Coulomb friction at the end of the warming
     "disturbance": 0.5,  # N m at 3.7 Hz from outside
+    "friction_wave": 0.25,  # N m of dry friction, a wave of 20 rad^-1 over the angle: no effect of the library
 }
 """What `record` can hide, and its size in the unit beside it."""
 
@@ -63,6 +64,8 @@ def _advance(hidden: str | None, amount: float, time_constant: float, rng: np.ra
         return _two_masses(amount)
     if hidden == "lugre":
         return _bristle(amount)
+    if hidden == "friction_wave":
+        return _waving(amount)
 
     def opposing(speed: float, side: int, time: float) -> float:
         level = plant.friction(speed, side, hidden=False)
@@ -122,5 +125,24 @@ def _bristle(stiffness: float) -> plant.Advance:
             rate += h * (torque - stiffness * bend - viscous) / plant.INERTIA
             angle += h * rate
         state[:3] = [angle, rate, bend]
+
+    return advance
+
+
+def _waving(size: float, order: float = 20.0) -> plant.Advance:
+    """A rigid joint whose dry friction is larger at some angles: state (angle, rate)."""
+    substeps = 4
+    h = plant.PERIOD / substeps
+
+    def advance(state: plant.State, torque: float, _time: float) -> None:
+        angle, rate = state[:2]
+        for _ in range(substeps):
+            side = 1 if (rate or torque) > 0 else -1
+            held = plant.friction(abs(rate), side, hidden=False) + size * (1 + sin(order * angle + 0.4))
+            if rate != 0.0 or abs(torque) > held:
+                new = rate + h * (torque - side * held) / plant.INERTIA
+                rate = 0.0 if rate * new < 0.0 else new
+            angle += h * rate
+        state[:2] = [angle, rate]
 
     return advance
