@@ -73,9 +73,9 @@ def _complain(message: str, status: int) -> int:
 
 def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mapping[str, Any]], None]) -> None:
     """Print `document` for a person, or as JSON alone (`-`), or both a file and the print."""
-    plain = _plain(document)
+    clean = plain(document)
     if target is not None:
-        text = json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         if target == "-":
             sys.stdout.write(text)
             sys.stdout.flush()
@@ -83,17 +83,17 @@ def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mappin
         from runtime.files import replace
 
         replace(target, text.encode())
-    show(plain)
+    show(clean)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """As JSON knows it: NumPy's numbers become Python's, NaN and infinity null."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
@@ -117,6 +117,12 @@ def check_directory(target: Path | None) -> None:
     """Refuse a directory to write into that is something else."""
     if target is not None and target.exists() and not target.is_dir():
         raise UsageError(f"{target}: is a file; expected a directory to write into")
+
+
+def nearby(path: Path) -> Path:
+    """The path as one would type it from here, where it lies below."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def mapping(entries: Sequence[str] | None) -> dict[str, str]:

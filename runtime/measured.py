@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from runtime.diagnose import Diagnosis
     from runtime.improve import Improvement
     from runtime.loader import Model
+    from runtime.origin import Origin
     from runtime.recording import Recording
+    from runtime.story import Story
 
 app = typer.Typer()
 
@@ -88,8 +90,11 @@ def compare(
 
     with terminal.working("comparing"):
         result = compared(loaded, data)
-    page = _report(report, result)
-    emit(json, result.to_json(), terminal.compare)
+    from runtime.story import Story
+
+    story = Story(result, _origin(model, recordings, effects, maps, allow_gaps))
+    page = _report(report, story)
+    emit(json, story.document, terminal.compare)
     _name_page(page, json)
 
 
@@ -116,18 +121,20 @@ def diagnose(
     check_draft(draft, effects)
     source, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.diagnose import diagnose as diagnosed
-    from runtime.draft import described
 
     with terminal.working("looking for missing effects"):
         result = diagnosed(loaded, data)
-    page = _report(report, result)
-    document = described(result)
+    from runtime.story import Story
+
+    story = Story(result, _origin(model, recordings, effects, maps, allow_gaps), drafted=draft is not None)
+    page = _report(report, story)
+    document = story.document
     if draft is not None:
         reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
-        document |= _drafted(source, result, draft, effects, recordings, reading)
+        document = document | _drafted(source, result, draft, effects, recordings, reading)
     emit(json, document, terminal.diagnosis)
     _name_page(page, json)
-    if document["verdict"] in ("unexplained", "refused"):
+    if result.verdict in ("unexplained", "refused"):
         raise typer.Exit(boundary.NO)
 
 
@@ -180,33 +187,55 @@ def improve(
         if path.resolve() in {p.resolve() for p in recordings}:
             raise UsageError(f"{path}: is fitted and held out; give it once")
     source, data, _ = _inputs(model, [*recordings, *(held_out or ())], effects, maps, allow_gaps)
-    result = _improved(source, data[: len(recordings)], data[len(recordings) :])
-    page = _report(report, result)
+    improved = model if write else out
+    origin = _origin(model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
+    result, story = _improved(source, data[: len(recordings)], data[len(recordings) :], origin)
+    page = _report(report, story)
     if write:
         source.replace(result.model_text)
     elif out:
         from runtime import files
 
         files.replace(out, result.model_text.encode())
-    emit(json, result.to_json(), terminal.improvement)
+    emit(json, story.document, terminal.improvement)
     _name_page(page, json)
 
 
-def _improved(source: Source, fitted: list[Recording], held_out: list[Recording]) -> Improvement:
+def _improved(
+    source: Source, fitted: list[Recording], held_out: list[Recording], origin: Origin
+) -> tuple[Improvement, Story]:
     from runtime import terminal
+    from runtime.held_out import floors
     from runtime.improve import improve as improved
+    from runtime.story import Story
 
     with terminal.working("fitting and looking for missing effects") as tell:
-        return improved(source.text, source.model, source.add, source.put, fitted, held_out, tell)
+        result = improved(source.text, source.model, source.add, source.put, fitted, held_out, tell)
+        return result, Story(result, origin, floors(result.steps[-1].identification, held_out))
 
 
-def _report(directory: Path | None, result: Any) -> str | None:
+def _origin(
+    model: Path,
+    recordings: list[Path],
+    effects: Path | None,
+    maps: list[str] | None,
+    allow_gaps: bool,
+    held_out: tuple[Path, ...] = (),
+    improved: Path | None = None,
+) -> Origin:
+    """What was typed, for the commands that follow from a result."""
+    from runtime.origin import Origin
+
+    return Origin(model, tuple(recordings), held_out, effects, tuple(maps or ()), allow_gaps, improved)
+
+
+def _report(directory: Path | None, story: Story) -> str | None:
     """The page's path, if one was asked for."""
     if directory is None:
         return None
     from runtime.report import write_report
 
-    return str(write_report(directory, result))
+    return str(write_report(directory, story))
 
 
 def _name_page(page: str | None, json: str | None) -> None:
@@ -277,8 +306,9 @@ def demo(
         paths = record_files(out)
     source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
     data = source.recordings(paths)
-    result = _improved(source, data[:1], data[1:])
-    page = _report(out, result)
+    origin = _origin(boundary.nearby(shipped.path), paths[:1], None, None, False, tuple(paths[1:]), source.path)
+    result, story = _improved(source, data[:1], data[1:], origin)
+    page = _report(out, story)
     files.replace(source.path, result.model_text.encode())
-    emit(json, result.to_json(), terminal.improvement)
+    emit(json, story.document, terminal.improvement)
     _name_page(page, json)

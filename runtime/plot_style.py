@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from runtime import files
 
@@ -21,6 +24,8 @@ BEFORE = "#c8500a"  # the model as given
 AFTER = "#0a6fb0"  # the improved model
 COLOURS = {"ink": INK, "faint": FAINT, "before": BEFORE, "after": AFTER}
 """Names of the colours, by which a page may exchange them."""
+
+WIDTH = 4.1  # inches, of every figure: its labels stay readable on a phone
 
 _STYLE: Any = {
     "font.family": "sans-serif",
@@ -64,6 +69,13 @@ def styled(make: Callable[P, Figure]) -> Callable[P, Figure]:
             return make(*args, **kwargs)
 
     return made
+
+
+def residual_scale(ax: Axes, residuals: Sequence[NDArray[np.float64]], floor: float) -> None:
+    """A vertical scale, symmetric about 0, that a few outliers do not set and that shows the noise floor."""
+    reach = max(float(np.quantile(np.abs(r), 0.997)) for r in residuals)
+    reach = max(1.15 * reach, 2.5 * floor)
+    ax.set_ylim(-reach, reach)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -1,6 +1,7 @@
 """Figures of a comparison or diagnosis: data in, Figure out. They read the same in a notebook and in the report.
+Those over time are in runtime/plots_time.py.
 
-Every figure is about 11 cm wide, so that its labels stay readable on a phone; clouds are rasterised. The
+Every figure is about 10 cm wide, so that its labels stay readable on a phone; clouds are rasterised. The
 colours are told apart by colour-blind people (Okabe & Ito 2008), and every one stands for one thing in all
 figures.
 """
@@ -17,13 +18,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from runtime.plot_style import AFTER, BEFORE, FAINT, INK, styled
+from runtime.plot_style import AFTER, BEFORE, FAINT, INK, WIDTH, residual_scale, styled
 
 Array = NDArray[np.float64]
 
-_WIDTH = 4.5  # inches
 _MOST_POINTS = 5000
-_MOST_LINE = 700
 _BINS = 28
 _LEAST_IN_BIN = 8
 _SLIVER = 0.02
@@ -60,15 +59,20 @@ class Axis:
 
 @styled
 def error_fall(
-    steps: Sequence[str], fitted: Sequence[float], held_out: Sequence[float] | None, floor: float, title: str = ""
+    steps: Sequence[str],
+    fitted: Sequence[float],
+    held_out: Sequence[float] | None,
+    floor: float,
+    title: str = "",
+    held_out_floor: float | None = None,
 ) -> Figure:
-    """Relative error ‖τ − τ̂‖/‖τ‖ of one joint after each step, as bars that shrink towards the noise floor.
+    """Relative error ‖τ − τ̂‖/‖τ‖ of one joint after each step, as bars that shrink towards their noise floor.
 
-    steps (S,) what was added; fitted, held_out (S,) errors, and floor: each relative to the torque.
+    steps (S,) what was added; fitted, held_out (S,) errors, and their floors: each relative to the torque.
     """
     count = len(steps)
     pitch = 0.52 if held_out is not None else 0.4
-    figure = Figure(figsize=(_WIDTH, 0.95 + pitch * count), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.95 + pitch * count), layout="constrained")
     ax = figure.add_subplot()
     rows = np.arange(count, dtype=float)
     colours = [BEFORE if k == 0 else AFTER for k in range(count)]
@@ -76,12 +80,10 @@ def error_fall(
     shift = 0.2 if held_out is not None else 0.0
     _bars(ax, rows - shift, fitted, height, colours, 0.9, "fitted " if held_out is not None else "", floor)
     if held_out is not None:
-        _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ", floor)
-    longest = max([*fitted, *(held_out or ()), floor, 1e-6])
-    ax.axvspan(0, 100 * floor, color=FAINT, alpha=0.16, lw=0, zorder=0)
-    ax.axvline(100 * floor, color=FAINT, lw=1.1, ls=(0, (4, 2)), zorder=3)
+        _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ", held_out_floor)
+    longest = max([*fitted, *(held_out or ()), floor, held_out_floor or 0.0, 1e-6])
     ax.text(100 * floor, -0.62, "noise floor", color=FAINT, ha="center", va="bottom", fontsize=8)
-    ax.set(ylim=(count - 0.45, -0.6), xlim=(0, 128 * longest), xlabel="error, % of the torque")
+    ax.set(ylim=(count - 0.45, -0.6), xlim=(0, 134 * longest), xlabel="error, % of the torque")
     ax.set_yticks(rows, steps)
     ax.tick_params(axis="y", length=0)
     ax.xaxis.set_major_locator(MaxNLocator(5))
@@ -99,130 +101,18 @@ def _bars(
     colours: list[str],
     alpha: float,
     what: str,
-    floor: float,
+    floor: float | None,
 ) -> None:
+    """Bars with their values behind them, and across each a mark where its noise floor is, if that is known."""
     ax.barh(rows, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
+    if floor is not None:
+        reach = 0.5 * height + 0.04
+        ax.vlines(np.full(len(rows), 100 * floor), rows - reach, rows + reach, color=INK, lw=1.6, zorder=3)
     for k, (row, value) in enumerate(zip(rows, values, strict=True)):
         text = f"{what if k == 0 else ''}{100 * value:.2f} %"
-        # A label that would lie across the floor's line stands behind it.
-        end = floor if value < floor < 1.4 * value else value
+        # A label that would lie across the floor's mark stands behind it.
+        end = floor if floor is not None and value < floor < 1.4 * value else value
         ax.annotate(text, (100 * end, row), (4, 0), textcoords="offset points", va="center", fontsize=8)
-
-
-# --- torque over time ---
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Torques of one joint over time, each (M,): measured, and predicted before and after; after may be None."""
-
-    t: Array
-    piece: NDArray[np.intp]
-    tau: Array
-    before: Array
-    after: Array | None
-    floor: float
-    unit: str
-
-    def cut(self, start: float, stop: float, piece: int) -> Trace:
-        use = (self.t >= start) & (self.t <= stop) & (self.piece == piece)
-        after = None if self.after is None else self.after[use]
-        return Trace(self.t[use], self.piece[use], self.tau[use], self.before[use], after, self.floor, self.unit)
-
-    def models(self) -> list[tuple[str, Array, str]]:
-        """Name, predicted torque and colour of what there is."""
-        if self.after is None:
-            return [("predicted", self.before, BEFORE)]
-        return [("predicted before", self.before, BEFORE), ("predicted after", self.after, AFTER)]
-
-
-@styled
-def torque_over_time(trace: Trace, title: str = "") -> Figure:
-    """Measured and predicted torque over a whole recording; below it how large the residual is as time goes on."""
-    figure, top, low = _time_axes(trace, title)
-    _envelope(top, trace, trace.tau, color=INK, lw=1.1, label="measured")
-    name, predicted, colour = trace.models()[-1]
-    _envelope(top, trace, predicted, color=colour, lw=0.6, label=name)
-    for _, predicted, colour in trace.models():
-        low.plot(*_running_rms(trace, trace.tau - predicted), color=colour, lw=1.4)
-    low.axhspan(0, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
-    low.set_ylim(0, None)
-    low.set_ylabel(f"residual rms, {trace.unit}")
-    _legend(top)
-    return figure
-
-
-@styled
-def torque_closely(trace: Trace, title: str = "") -> Figure:
-    """Measured and predicted torque over some seconds; below it the residual, with the noise floor as a band."""
-    figure, top, low = _time_axes(trace, title)
-    drawn = _Lines(trace.t, trace.piece)
-    drawn.line(top, trace.tau, color=INK, lw=1.6, label="measured")
-    for name, predicted, colour in trace.models():
-        drawn.line(top, predicted, color=colour, lw=1.2, label=name)
-        drawn.line(low, trace.tau - predicted, color=colour, lw=1.1)
-    low.axhspan(-trace.floor, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
-    low.axhline(0, color=FAINT, lw=0.6, zorder=0)
-    _limits(low, [trace.tau - trace.before], trace.floor)
-    low.set_ylabel(f"residual, {trace.unit}")
-    _legend(top)
-    return figure
-
-
-def _time_axes(trace: Trace, title: str) -> tuple[Figure, Axes, Axes]:
-    figure = Figure(figsize=(_WIDTH, 3.5), layout="constrained")
-    top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    top.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
-    low.set_xlabel("time, s")
-    if title:
-        top.set_title(title, pad=17)
-    for ax in (top, low):
-        ax.yaxis.set_major_locator(MaxNLocator(4))
-    top.tick_params(axis="x", length=0)
-    top.margins(x=0.01)
-    figure.align_ylabels()
-    return figure, top, low
-
-
-def _legend(ax: Axes) -> None:
-    """Names in their colours, in one line above the curves."""
-    where: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0, "borderpad": 0.2}
-    shape: Any = {"ncols": 3, "handlelength": 1.1, "columnspacing": 1.2}
-    ax.legend(**where, **shape, frameon=False, labelcolor="linecolor", fontsize=8)
-
-
-def _running_rms(trace: Trace, residual: Array, bins: int = 90) -> tuple[Array, Array]:
-    """Time and rms of a residual in equally long bins; nan where a bin is empty."""
-    edges = np.linspace(trace.t.min(), trace.t.max(), bins + 1)
-    index = np.clip(np.searchsorted(edges, trace.t, side="right") - 1, 0, bins - 1)
-    count = np.bincount(index, minlength=bins)
-    total = np.bincount(index, weights=residual**2, minlength=bins)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return (edges[1:] + edges[:-1]) / 2, np.sqrt(mean)
-
-
-class _Lines:
-    """Curves over time that break where rows are missing."""
-
-    def __init__(self, t: Array, piece: NDArray[np.intp]) -> None:
-        self.t = t
-        step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-        self.breaks = np.flatnonzero((np.diff(t) > 5 * step) | (np.diff(t) < 0) | (np.diff(piece) != 0)) + 1
-
-    def line(self, ax: Axes, y: Array, **style: Any) -> None:
-        ax.plot(np.insert(self.t, self.breaks, np.nan), np.insert(y, self.breaks, np.nan), **style)
-
-
-def _envelope(ax: Axes, trace: Trace, y: Array, **style: Any) -> None:
-    """A curve over a long time: the smallest and largest value of each bin, in their order in time."""
-    size = 2 * len(y) // _MOST_LINE
-    if size < 3:
-        _Lines(trace.t, trace.piece).line(ax, y, **style)
-        return
-    bins = y[: len(y) // size * size].reshape(-1, size)
-    pick = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
-    index = (pick + size * np.arange(len(bins))[:, None]).ravel()
-    ax.plot(trace.t[index], y[index], **style)
 
 
 # --- the residual over a signal ---
@@ -245,7 +135,7 @@ def residual_over(
     curve   (M,) torque that what was added explains
     """
     parts = [("before", before, BEFORE)] if after is None else [("before", before, BEFORE), ("after", after, AFTER)]
-    figure = Figure(figsize=(_WIDTH, 2.3 if after is None else 3.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.3 if after is None else 3.6), layout="constrained")
     panels = figure.subplots(len(parts), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for ax, (label, residual, colour) in zip(panels, parts, strict=True):
         _cloud(ax, axis, residual, colour)
@@ -268,7 +158,7 @@ def residual_over(
             fontsize=8.5,
             zorder=6,
         )
-    _limits(panels[0], [before], floor)
+    residual_scale(panels[0], [before], floor)
     _stretch(panels[-1], axis)
     panels[-1].set_xlabel(axis.label)
     panels[0].set_title(title)
@@ -315,13 +205,6 @@ def running_mean(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
     return mean_x, mean_y
 
 
-def _limits(ax: Axes, residuals: Sequence[Array], floor: float) -> None:
-    """A scale that a few outliers do not set."""
-    reach = max(float(np.quantile(np.abs(r), 0.997)) for r in residuals)
-    reach = max(1.15 * reach, 2.5 * floor)
-    ax.set_ylim(-reach, reach)
-
-
 def _stretch(ax: Axes, axis: Axis) -> None:
     lowest, highest = float(axis.values.min()), float(axis.values.max())
     spread = highest - lowest or 1.0
@@ -352,13 +235,20 @@ def _creep_ticks(lowest: float, highest: float, width: float) -> list[float]:
 
 @styled
 def spectrum(
-    frequency: Array, before: Array, after: Array | None, noise: float, cutoff: float, unit: str, title: str = ""
+    frequency: Array,
+    before: Array,
+    after: Array | None,
+    noise: float,
+    cutoff: float,
+    unit: str,
+    title: str = "",
+    line: float | None = None,
 ) -> Figure:
     """Amplitude density of the residual over the frequency, with the white noise of the instruments.
 
-    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz
+    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz; line: one to point at, Hz
     """
-    figure = Figure(figsize=(_WIDTH, 2.3), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.3), layout="constrained")
     ax = figure.add_subplot()
     use = (frequency > 0) & (frequency <= cutoff)
     ax.axhspan(1e-12, max(noise, 1e-12), color=FAINT, alpha=0.22, lw=0, zorder=0)
@@ -372,6 +262,9 @@ def spectrum(
         ax.yaxis.set_major_formatter(_plain)
         ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set(xlabel="frequency, Hz", ylabel=f"residual, {unit}/√Hz", xlim=(0, cutoff))
+    if line is not None:
+        ax.axvline(line, color=FAINT, lw=0.8, ls=(0, (2, 2)), zorder=1)
+        ax.text(line, 0.97, f" {line:.2f} Hz", transform=ax.get_xaxis_transform(), va="top", fontsize=8)
     ax.set_title(title)
     return figure
 
@@ -382,7 +275,7 @@ def spectrum(
 @styled
 def structure(shares: Sequence[tuple[str, float, float | None]], title: str = "") -> Figure:
     """Share of the residual's variance that a curve over each signal explains: (signal, before, after or None)."""
-    figure = Figure(figsize=(_WIDTH, 0.85 + 0.3 * len(shares)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.85 + 0.3 * len(shares)), layout="constrained")
     ax = figure.add_subplot()
     rows = np.arange(len(shares), dtype=float)
     both = any(after is not None for _, _, after in shares)

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from runtime import files
 from runtime import report_figures as figures
+from runtime import report_findings as found
 from runtime import report_parameters as parameters
-from runtime.compare import Comparison, as_written, structure_shares
-from runtime.diagnose import Diagnosis, Errors, Finding, Step, finding_json
+from runtime.compare import JointSeries, as_written, structure_shares
+from runtime.diagnose import Step, seconds_moving
 from runtime.improve import Improvement
-from runtime.judge import Evidence
-from runtime.terms import Term
-from runtime.wording import at, number, percent, quantity, sentence, whole
+from runtime.story import Result, Story
+from runtime.wording import number, percent, quantity, sentence
 
-Result = Comparison | Diagnosis | Improvement
 Row = dict[str, Any]
 
 NAME = "report.html"
 
 
-def write_report(directory: Path, result: Result) -> Path:
+def write_report(directory: Path, result: Result | Story) -> Path:
     """Write `report.html` into a directory, which is made if it is not there. Raises OSError."""
     page = render(result)
     directory = Path(directory)
@@ -37,7 +34,7 @@ def write_report(directory: Path, result: Result) -> Path:
     return path
 
 
-def render(result: Result) -> str:
+def render(result: Result | Story) -> str:
     """The page; the same bytes for the same result."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
@@ -46,70 +43,31 @@ def render(result: Result) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.j2").render(_holes(_Story(result)))
+    story = result if isinstance(result, Story) else Story(result)
+    return environment.get_template("report.html.j2").render(_holes(story))
 
 
-@dataclass(frozen=True)
-class _Story:
-    """What the three kinds of results have in common: steps of a model, each fitted."""
-
-    result: Result
-
-    @cached_property
-    def document(self) -> dict[str, Any]:
-        return self.result.to_json()
-
-    @cached_property
-    def steps(self) -> tuple[Step, ...]:
-        if not isinstance(self.result, Comparison):
-            return self.result.steps
-        joints = self.result.joints
-        errors = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
-        return (Step(None, self.result.identification, joints, errors, None),)
-
-    @property
-    def diagnosis(self) -> Diagnosis | None:
-        """What was found in the model as given."""
-        if isinstance(self.result, Improvement):
-            return self.result.found
-        return self.result if isinstance(self.result, Diagnosis) else None
-
-    @property
-    def left(self) -> Diagnosis | None:
-        """What is said of the model at the end."""
-        return self.result.left if isinstance(self.result, Improvement) else self.diagnosis
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        return self.diagnosis.findings if self.diagnosis else ()
-
-    @property
-    def model_file(self) -> str:
-        """Where the model is, as far as the result knows: its name."""
-        return f"{self.steps[0].identification.model.name}.toml"
-
-    def findings_at(self, joint: int) -> list[Finding]:
-        """Findings that act on the torque of a joint (0-based), those of the whole arm among them."""
-        return [f for f in self.findings if f.term.joint in (None, joint + 1)]
-
-
-def _holes(story: _Story) -> dict[str, Any]:
-    first, last = story.steps[0], story.steps[-1]
+def _holes(story: Story) -> dict[str, Any]:
+    first, last = story.first, story.last
     motion = last.identification.motion
+    joints = range(len(first.joints))
     return {
         "model": first.identification.model.name,
         "verdict": _verdict(story),
-        "facts": _facts(story),
+        "short": _short(story),
         "held_out": first.held_out is not None,
-        "errors": [_error_block(story, i) for i in range(len(first.joints))],
-        "joints": [_joint(story, i) for i in range(len(first.joints))],
-        "findings": [_finding(story, k) for k in range(len(story.findings))],
-        "ruled_out": _ruled_out(story),
+        "errors": [_error_block(story, i) for i in joints],
+        "joints": [_joint(story, i) for i in joints],
+        "findings": found.findings(story),
+        "ruled_out": found.ruled_out(story),
+        "left_over": found.left_over(story),
+        "to_record": found.to_record(story),
         "parameters": parameters.tables(first.identification, last.identification),
         "inertial": parameters.inertial(last.identification),
-        "experiments": _experiments(story),
-        "limits": _limits(story),
+        "experiments": found.experiments(story),
+        "limits": found.limits(story),
         "commands": _commands(story),
+        "recorded": [_recorded(story, i) for i in joints],
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
         "skew": parameters.skew(last.identification.inference),
         "warnings": story.document["warnings"],
@@ -118,7 +76,7 @@ def _holes(story: _Story) -> dict[str, Any]:
     }
 
 
-# --- the verdict ---
+# --- in short ---
 
 _TAGS = {
     "effect": "effect found",
@@ -129,7 +87,7 @@ _TAGS = {
 }
 
 
-def _verdict(story: _Story) -> Row:
+def _verdict(story: Story) -> Row:
     diagnosis = story.diagnosis
     if diagnosis is None:
         return {"kind": "comparison", "tag": _TAGS["comparison"], "sentence": _compared(story), "more": ""}
@@ -140,9 +98,9 @@ def _verdict(story: _Story) -> Row:
     return {"kind": kind, "tag": _TAGS[kind], "sentence": sentence(diagnosis.reason), "more": more}
 
 
-def _compared(story: _Story) -> str:
+def _compared(story: Story) -> str:
     parts = []
-    for s in story.steps[0].joints:
+    for s in story.first.joints:
         shares = structure_shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
@@ -155,47 +113,66 @@ def _compared(story: _Story) -> str:
     return sentence("; ".join(parts))
 
 
-def _facts(story: _Story) -> list[Row]:
-    """The few figures to take away, of the joint whose error falls most, else of the one farthest above its floor."""
-    first, last = story.steps[0], story.steps[-1]
-    count = len(first.joints)
-    fall = [first.fitted.relative[j] - last.fitted.relative[j] for j in range(count)]
-    excess = [s.rms / s.floor.value if s.floor.value else 0.0 for s in first.joints]
-    i = max(range(count), key=lambda j: (fall[j], excess[j]))
-    where = f", joint {i + 1}" if count > 1 else ""
+def _short(story: Story) -> Row:
+    """Error before, after and floor of every joint, and what to type next."""
+    to_type = story.adding() or story.drafting()[:1]
+    return {
+        "changed": story.first is not story.last,
+        "rows": [_short_row(story, i) for i in range(len(story.first.joints))],
+        "commands": to_type,
+        "improved": story.document.get("improved_model"),
+    }
 
-    def change(before: float, after: float) -> str:
-        return percent(before) if first is last else f"{percent(before)} → {percent(after)}"
 
-    facts = [{"name": f"error{where}", "value": change(first.fitted.relative[i], last.fitted.relative[i])}]
+def _short_row(story: Story, joint: int) -> Row:
+    first, last, floor = story.first, story.last, story.held_out_floor(joint)
+    held = None
     if first.held_out is not None and last.held_out is not None:
-        held = change(first.held_out.relative[i], last.held_out.relative[i])
-        facts.append({"name": f"on the held-out recording{where}", "value": held})
-    facts.append({"name": f"noise floor{where}", "value": percent(figures.relative_floor(first.joints[i]))})
-    return facts
+        held = {
+            "before": percent(first.held_out.relative[joint]),
+            "after": percent(last.held_out.relative[joint]),
+            "floor": None if floor is None else percent(floor),
+        }
+    return {
+        "joint": joint + 1,
+        "before": percent(first.fitted.relative[joint]),
+        "after": percent(last.fitted.relative[joint]),
+        "floor": percent(story.floor(joint)),
+        "held": held,
+    }
 
+
+# --- the error ---
 
 _SOURCES = {"repeats": "repeated motion", "spectrum": "the spectra of torque and encoder"}
 
 
-def _error_block(story: _Story, joint: int) -> Row:
-    first = story.steps[0]
-    # The better the model, the better the floor is known: a wrong one leaves its error in the repeats.
-    series = story.steps[-1].joints[joint]
+def _error_block(story: Story, joint: int) -> Row:
+    first, series = story.first, story.last.joints[joint]
+    held_floor = story.held_out_floor(joint)
     written = as_written(first.identification)
     rows = [] if written is None else [_written_row(written[joint], series.floor.value, series.force_unit)]
-    rows += [_error_row(step, joint) for step in story.steps]
-    caption = f"Error of joint {joint + 1} after each step, and the noise floor."
+    rows += [_error_row(story, step, joint) for step in story.steps]
+    caption = f"Error of joint {joint + 1} after each step; the marks across the bars are the noise floor."
     return {
         "joint": joint + 1,
         "rows": rows,
         "floor": f"{quantity(series.floor.value, series.force_unit)} "
-        f"({percent(figures.relative_floor(series))} of the torque), from {_SOURCES[series.floor.source]}; "
+        f"({percent(story.floor(joint))} of the torque), from {_SOURCES[series.floor.source]}; "
         f"the instruments' own noise: {quantity(series.floor.spectrum, series.force_unit)}",
-        "repeatable": {True: "yes", False: "no", None: "unknown"}[series.floor.repeatable(series.rms)],
-        "figure": figures.drawn(figures.error(story.steps, joint), f"error{joint + 1}", caption),
-        "structure": figures.structure(first, story.steps[-1], joint),
+        "held_floor": None if held_floor is None else _held_floor(story, joint, held_floor),
+        "repeatable": {True: "yes", False: "no", None: "unknown, no motion was repeated"}[
+            series.floor.repeatable(series.rms)
+        ],
+        "figure": figures.drawn(figures.error(story.steps, joint, held_floor), f"error{joint + 1}", caption),
+        "structure": figures.structure(first, story.last, joint),
     }
+
+
+def _held_floor(story: Story, joint: int, relative: float) -> str:
+    floor = story.held_out_floors[joint]
+    unit = story.last.joints[joint].force_unit
+    return f"{quantity(floor.value, unit)} ({percent(relative)}), from {_SOURCES[floor.source]}"
 
 
 def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
@@ -206,12 +183,14 @@ def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
         "floors": number(written[0] / floor, 3),
         "held": None,
         "held_rms": None,
+        "held_floors": None,
     }
 
 
-def _error_row(step: Step, joint: int) -> Row:
-    series = step.joints[joint]
-    held = step.held_out
+def _error_row(story: Story, step: Step, joint: int) -> Row:
+    series = story.last.joints[joint]
+    held, held_floor = step.held_out, story.held_out_floor(joint)
+    floors = None if held is None or held_floor is None else number(held.relative[joint] / held_floor, 3)
     return {
         "step": figures.label(step) + (", fitted" if step.added is None else ""),
         "error": percent(step.fitted.relative[joint]),
@@ -219,11 +198,12 @@ def _error_row(step: Step, joint: int) -> Row:
         "floors": number(step.fitted.rms[joint] / series.floor.value, 3),
         "held": None if held is None else percent(held.relative[joint]),
         "held_rms": None if held is None else quantity(held.rms[joint], series.force_unit),
+        "held_floors": floors,
     }
 
 
-def _joint(story: _Story, joint: int) -> Row:
-    first, last = story.steps[0], story.steps[-1]
+def _joint(story: Story, joint: int) -> Row:
+    first, last = story.first, story.last
     findings = story.findings_at(joint)
     return {
         "number": joint + 1,
@@ -233,108 +213,37 @@ def _joint(story: _Story, joint: int) -> Row:
     }
 
 
-# --- findings, rivals and what was ruled out ---
+# --- what to type, and what was recorded ---
 
 
-def _finding(story: _Story, number_: int) -> Row:
-    diagnosis, finding = story.diagnosis, story.findings[number_]
-    assert diagnosis is not None
-    document = finding_json(diagnosis, number_)
-    i = finding.joint_index
-    series = finding.before.joints[i]
-    info = diagnosis.model.library.effects[finding.term.effect]
-    alone = len(story.findings_at(i)) == 1
-    held = None
-    if finding.before.held_out is not None and finding.after.held_out is not None:
-        held = _arrow(finding.before.held_out.relative[i], finding.after.held_out.relative[i])
+def _commands(story: Story) -> Row:
     return {
-        "title": f"{finding.term.effect}{at(finding.term)}",
-        "summary": info.summary,
-        "equation": info.equation,
-        "evidence": _evidence(finding.evidence, series.floor.value, series.force_unit),
-        "error": _arrow(finding.before.fitted.relative[i], finding.after.fitted.relative[i]),
-        "held": held,
-        "share": percent(finding.share(), 0),
-        "parameters": parameters.estimates(diagnosis.steps[-1].identification.inference.values.get(finding.term, {})),
-        "rivals": [f"{t.effect}{at(t)}" for t in finding.rivals],
-        "remainder": document["remainder"],
-        "command": _add(story, finding.term),
-        # With one finding at a joint, the joint's own figures show it already.
-        "figure": None if alone else figures.of_finding(finding, f"finding{number_ + 1}"),
+        "known": story.given is not None,
+        "improved": story.document.get("improved_model"),
+        "adding": [*story.adding(), *story.refitting()],
+        "drafting": story.drafting(),
     }
 
 
-def _arrow(before: float, after: float) -> str:
-    return f"{percent(before)} → {percent(after)}"
-
-
-def _evidence(evidence: Evidence, floor: float, unit: str) -> Row:
+def _recorded(story: Story, joint: int) -> Row:
+    """The range of motion of a joint, on the rows that count."""
+    series, motion = story.first.joints[joint], story.first.identification.motion
+    unit = series.position_unit
+    some = len(series.t) > 0
     return {
-        "eff": f"{quantity(evidence.eff, unit, 3)} ({evidence.eff / floor:.2f} × floor)",
-        "share": percent(evidence.share, 0),
-        "bic": whole(evidence.delta_bic),
-        "cv": percent(1 - math.sqrt(max(1 - evidence.cv_gain, 0.0)), 1),
-        "gain": whole(evidence.likelihood_gain),
+        "joint": joint + 1,
+        "moving": f"{number(seconds_moving(motion, joint), 3)} s",
+        "position": f"{number(series.q.min(), 3)} … {number(series.q.max(), 3)} {unit}" if some else "–",
+        "speed": f"{number(float(np.abs(series.qd).max()), 3)} {unit}/s" if some else "–",
+        "acceleration": f"{number(float(np.abs(series.qdd).max()), 3)} {unit}/s²" if some else "–",
+        "temperature": "not measured"
+        if series.warmth is None
+        else f"rises {number(float(np.ptp(series.warmth)), 2)} K",
+        "repeated": "no" if series.floor.repeating is None else "yes",
     }
 
 
-def _ruled_out(story: _Story) -> list[Row]:
-    """The strongest candidates at every joint once the search has ended, and what kept each from being named."""
-    if story.diagnosis is None:
-        return []
-    joints, last = story.steps[-1].joints, story.steps[-1]
-    rivals = {t for f in story.findings for t in f.rivals}
-    rows = []
-    for series, verdict in zip(joints, story.diagnosis.last, strict=False):
-        floor = series.floor.value
-        for evidence in verdict.ranked:
-            why = "; ".join(evidence.failed)
-            if not why:
-                others = " or on the held-out recording" if last.held_out is not None else ""
-                why = f"passes every gate, but added, the error does not fall on what was fitted{others}"
-            name = f"{evidence.term.effect}{at(evidence.term)}"
-            rows.append(
-                {"name": name, "rival": evidence.term in rivals, "why": why}
-                | _evidence(evidence, floor, series.force_unit)
-            )
-    return rows
-
-
-def _experiments(story: _Story) -> list[Row]:
-    """Motions that tell a finding from its rivals, or bring a finding out."""
-    rows = []
-    for finding in story.findings:
-        effects = finding.before.identification.model.library.effects
-        for term in (finding.term, *finding.rivals):
-            what = "finding" if term == finding.term else f"rival of {finding.term}"
-            rows.append(
-                {
-                    "name": f"{term.effect}{at(term)}",
-                    "what": what,
-                    "trace": effects[term.effect].trace,
-                    "experiment": effects[term.effect].experiment,
-                }
-            )
-    return rows
-
-
-def _limits(story: _Story) -> list[Row]:
-    if story.left is None:
-        return []
-    return [
-        {
-            "name": f"{limit.term.effect}{at(limit.term)}",
-            "limit": f"{limit.parameter} {limit.side} {quantity(limit.value, limit.unit, 3)}",
-            "what": story.left.model.library.effects[limit.term.effect].summary,
-        }
-        for limit in story.left.seen
-    ]
-
-
-def _commands(story: _Story) -> list[str]:
-    return [_add(story, finding.term) for finding in story.findings]
-
-
-def _add(story: _Story, term: Term) -> str:
-    joint = "" if term.joint is None else f" --joint {term.joint}"
-    return f"tendon add {story.model_file} {term.effect}{joint}"
+def _warming(series: JointSeries) -> str:
+    if series.warmth is None or not len(series.warmth):
+        return "not measured"
+    return f"over {number(float(np.ptp(series.warmth)), 2)} K"

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from runtime import plot_style, plots
+from runtime import plot_style, plots, plots_time, spectral
+from runtime.catalogue import EffectInfo
 from runtime.compare import JointSeries, structure_shares
 from runtime.diagnose import Finding, Step
+from runtime.story import relative_floor
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,7 @@ _ZOOM_S = 2.5
 _WELCH_S = 3.0
 _NOTHING = 0.01
 _FOLLOWS = 0.1
+_LONGEST_NAME = 34
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ def drawn(figure: Figure, name: str, caption: str) -> Drawn:
     for colour, code in plot_style.COLOURS.items():
         text = text.replace(code, f"var(--{colour})")
     text = re.sub(r"\n\s*", "\n", text)
+    text = text.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
     return Drawn(Markup(text), caption)
 
 
@@ -56,10 +60,13 @@ def label(step: Step) -> str:
     return "as in the file" if step.added is None else f"+\N{NO-BREAK SPACE}{step.added}"
 
 
-def error(steps: Sequence[Step], joint: int) -> Figure:
-    """The error of a joint (0-based) falling from step to step."""
+def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None) -> Figure:
+    """The error of a joint (0-based) falling from step to step; the held-out recording's floor relative to its torque.
+
+    The floor is the last step's: a wrong model leaves its error in the repeats.
+    """
     held = [s.held_out.relative[joint] for s in steps if s.held_out is not None]
-    series = steps[0].joints[joint]
+    series = steps[-1].joints[joint]
     title = f"Joint {joint + 1}" if len(steps[0].joints) > 1 else ""
     return plots.error_fall(
         [label(s) for s in steps],
@@ -67,12 +74,8 @@ def error(steps: Sequence[Step], joint: int) -> Figure:
         held if len(held) == len(steps) else None,
         relative_floor(series),
         title,
+        held_out_floor,
     )
-
-
-def relative_floor(series: JointSeries) -> float:
-    """The noise floor relative to the torque, as the error is."""
-    return series.floor.value * series.relative / series.rms if series.rms else 0.0
 
 
 def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:
@@ -84,7 +87,7 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     caption = "Measured and predicted torque, and what is left"
     found = [
         drawn(
-            plots.torque_over_time(trace, "All of the recording"),
+            plots_time.torque_over_time(trace, "All of the recording"),
             f"time{number}",
             f"{caption}{', recordings end to end' if end_to_end else ''}.",
         )
@@ -95,10 +98,15 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
         why = "where the improvement is largest" if after is not None else "where the residual is largest"
         title = f"The {seconds} {why}"
         found.append(
-            drawn(plots.torque_closely(zoom, title), f"zoom{number}", f"{caption}, in {seconds}; gaps are standstill.")
+            drawn(
+                plots_time.torque_closely(zoom, title),
+                f"zoom{number}",
+                f"{caption}, in {seconds}; gaps are standstill.",
+            )
         )
     curve = after.predicted - before.predicted if after is not None and findings else None
     name = " + ".join(dict.fromkeys(f.term.effect for f in findings))
+    name = name if len(name) <= _LONGEST_NAME else "all that was added"
     share = structure_shares(before)
     for signal in sorted(signals(before), key=lambda s: -share[s]):
         found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
@@ -112,6 +120,7 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
     motion, before = first.identification.motion, first.joints[joint]
     frequency, density = _density(first, joint)
+    line = spectral.strongest_line(last.identification.fit.residual[joint], motion.row_rate)
     figure = plots.spectrum(
         frequency,
         density,
@@ -120,8 +129,11 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
         motion.band.cutoff,
         before.force_unit,
         "Residual over frequency",
+        None if line is None else line.frequency,
     )
     caption = "Residual over frequency; grey: the noise of the instruments alone, if it is white."
+    if line is not None:
+        caption += f" The line at {line.frequency:.2f} Hz holds {100 * line.share:.0f} % of the power."
     return drawn(figure, f"spectrum{joint + 1}", caption)
 
 
@@ -133,13 +145,24 @@ def _density(step: Step, joint: int) -> tuple[Array, Array]:
     return frequency, np.sqrt(power)
 
 
-def of_finding(finding: Finding, name: str) -> Drawn:
-    """The residual that a finding explains, over the signal that shows most of its torque."""
+def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> list[Drawn]:
+    """What a finding explains: in the seconds where it acts most if it has a memory, and over the signal that shows
+    most of it unless it is alone at its joint, whose own figures show that then."""
     joint = finding.joint_index
     before, after = finding.before.joints[joint], finding.after.joints[joint]
-    curve = after.predicted - before.predicted
-    signal = most_telling(before, curve)
-    return _residual(before, after, signal, curve, finding.term.effect, name, structure_shares(before)[signal])
+    curve, effect = after.predicted - before.predicted, finding.term.effect
+    found = []
+    if not alone:
+        signal = most_telling(before, curve)
+        found.append(_residual(before, after, signal, curve, effect, f"{name}over", structure_shares(before)[signal]))
+    if info.states:
+        trace, _ = _trace(before, after)
+        closely = trace.cut(*_most(trace, curve**2))
+        if len(closely.t) > 1:
+            title = f"The {closely.t[-1] - closely.t[0]:.1f} s where {effect} acts most"
+            caption = f"Residual in the seconds where {effect} acts most, and its torque drawn through it, dashed."
+            found.append(drawn(plots_time.effect_closely(closely, effect, title), f"{name}closely", caption))
+    return found
 
 
 def most_telling(series: JointSeries, curve: Array) -> str:
@@ -201,10 +224,12 @@ def axis_of(series: JointSeries, signal: str) -> plots.Axis:
     return plots.Axis(units[signal], values, None if signal == "velocity" else forward, creep=signal == "velocity")
 
 
-def _trace(before: JointSeries, after: JointSeries | None) -> tuple[plots.Trace, bool]:
+def _trace(before: JointSeries, after: JointSeries | None) -> tuple[plots_time.Trace, bool]:
     t, end_to_end = _clock(before)
     predicted = None if after is None else after.predicted
-    trace = plots.Trace(t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit)
+    trace = plots_time.Trace(
+        t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit
+    )
     return trace, end_to_end
 
 
@@ -220,11 +245,16 @@ def _clock(series: JointSeries) -> tuple[Array, bool]:
     return t, moved
 
 
-def _telling(trace: plots.Trace) -> tuple[float, float, int]:
+def _telling(trace: plots_time.Trace) -> tuple[float, float, int]:
     """Start, end and piece of the seconds in which the squared residual falls most, or is largest."""
     weight = (trace.tau - trace.before) ** 2
     if trace.after is not None:
         weight = weight - (trace.tau - trace.after) ** 2
+    return _most(trace, weight)
+
+
+def _most(trace: plots_time.Trace, weight: Array) -> tuple[float, float, int]:
+    """Start, end and piece of the seconds in which the sum of a weight (M,) is largest."""
     total = np.concatenate([[0.0], np.cumsum(weight)])
     ends = np.searchsorted(trace.t, trace.t + _ZOOM_S)
     last_of_piece = np.searchsorted(trace.piece, trace.piece, side="right")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from runtime.catalogue import EffectInfo
 from runtime.covariance import Estimate, Inference
 from runtime.identify import Identification
 from runtime.loader import Model
@@ -59,8 +60,12 @@ def _row(
     }
 
 
-def estimates(values: Mapping[str, Estimate]) -> list[Row]:
-    return [{"name": name, "value": estimate(e), "unit": unit(e.unit)} for name, e in values.items()]
+def estimates(values: Mapping[str, Estimate], info: EffectInfo) -> list[Row]:
+    """An effect's parameters with what they mean."""
+    return [
+        {"name": name, "value": estimate(e), "unit": unit(e.unit), "meaning": info.parameter(name).meaning}
+        for name, e in values.items()
+    ]
 
 
 def inertial(identification: Identification) -> list[Row]:

@@ -14,6 +14,8 @@ from rich.table import Table
 
 Document = Mapping[str, Any]
 _PATIENCE = 2.0  # s
+_MOST_CLOSE = 3
+_WORTH_A_LINE = 0.05
 
 
 @contextmanager
@@ -112,49 +114,98 @@ def _structure(document: Document) -> None:
 
 
 def diagnosis(document: Document) -> None:
-    """The verdict in one sentence, then its evidence."""
+    """The verdict in one sentence, then its evidence, and what to type next."""
     say(f"{document['verdict'].upper()}: {document['reason']}", "")
-    if document.get("joints"):
-        _joints(document)
-        _structure(document)
+    _joints(document)
+    _structure(document)
     _draft(document)
-    _parameters(document.get("parameters") or [])
-    for finding in document.get("findings") or []:
-        _finding(finding)
-    seen = document.get("would_have_seen") or []
-    if seen:
-        table = _table("would have seen", "joint", "from")
-        for s in seen:
-            side, limit = ("below", s["below"]) if "below" in s else ("above", s.get("above"))
-            table.add_row(s["effect"], _joint(s["joint"]), f"{s['parameter']} {side} {_g(limit)} {_unit(s)}")
-        _console().print(table)
+    for finding in document["findings"]:
+        _finding(finding, document)
+    if document["verdict"] != "effect":
+        _not_named(document)
+    say("Base inertial parameters:")
+    _fit({"inertial": document["parameters"], "effects": []})
+    _seen(document)
     _warnings(document)
+    _commands(document)
+
+
+def _not_named(document: Document) -> None:
+    """The strongest candidates that were not named, one line each."""
+    floors = [j["floor"] for j in document["joints"]]
+    own = [(e["evidence"]["eff"] / floors[(e["joint"] or 1) - 1], e) for e in document["ruled_out"]]
+    entries = [e for size, e in sorted(own, key=lambda item: -item[0]) if size > _WORTH_A_LINE]
+    if not entries:
+        return
+    say("Closest to a name:")
+    for e in entries[:_MOST_CLOSE]:
+        why = e["evidence"]["failed_gates"] or ["passes every gate, but added, the error does not fall"]
+        say(f"  {e['effect']}{_at(e['joint'])}: {'; '.join(why)}")
+    say("")
+
+
+def _seen(document: Document) -> None:
+    """What would have been seen: whole for a clean bill, which is worth as much as that."""
+    seen = document["would_have_seen"]
+    if not seen:
+        return
+    if document["verdict"] != "clean":
+        say(f"Limits of what these recordings would have shown: {len(seen)}, with --report or --json.")
+        return
+    joints = sorted({s["joint"] for s in seen}, key=lambda joint: joint or len(seen))
+    table = _table("would have been seen", *(_place(joint) for joint in joints))
+    for effect in sorted({s["effect"] for s in seen}):
+        found = {s["joint"]: s for s in seen if s["effect"] == effect}
+        table.add_row(effect, *(_limit(found.get(joint)) for joint in joints))
+    _console().print(table)
+
+
+def _limit(seen: Document | None) -> str:
+    if seen is None:
+        return "–"
+    side, value = ("<", seen["below"]) if "below" in seen else (">", seen["above"])
+    return f"{seen['parameter']} {side} {value:.2g} {_unit(seen)}".rstrip()
 
 
 def _warnings(document: Document) -> None:
     say(*(f"Warning: {warning}" for warning in document.get("warnings") or []))
 
 
-def _finding(finding: Document) -> None:
+def _commands(document: Document) -> None:
+    commands = document.get("commands") or []
+    if document.get("improved_model"):
+        say("", f"The improved model is in {document['improved_model']}.")
+    if commands:
+        say("", "Next:")
+    for command in commands:
+        say(f"  {command['command']}", f"      {command['what']}")
+
+
+def _finding(finding: Document, document: Document) -> None:
     before, after = finding["rms_before"], finding["rms_after"]
     say(
         f"{finding['effect']}{_at(finding['joint'])}: residual {_g(before)} -> {_g(after)}, "
         f"{_percent(finding['share'])} of what was missing."
     )
-    if finding.get("held_out_before") is not None:
+    if finding["held_out_before"] is not None:
         say(f"  held out: {_g(finding['held_out_before'])} -> {_g(finding['held_out_after'])}")
     _values(finding["parameters"])
-    figures = {k: v for k, v in (finding.get("evidence") or {}).items() if isinstance(v, (int, float))}
-    evidence = ", ".join(f"{name} {_g(value)}" for name, value in figures.items())
-    if evidence:
-        say(f"  evidence: {evidence}")
-    rivals = finding.get("rivals") or []
+    evidence, unit = finding["evidence"], document["joints"][(finding["joint"] or 1) - 1]["unit"]
+    say(
+        f"  evidence: it alone explains {evidence['eff']:.3g} {unit}; BIC falls by {evidence['delta_bic']:.0f}, "
+        f"the squared error on unseen stretches by {_percent(evidence['cv_gain'])}"
+    )
+    rivals = [(r["effect"], r["joint"]) for r in finding["rivals"]]
+    here = (finding["effect"], finding["joint"])
+    behind = [e for e in finding["ranking"] if (e["effect"], e["joint"]) not in [here, *rivals]]
+    behind = [e for e in behind if e["evidence"]["share_of_excess"] > _WORTH_A_LINE][:_MOST_CLOSE]
+    if behind:
+        names = (f"{e['effect']}{_at(e['joint'])} ({_percent(e['evidence']['share_of_excess'])})" for e in behind)
+        say(f"  ruled out, with what each would explain of that: {', '.join(names)}")
     if rivals:
-        names = ", ".join(f"{r['effect']}{_at(r['joint'])}" for r in rivals)
-        say(f"  this data cannot tell it from {names}")
-        if finding.get("experiment"):
-            say(f"  what would: {finding['experiment']}")
-    if finding.get("remainder"):
+        say(f"  this data cannot tell it from {', '.join(f'{effect}{_at(joint)}' for effect, joint in rivals)}")
+        say(f"  what would: {finding['experiment']}")
+    if finding["remainder"]:
         say(f"  left over: {finding['remainder']}")
     say("")
 
@@ -183,18 +234,8 @@ def _values(parameters: Mapping[str, Document]) -> None:
         say(f"  {name} = {_g(p['value'])} {_unit(p)}".rstrip() + _interval(p))
 
 
-def _parameters(parameters: Sequence[Document]) -> None:
-    if not parameters:
-        return
-    table = _table("joint", "parameter", "file", "fit", "95 % interval", "unit")
-    for p in parameters:
-        table.add_row(_joint(p["joint"]), p["name"], _g(p["model"]), _g(p["fit"]), _interval(p, ""), _unit(p))
-    say("Base inertial parameters:")
-    _console().print(table)
-
-
 def improvement(document: Document) -> None:
-    """The error at every step, fitted and held out, and the verdict on what is left."""
+    """The error at every step, fitted and held out, what was added, and the verdict on what is left."""
     history = document["history"]
     held = any(step.get("held_out") for step in history)
     headings = ["model", "error", "rms"] + (["held-out error", "held-out rms"] if held else [])
@@ -206,19 +247,43 @@ def improvement(document: Document) -> None:
             row += [_list(step.get("held_out_relative"), _percent), _list(step.get("held_out"), _g)]
         table.add_row(*row)
     _console().print(table)
-    floors = [f"joint {j['joint']} {_g(j['floor'])} ({j['floor_source']})" for j in document["joints"]]
-    say(f"Noise floor (rms): {', '.join(floors)}.", "")
+    say(f"Noise floor (rms): {_floors(document['joints'])}.")
+    if document.get("held_out_floors"):
+        say(f"  held out: {_floors(document['held_out_floors'])}.")
+    say("")
     for entry in history:
         if entry.get("finding"):
-            _finding(entry["finding"])
-    before = document["identification"]["before"]
-    say("The model as in the file, fitted:")
-    identify(before)
-    if len(history) > 1:
-        say("The improved model, fitted:")
-        identify({**document["identification"]["after"], "uncorrected": None})
-    say("What is left:")
-    diagnosis({**document, "joints": [], "parameters": []})
+            _finding(entry["finding"], document)
+    _refit(document["identification"]["before"], document["identification"]["after"])
+    say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
+    _not_named(document)
+    _seen(document)
+    _warnings(document)
+    _commands(document)
+
+
+def _floors(joints: Sequence[Document]) -> str:
+    return ", ".join(f"joint {j['joint']} {_g(j['floor'])} ({j['floor_source']})" for j in joints)
+
+
+def _refit(before: Document, after: Document) -> None:
+    """Every parameter as the file has it, fitted without and with what was added."""
+    table = _table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
+    for old, new in zip(before["inertial"], after["inertial"], strict=True):
+        cells = [_g(old["model"]), _g(old["fit"]), _g(new["fit"]), _interval(new, ""), _unit(new)]
+        table.add_row(_joint(new["joint"]), new["name"], *cells)
+    fits = [
+        {(e["effect"], e["joint"]): e["parameters"] for e in identification["effects"]}
+        for identification in (before, after)
+    ]
+    for effect, joint in dict.fromkeys([*fits[0], *fits[1]]):
+        old, new = (fit.get((effect, joint), {}) for fit in fits)
+        for name in dict.fromkeys([*old, *new]):
+            p = new.get(name) or old[name]
+            values = [_g(fit[name]["value"]) if name in fit else "–" for fit in (old, new)]
+            cells = ["–", *values, _interval(p, "") if name in new else "–", _unit(p)]
+            table.add_row(_joint(joint), f"{effect}: {name}", *cells)
+    _console().print(table)
 
 
 def verify(document: Document) -> None:
@@ -318,6 +383,10 @@ def _list(values: Sequence[float] | None, show: Any) -> str:
 
 def _joint(joint: int | None) -> str:
     return "arm" if joint is None else str(joint)
+
+
+def _place(joint: int | None) -> str:
+    return "arm" if joint is None else f"joint {joint}"
 
 
 def _at(joint: int | None) -> str:

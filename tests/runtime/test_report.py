@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runtime import demo_plant, limits, plots, report, wording
+from runtime import demo_plant, limits, plots, plots_time, report, wording
 from runtime.candidates import Candidate
 from runtime.compare import Comparison, as_written, series, structure_shares
 from runtime.covariance import Estimate
@@ -20,22 +20,26 @@ from runtime.diagnose import Diagnosis, Errors, Finding, Step
 from runtime.identify import identify_motion, prepared
 from runtime.improve import Improvement
 from runtime.judge import Evidence, Verdict
+from runtime.origin import Origin
 from runtime.recording import Recording
+from runtime.story import Story
 from runtime.terms import Term, structure
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
 SECTIONS = [
+    "In short",
     "Error against the noise floor",
     "Joint 1: stribeck added",
     "Findings",
+    "The experiment that would decide",
     "Not named beside them",
     "Parameters",
-    "The experiment that would separate them",
     "Detection limits",
     "Put it into the model",
-    "Band and skew",
+    "Recordings, band and skew",
 ]
+ORIGIN = Origin(Path("my arms/drive.toml"), (Path("run 1.csv"),), (Path("run2.csv"),), effects=Path("own.py"))
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +157,7 @@ def test_sections_in_their_order(page):
 
 def test_page_holds_the_numbers_of_the_json(improvement, page):
     read = Reader(page)
-    document = improvement.to_json()
+    document = Story(improvement).document
     assert json.loads(read.scripts[-1]) == json.loads(json.dumps(document))
     for step in document["history"]:
         assert wording.percent(step["relative"][0]) in read.text
@@ -166,7 +170,7 @@ def test_page_holds_the_numbers_of_the_json(improvement, page):
             assert wording.estimate(Estimate(p["value"], tuple(p["interval"]), p["unit"])) in read.text
     assert "0.123 N m" in read.text  # the torque that only the finding explains
     assert "its shape lies at the edge of what was searched" in read.text
-    assert "stiffness below 41800 N m/rad" in read.text
+    assert "stiffness less than 41800 N m/rad" in read.text
     assert "elasticity at joint 1" in read.text
 
 
@@ -265,6 +269,6 @@ def test_figures_draw_extremes():
     axis = plots.Axis("velocity, rad/s", flat, creep=True)
     assert plots.residual_over(axis, flat, flat, 0.1, "N m", flat, "none")
     trace = SimpleNamespace(t=flat, piece=np.zeros(1, int))
-    assert plots.torque_over_time(plots.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
+    assert plots_time.torque_over_time(plots_time.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
     assert plots.spectrum(flat, flat, None, 0.0, 10.0, "N m")
     assert plots.error_fall(["as in the file"], [0.0], None, 0.0)

@@ -1,0 +1,31 @@
+"""The noise floor of recordings that were held out: what a perfect model would leave of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from runtime import repeats
+from runtime.floor import Floor, floor
+from runtime.identify import Identification, Problem
+from runtime.motion import prepare
+from runtime.recording import Recording
+
+
+def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
+    """Floor of every joint on recordings that were not fitted, in the band of the fit; empty without recordings."""
+    if not recordings:
+        return ()
+    model, fit = identification.model, identification.fit
+    motion = prepare(recordings, identification.motion.band, model.library)
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
+    found = repeats.find(motion)
+    floors = []
+    for i in range(model.n):
+        x, fixed = problem.rows(i, fit.shapes)
+        left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
+        noise, fixed_noise = problem.noise_rows(i, fit.shapes)
+        residual = np.where(motion.moving(i), left, 0.0)
+        floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
+    return tuple(floors)
