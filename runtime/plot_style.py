@@ -20,7 +20,7 @@ P = ParamSpec("P")
 
 INK = "#1f2730"  # what was measured; text
 FAINT = "#66727f"  # axes, the noise floor
-BEFORE = "#c8500a"  # the model as given
+BEFORE = "#bd4a07"  # the model as given
 AFTER = "#0a6fb0"  # the improved model
 COLOURS = {"ink": INK, "faint": FAINT, "before": BEFORE, "after": AFTER}
 """Names of the colours, by which a page may exchange them."""

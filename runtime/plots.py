@@ -169,7 +169,8 @@ def residual_over(
 def _cloud(ax: Axes, axis: Axis, residual: Array, colour: str) -> None:
     # The same rows in every figure and every run: a fixed seed, no clock.
     pick = np.random.default_rng(0).permutation(len(residual))[:_MOST_POINTS]
-    ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=0.16, lw=0, rasterized=True, zorder=2)
+    alpha = float(np.clip(600 / max(len(pick), 1), 0.16, 0.7))  # few dots are drawn as dots, many as a cloud
+    ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=alpha, lw=0, rasterized=True, zorder=2)
 
 
 def _means(ax: Axes, axis: Axis, y: Array, **style: Any) -> None:
@@ -179,13 +180,19 @@ def _means(ax: Axes, axis: Axis, y: Array, **style: Any) -> None:
     else:
         sides = [np.ones(len(y), dtype=bool)] if axis.forward is None else [axis.forward, ~axis.forward]
     names = ["", ""] if axis.creep or len(sides) < 2 else ["+", "−"]
-    for side, name in zip(sides, names, strict=False):
+    for side, name, shift in zip(sides, names, (4, -4), strict=False):
         x, mean = running_mean(axis.stretched()[side], y[side])
         x = axis.unstretched(x)
         ax.plot(x, mean, **style)
         if name and len(x) and "ls" not in style:
             ax.annotate(
-                name, (x[-1], mean[-1]), (4, 0), textcoords="offset points", va="center", color=style["color"], zorder=6
+                name,
+                (x[-1], mean[-1]),
+                (4, shift),
+                textcoords="offset points",
+                va="center",
+                color=style["color"],
+                zorder=6,
             )
 
 

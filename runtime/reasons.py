@@ -17,8 +17,8 @@ def in_place_of(other: Evidence, named: Evidence, rivals: Collection[Term], floo
     if other.term in rivals:
         return (
             f"Not ruled out: it passes every gate too and explains {_share(other)} of what is missing, "
-            f"{named.term.effect} {_share(named)}. {_bic(other, named)}, and with Vuong's test of the likelihoods "
-            "that does not tell the two apart."
+            f"{named.term.effect} {_share(named)}. {_bic(other, named)}; with Vuong's test of the likelihoods that is "
+            "not enough to tell the two apart."
         )
     if not other.passes:
         return _failing(other, floor)
@@ -61,4 +61,4 @@ def _bic(other: Evidence, named: Evidence) -> str:
     if abs(ahead) < 0.5:
         return "BIC is the same for both"
     better = named.term if ahead > 0 else other.term
-    return f"BIC is lower by {whole(abs(ahead))} with {better.effect}{at(better)}"
+    return f"BIC prefers {better.effect}{at(better)} by {whole(abs(ahead))}"

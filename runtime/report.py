@@ -23,6 +23,8 @@ Row = dict[str, Any]
 
 NAME = "report.html"
 
+_MORE_THAN_NOISE = 1.5
+
 
 def write_report(directory: Path, result: Result | Story) -> Path:
     """Write `report.html` into a directory, which is made if it is not there. Raises OSError."""
@@ -138,8 +140,17 @@ def _short_row(story: Story, joint: int) -> Row:
         "before": percent(first.fitted.relative[joint]),
         "after": percent(last.fitted.relative[joint]),
         "floor": percent(story.floor(joint)),
+        "instruments": _instruments(story, joint),
         "held": held,
     }
+
+
+def _instruments(story: Story, joint: int) -> str | None:
+    """The instruments' own noise relative to the torque, where the floor holds more than that."""
+    floor = story.last.joints[joint].floor
+    if floor.value < _MORE_THAN_NOISE * floor.spectrum:
+        return None
+    return percent(story.floor(joint) * floor.spectrum / floor.value)
 
 
 # --- the error ---

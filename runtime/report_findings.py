@@ -153,7 +153,6 @@ def _limit(limit: Limit, model: Model) -> Row:
     than = "more than" if limit.side == "above" else "less than"
     return {
         "effect": limit.term.effect,
-        "family": info.family,
         "limit": f"{limit.parameter.replace('_', ' ')} {than} {quantity(limit.value, limit.unit, 2)}",
         "parameter": known.get(limit.parameter, ""),
         "what": info.summary,
@@ -176,7 +175,7 @@ def left_over(story: Story) -> list[Row]:
                 "joint": series.joint,
                 "what": what,
                 "follows": follows(structure_shares(series)),
-                "line": None if line is None else f"{number(line.frequency, 3)} Hz",
+                "line": None if line is None else f"{line.frequency:.2f} Hz",
                 "line_share": None if line is None else percent(line.share, 0),
             }
         )

@@ -140,7 +140,7 @@ def _not_named(document: Document) -> None:
     say("Closest to a name:")
     for e in entries[:_MOST_CLOSE]:
         why = e["evidence"]["failed_gates"] or ["passes every gate, but added, the error does not fall"]
-        say(f"  {e['effect']}{_at(e['joint'])}: {'; '.join(why)}")
+        say(f"  {e['effect']}{_at(e['joint'])}: {'; '.join(why[:2])}")
     say("")
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
+import shlex
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,8 +13,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from runtime import demo_plant, limits, plots, plots_time, report, wording
+from runtime import (
+    demo_plant,
+    held_out,
+    limits,
+    plot_style,
+    plots,
+    plots_time,
+    reasons,
+    report,
+    report_figures,
+    report_findings,
+    spectral,
+    terminal,
+    wording,
+)
 from runtime.candidates import Candidate
 from runtime.compare import Comparison, as_written, series, structure_shares
 from runtime.covariance import Estimate
@@ -28,7 +46,6 @@ from runtime.terms import Term, structure
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
 SECTIONS = [
-    "In short",
     "Error against the noise floor",
     "Joint 1: stribeck added",
     "Findings",
@@ -51,13 +68,18 @@ def drive():
 
 
 @pytest.fixture(scope="module")
-def improvement(drive) -> Improvement:
-    """A drive with extra friction at creep, fitted without and with it; the evidence is made up."""
+def one() -> Recording:
+    """A drive with extra friction at creep."""
     t, q, tau = demo_plant.record(3, repeats=1)
     run, whole = np.zeros(len(t), int), (slice(0, len(t)),)
-    one = Recording(
+    return Recording(
         Path("run.csv"), t, run, q[None], tau[None], types=("revolute",), segments=whole, temperature=(None,)
     )
+
+
+@pytest.fixture(scope="module")
+def improvement(drive, one) -> Improvement:
+    """Fitted without and with that friction; the evidence is made up."""
     motion = prepared(drive, [one])
     known = structure(drive)
     shapes = {"speed": 0.15}
@@ -116,6 +138,23 @@ class Reader(HTMLParser):
         (self.scripts if inside == "script" else [] if inside == "style" else self.words).append(data)
 
 
+@pytest.fixture(scope="module")
+def story(improvement, one) -> Story:
+    """With the files that were named, and the floor of a recording that was held out."""
+    return Story(improvement, ORIGIN, held_out.floors(improvement.steps[-1].identification, [one]))
+
+
+@pytest.fixture(scope="module")
+def story_text(story) -> str:
+    return Reader(report.render(story)).text
+
+
+@pytest.fixture(scope="module")
+def unexplained(improvement) -> Diagnosis:
+    """The same data, had no candidate passed."""
+    return replace(improvement.found, verdict="unexplained", findings=(), steps=improvement.steps[:1])
+
+
 def test_page_needs_nothing_beside_it(page):
     read = Reader(page)
     assert read.open == []
@@ -172,6 +211,190 @@ def test_page_holds_the_numbers_of_the_json(improvement, page):
     assert "its shape lies at the edge of what was searched" in read.text
     assert "stiffness less than 41800 N m/rad" in read.text
     assert "elasticity at joint 1" in read.text
+
+
+def test_page_can_be_read_aloud(page):
+    """Every figure has words for what it shows, every table says what its cells are, headings skip no level."""
+    tags = Reader(page).tags
+    captions = page.count("<figcaption>")
+    drawn = [a for tag, a in tags if tag == "svg"]
+    assert len(drawn) == captions > 8
+    assert all(a["role"] == "img" and len(a["aria-label"] or "") > 20 for a in drawn)
+    assert all(a.get("scope") in ("row", "col") for tag, a in tags if tag == "th")
+    levels = [int(tag[1]) for tag, _ in tags if re.fullmatch(r"h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
+
+
+def test_text_stands_out_in_light_and_dark(page):
+    """Contrast of at least 4.5, as WCAG asks of text, on both grounds and in both schemes."""
+    schemes = re.findall(r":root \{(.*?)\}", page, re.DOTALL)
+    assert len(schemes) == 2
+    for scheme in schemes:
+        colour = dict(re.findall(r"--(\w+): (#\w{6})", scheme))
+        for name in ("ink", "faint", "before", "after", "good", "doubt"):
+            for ground in ("paper", "raised"):
+                assert contrast(colour[name], colour[ground]) >= 4.5, (name, ground)
+
+
+def contrast(one: str, other: str) -> float:
+    """Ratio of relative luminances; Web Content Accessibility Guidelines 2.1."""
+
+    def luminance(colour: str) -> float:
+        parts = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    dark, light = sorted([luminance(one), luminance(other)])
+    return (light + 0.05) / (dark + 0.05)
+
+
+def test_no_colour_of_a_figure_escapes_the_page(page):
+    """Colours are the page's, so that figures turn dark with it."""
+    style = page[page.index("<style>") : page.index("</style>")]
+    body = page.replace(style, "")
+    for colour in plot_style.COLOURS.values():
+        assert colour not in body
+
+
+def test_commands_can_be_copied(story, story_text):
+    text = story_text
+    assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in text
+    assert "tendon identify 'my arms/drive.toml' 'run 1.csv' --write --effects own.py" in text
+    assert "tendon experiment 'my arms/drive.toml' --between stribeck@1,elasticity@1 --effects own.py" in text
+    assert [c["command"] for c in story.document["commands"]] == [c.line for c in story.commands]
+
+
+def test_what_is_done_already_is_not_asked_for(story):
+    done = replace(story, given=replace(ORIGIN, improved=Path("better.toml")))
+    assert not any(c.line.startswith("tendon add") for c in done.commands)
+    assert "The improved model is in better.toml" in Reader(report.render(done)).text.replace(" .", ".")
+    assert not done.document["commands"][0]["command"].startswith("tendon identify")
+
+
+@given(name=st.text(min_size=1).filter(lambda s: "\0" not in s), joint=st.none() | st.integers(1, 7))
+def test_a_shell_reads_a_command_as_it_was_meant(name, joint):
+    origin = Origin(Path(name), (Path(name),), maps=(f"q1={name}",))
+    words = shlex.split(origin.add(Term("gravity", joint)))
+    assert words[:2] == ["tendon", "add"]
+    assert Path(words[2]) == Path(name)
+    assert words[3:] == ["gravity"] + ([] if joint is None else ["--joint", str(joint)])
+    assert not any(w.startswith("-") for w in shlex.split(origin.identify())[2:4])
+    assert shlex.split(origin.identify())[4:] == ["--map", f"q1={name}", "--write"]
+
+
+def test_floor_of_a_recording_is_the_same_held_out(improvement, story, story_text):
+    """The fitted recording, held out, has the floor that it has as the fitted one."""
+    fitted = improvement.steps[-1].joints[0].floor
+    assert story.held_out_floors[0].value == pytest.approx(fitted.value, rel=1e-9)
+    # The fixture's held-out errors are 1.1 times the fitted ones in rms and relative: the same torque.
+    assert story.held_out_floor(0) == pytest.approx(story.floor(0), rel=1e-9)
+    assert f"noise floor, held out {wording.percent(story.floor(0))}" in story_text
+    assert story.document["held_out_floors"][0]["floor"] == story.held_out_floors[0].value
+    assert held_out.floors(improvement.steps[-1].identification, []) == ()
+
+
+def test_why_a_candidate_was_not_named():
+    named, other = evidence(STRIBECK), evidence(ELASTICITY)
+    behind = replace(other, delta_bic=100.0, share=0.4)
+    assert reasons.in_place_of(behind, named, (ELASTICITY,), 0.1) == (
+        "Not ruled out: it passes every gate too and explains 40 % of what is missing, stribeck 90 %. BIC prefers "
+        "stribeck at joint 1 by 356; with Vuong's test of the likelihoods that is not enough to tell the two apart."
+    )
+    assert reasons.in_place_of(behind, named, (), 0.1).startswith("Ruled out: it passes every gate by itself, but")
+    ahead = replace(other, delta_bic=1000.0)
+    assert "the error falls less than with stribeck" in reasons.in_place_of(ahead, named, (), 0.1)
+    failing = evidence(ELASTICITY, "too little", "too wide")
+    assert reasons.in_place_of(failing, named, (), 0.1) == "Ruled out: too little; too wide."
+    assert "next to nothing" in reasons.not_named(failing, 100.0, held_out=False)
+    assert "on the held-out recording" in reasons.not_named(other, 0.1, held_out=True)
+
+
+def test_every_finalist_has_its_reason(improvement):
+    finding = improvement.findings[0]
+    weak, rival = Term("cable", 1), evidence(ELASTICITY)
+    verdict = Verdict((finding.evidence, rival, evidence(weak, "it explains 3 % only")), (ELASTICITY,))
+    found = replace(improvement.found, findings=(replace(finding, verdict=verdict),))
+    (row,) = report_findings.findings(Story(found))
+    first, second, third = row["candidates"]["rows"]
+    assert (first["name"], first["kind"]) == ("stribeck at joint 1", "named")
+    assert (second["name"], second["kind"]) == ("elasticity at joint 1", "rival")
+    assert second["why"].startswith("Not ruled out: it passes every gate too")
+    assert third["why"] == "Ruled out: it explains 3 % only."
+
+
+def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improvement):
+    finding = improvement.findings[0]
+    info = improvement.found.model.library.effects["elasticity"]
+    assert info.states
+    (figure,) = report_figures.of_finding(finding, info, "one", alone=True)
+    assert "acts most" in figure.caption
+    assert report_figures.of_finding(finding, replace(info, states=()), "two", alone=True) == []
+
+
+def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
+    story = Story(unexplained, ORIGIN)
+    text = Reader(report.render(story)).text
+    assert "What is left unexplained" in text
+    assert "Signals that the residual follows, and how much of its variance each explains: velocity" in text
+    assert "tendon diagnose 'my arms/drive.toml' 'run 1.csv' --draft guess.py --effects own.py" in text
+    assert "tendon add" not in text
+
+
+def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
+    step = unexplained.steps[0]
+    motion, fit = step.identification.motion, step.identification.fit
+    wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate)
+    ringing = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    (row,) = report_findings.left_over(Story(replace(unexplained, steps=(replace(step, identification=ringing),))))
+    assert float(row["line"].removesuffix(" Hz")) == pytest.approx(3.7, abs=0.03)  # one bin of 37 s
+
+
+@given(frequency=st.floats(1.0, 40.0), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_lines_are_found_in_noise_and_not_in_noise_alone(frequency, seed):
+    noise = np.random.default_rng(seed).standard_normal(4000)
+    assert spectral.strongest_line(noise, 100.0) is None
+    line = spectral.strongest_line(noise + 3 * np.sin(2 * np.pi * frequency * np.arange(4000) / 100.0), 100.0)
+    assert line is not None
+    # Two bins of a Hann window over 40 s; 4.5 of the power of 5.5 is in the line, scattered by its own noise.
+    assert abs(line.frequency - frequency) < 0.05
+    assert line.share == pytest.approx(4.5 / 5.5, abs=0.1)
+
+
+def test_refused_says_what_to_record(unexplained):
+    text = Reader(report.render(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
+    assert "The joints hardly move." in text
+    assert "What to record" in text
+    assert "Several constant speeds" in text  # viscous friction, in the model
+
+
+def test_values_that_do_not_exist_are_null_in_the_page(improvement):
+    """A rest position of a spring of no stiffness is no number."""
+    last = improvement.steps[-1]
+    inference = last.identification.inference
+    values = {**inference.values, STRIBECK: {"speed": Estimate(float("nan"), None, "rad/s")}}
+    step = replace(last, identification=replace(last.identification, inference=replace(inference, values=values)))
+    found = replace(improvement.found, steps=(improvement.steps[0], step))
+    document = json.loads(json.dumps(Story(found).document, allow_nan=False))
+    assert document["findings"][0]["parameters"]["speed"]["value"] is None
+
+
+def test_terminal_is_short_and_says_the_same(story, unexplained, capsys):
+    terminal.improvement(story.document)
+    out = capsys.readouterr().out
+    assert "stribeck on joint 1" in out
+    assert "What is left: CLEAN: the residual is noise" in out
+    assert re.search(r"held out: joint 1 [\d.]+ \((repeats|spectrum)\)", out)
+    assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out
+    assert "stiffness < 4.2e+04 N m/rad" in out
+    assert len(out.splitlines()) < 70
+    terminal.diagnosis(Story(unexplained, ORIGIN).document)
+    out = capsys.readouterr().out
+    assert out.startswith("UNEXPLAINED: ")
+    assert "--draft guess.py" in out
+    assert len(out.splitlines()) < 40
 
 
 def test_text_of_the_user_stays_text(improvement):
