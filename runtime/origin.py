@@ -49,8 +49,7 @@ class Origin:
 
     def try_draft(self) -> str:
         """Adds the draft, if it helps."""
-        arguments = [_path(self._latest), *self._data(), "--effects", str(GUESS), "--out", "guessed.toml"]
-        return shlex.join(["tendon", "improve", *arguments])
+        return shlex.join(["tendon", "improve", _path(self._latest), *self._data(), "--effects", str(GUESS)])
 
     @property
     def _latest(self) -> Path:

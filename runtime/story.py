@@ -10,6 +10,7 @@ from typing import Any
 from runtime.boundary import plain
 from runtime.compare import Comparison, JointSeries
 from runtime.diagnose import Diagnosis, Errors, Finding, Step
+from runtime.draft import described
 from runtime.floor import Floor
 from runtime.improve import Improvement
 from runtime.origin import Origin, unknown
@@ -35,16 +36,18 @@ class Story:
 
     given             files and options of the command line; None: unknown
     held_out_floors   a noise floor a joint, of the held-out recordings; empty without any
+    drafted           a guess at what is left was asked for already
     """
 
     result: Result
     given: Origin | None = None
     held_out_floors: tuple[Floor, ...] = ()
+    drafted: bool = False
 
     @cached_property
     def document(self) -> dict[str, Any]:
         """As --json writes it."""
-        document = self.result.to_json()
+        document = described(self.result) if isinstance(self.result, Diagnosis) else self.result.to_json()
         if self.held_out_floors:
             document["held_out_floors"] = [
                 {"joint": k, "floor": f.value, "floor_source": f.source}
@@ -128,7 +131,7 @@ class Story:
 
     def drafting(self) -> list[Command]:
         """What helps further where nothing in the library explains what is left."""
-        if self.left is None or self.left.verdict != "unexplained":
+        if self.drafted or self.left is None or self.left.verdict != "unexplained":
             return []
         return [
             Command("drafts an effect for what is left, as a guess", self.origin.draft()),
