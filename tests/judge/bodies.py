@@ -27,7 +27,7 @@ class Body:
     cubic: float
 
     def parameters(self) -> dict[str, float]:
-        """By plant.c's names."""
+        """By laws.h's names."""
         return {
             "ROTOR": self.rotor,
             "LENGTH": self.length,

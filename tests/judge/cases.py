@@ -4,41 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from runtime.recording import Recording
 
-from . import motion, outside  # noqa: F401 (outside adds its entries)
-from .bodies import ARMS, BELIEVED, Body, model_text, torque
+from . import forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
+from .bench import NOISE, Bench, Setting, bench, specimen
+from .bodies import ARMS, BELIEVED, model_text
 from .hidden import ENTRIES, PAIRS, Hidden, Rows, Setup
-from .plant import COUNT, PERIOD, RanAwayError, Run, simulate
-from .size import in_band, orthogonal
+from .plant import RanAwayError
+from .size import orthogonal
+from .truth import Parameters, true_parameters
+
+__all__ = [
+    "CLEAN",
+    "KINDS",
+    "NOISE",
+    "Bench",
+    "Case",
+    "Made",
+    "Setting",
+    "bench",
+    "cases",
+    "make",
+    "motion",
+    "specimen",
+]
 
 Array = NDArray[np.float64]
 
-DISTURBANCE = 0.03  # N m
-NOISE = {"white": 0.0, "coloured": 0.5, "strong": 0.95}
-"""Noise of the recorded torque as a first-order autoregression of this coefficient."""
-LEVEL = 0.2  # N m
 NEAR = 0.1
 """A size within this of the wanted one is near enough."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """How a recording is made."""
-
-    joints: int = 1
-    excitation: str = "full"
-    coarse: float = 1.0
-    noise: str = "white"
-    jitter: float = 0.0  # standard deviation of the instants about an even grid, in periods
-    temperature: bool = True
-    fine_control: bool = False  # the controller sees a fine encoder where the recording has a coarse one
 
 
 @dataclass(frozen=True)
@@ -67,123 +65,10 @@ class Made:
     sizes: tuple[float, ...]
     amounts: tuple[float, ...]
     beyond_delay: float  # size of all that is hidden together, with the shift between torque and motion free as well
-
-
-@dataclass(frozen=True)
-class Bench:
-    """An arm with its controller, driven along one motion with one set of noises."""
-
-    bodies: tuple[Body, ...]
-    setting: Setting
-    motion: Array
-    forward: Array
-    warm: Array
-    background: Array
-    noise: Array
-    warmth: Array
-    period: Array
-    rows: Rows
-
-    @property
-    def n(self) -> int:
-        return len(self.bodies)
-
-    @property
-    def t(self) -> Array:
-        return np.concatenate([[0.0], np.cumsum(self.period)[:-1]])
-
-    def floor(self) -> Array:
-        """(n,) N m: the noise in band: of the torque, the small disturbance and a fine encoder's through inertia."""
-        heavy = np.array([row["KP"] for row in self.rows]) / _bandwidth(1.0) ** 2
-        density = 2 * PERIOD * (2 * np.pi) ** 4 * 45.0**5 / 5
-        encoder = heavy * COUNT / np.sqrt(12) * np.sqrt(density)
-        floors: Array = np.sqrt(np.mean(in_band(self.noise + self.background) ** 2, axis=1) + encoder**2)
-        return floors
-
-    def run(self, hidden: Sequence[tuple[Hidden, int, float]]) -> Run:
-        """The plant with effects (what, 0-based joint, amount) hidden in it. Raises RanAwayError."""
-        rows, arm = [dict(row) for row in self.rows], {"COUNT": COUNT}
-        pushes = self.background.copy()
-        substeps = 8.0
-        for what, joint, amount in hidden:
-            if what.put is not None:
-                what.put(rows, arm, amount)
-            if what.push is not None:
-                pushes[joint] += what.push(self.t, amount)
-        if any(row.get("STIFFNESS", 0.0) > 3e4 for row in rows):
-            substeps = 16.0
-        if not self.setting.fine_control:
-            arm["COUNT"] = COUNT * self.setting.coarse
-        arm["SUBSTEPS"] = substeps
-        return simulate(rows, self.motion, arm, self.forward, pushes, self.warm, self.period)
-
-    def recording(self, run: Run) -> Recording:
-        count = COUNT * self.setting.coarse
-        temperature = [row if self.setting.temperature else None for row in self.warmth]
-        return Recording(
-            path=Path("judge.csv"),
-            t=self.t,
-            run=np.zeros(len(self.t), dtype=np.int64),
-            q=np.ascontiguousarray(np.round(run.q / count) * count),
-            tau=np.ascontiguousarray(run.tau + self.noise),
-            types=("revolute",) * self.n,
-            segments=(slice(0, len(self.t)),),
-            temperature=tuple(temperature),
-        )
-
-
-def _bandwidth(coarse: float) -> float:
-    """Of the position controller, rad/s: a coarse encoder allows less."""
-    return 2 * np.pi * {1.0: 6.0, 10.0: 5.0, 50.0: 3.0}.get(coarse, 3.0)
-
-
-def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool, rows: Rows) -> Bench:
-    """A bench for one recording of the motion wanted (3, n, N); rows: the plant's parameters without its controller."""
-    bodies = ARMS[setting.joints]
-    n, count = wanted.shape[1:]
-    coarse = 1.0 if setting.fine_control else setting.coarse
-    bandwidth = _bandwidth(coarse)
-    controlled = []
-    for i, row in enumerate(rows):
-        push = np.zeros((3, n, 1))
-        push[2, i] = 1.0
-        inertia = float(torque(bodies, push)[i, 0])
-        gains = {"KP": inertia * bandwidth**2, "KD": 1.6 * inertia * bandwidth}
-        controlled.append({**row, **gains, "OBSERVER": bandwidth * (6.0 if coarse == 1.0 else 3.5)})
-    forward = torque(bodies, wanted)
-    if rng.random() < 0.5:  # half of the controllers compensate friction, roughly
-        for i, body in enumerate(bodies):
-            forward[i] += 0.6 * np.mean(body.dry) * np.tanh(wanted[1, i] / 0.05) + body.viscous * wanted[1, i]
-    late = np.clip(setting.jitter * rng.standard_normal(count + 1), -0.45, 0.45)
-    period = PERIOD * (1 + np.diff(late))
-    slow = signal.butter(1, 5.0, fs=1 / PERIOD, output="sos")
-    background = signal.sosfilt(slow, rng.standard_normal((n, count)), axis=1)
-    background *= DISTURBANCE / background.std(axis=1, keepdims=True)
-    part = NOISE[setting.noise]
-    noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], LEVEL * rng.standard_normal((n, count)), axis=1)
-    time = np.cumsum(period)
-    warm = np.tile(1 - np.exp(-time / (0.35 * time[-1])), (n, 1))
-    rise = rng.uniform(8.0, 18.0) if warms or rng.random() < 0.5 else 0.0
-    degrees = 24.0 + rise * warm + 0.2 * rng.standard_normal((n, count))
-    return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, controlled)
-
-
-def specimen(bodies: Sequence[Body], believed: Sequence[str], rng: np.random.Generator) -> Rows:
-    """The bodies as the user knows them, with frictions of their own, but no other kinds than are believed in."""
-    rows = []
-    for body in bodies:
-        row = body.parameters()
-        for name in ("DRY_POSITIVE", "DRY_NEGATIVE", "CUBIC"):
-            row[name] *= rng.uniform(0.75, 1.25)
-        factor = rng.uniform(0.8, 1.25)
-        row["VISCOUS_POSITIVE"] *= factor
-        row["VISCOUS_NEGATIVE"] *= factor
-        if "coulomb" in believed:
-            row["DRY_POSITIVE"] = row["DRY_NEGATIVE"] = 0.5 * (row["DRY_POSITIVE"] + row["DRY_NEGATIVE"])
-        if "viscous_cubic" not in believed:
-            row["CUBIC"] = 0.0
-        rows.append(row)
-    return rows
+    exact: Array  # (n, N) rad, the motors' angles of the held-out recording before the encoder
+    disturbed: Array  # (n, N) N m, what the held-out torque holds beside physics: noise, less the push from outside
+    rows: Rows  # of the plant before anything was hidden in it
+    parameters: Parameters | None  # what a fit must find, where the model's own parameters can take all of it
 
 
 def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> tuple[float, float]:
@@ -229,31 +114,40 @@ def make(case: Case) -> Made:
     warms = any(h.warms for h in hidden)
     rows = specimen(bodies, believed, plant_rng)
     main = bench(setting, wanted, motion_rng, warms, rows)
-    floor = main.floor()
     found = []
     for what, joint in zip(hidden, joints, strict=True):
-
-        def measure(amount: float, what: Hidden = what, joint: int = joint) -> float:
-            left = orthogonal(main.run([(what, joint, amount)]), bodies, believed, main.background)
-            return float(np.max(left / floor) if what.of_arm else left[joint] / floor[joint])
-
-        found.append(_grown(measure, what, case.size))
-    inside = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
+        found.append(_sized(main, what, joint, case.size, believed) if case.size else (what.amount, 0.0))
+    inside_it = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
     elsewhere = motion.desired(other_rng, len(bodies), setting.excitation)
     other = bench(setting, elsewhere, other_rng, warms, rows)
-    together = main.run(inside)
-    left = orthogonal(together, bodies, believed, main.background, free_delay=True) / floor
+    together, apart = main.run(inside_it), other.run(inside_it)
+    left = orthogonal(together, bodies, believed, main.background, free_delay=True) / main.floor()
     return Made(
         case,
         model_text(bodies, believed),
         main.recording(together),
-        other.recording(other.run(inside)),
+        other.recording(apart),
         tuple(hidden),
         tuple(None if what.of_arm else joint + 1 for what, joint in zip(hidden, joints, strict=True)),
         tuple(size for _, size in found),
         tuple(amount for amount, _ in found),
         float(np.max(left)),
+        apart.q,
+        other.noise - other.background,
+        rows,
+        true_parameters(*main.plant(inside_it), bodies, believed) if case.kind == "inside" else None,
     )
+
+
+def _sized(main: Bench, what: Hidden, joint: int, size: float, believed: Sequence[str]) -> tuple[float, float]:
+    """Amount of one effect at a joint (0-based), and its size, as near to the wanted one as can be."""
+    floor = main.floor()
+
+    def measure(amount: float) -> float:
+        left = orthogonal(main.run([(what, joint, amount)]), main.bodies, believed, main.background)
+        return float(np.max(left / floor) if what.of_arm else left[joint] / floor[joint])
+
+    return _grown(measure, what, size)
 
 
 def _place(name: str, n: int, rng: np.random.Generator) -> int:
@@ -264,7 +158,7 @@ def _place(name: str, n: int, rng: np.random.Generator) -> int:
 
 CLEAN: dict[str, tuple[Setting, tuple[str, ...]]] = {
     "clean": (Setting(), ("clean",)),
-    "clean_coloured": (Setting(noise="coloured"), ("clean", "unexplained")),
+    "clean_coloured": (Setting(noise="coloured"), ("clean",)),
     "clean_strong": (Setting(noise="strong"), ("clean", "unexplained")),
     "clean_x10": (Setting(coarse=10.0), ("clean",)),
     "clean_x50": (Setting(coarse=50.0), ("clean",)),
@@ -278,7 +172,7 @@ CLEAN: dict[str, tuple[Setting, tuple[str, ...]]] = {
     "clean_slow": (Setting(excitation="slow"), ("clean", "refused")),
 }
 
-KINDS = ("clean", "single", "forms", "unknown", "pairs")
+KINDS = ("clean", "inside", "single", "forms", "unknown", "pairs")
 
 
 def cases(
@@ -313,6 +207,9 @@ def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator
         return
     parts = tuple(name.split("+"))
     kind = "pairs" if len(parts) > 1 else ENTRIES[name].kind
+    if kind == "inside":
+        yield Case(name, kind, parts, base, 0.0, seed)
+        return
     for size in sizes:
         setting = base
         if "thermal" in name and seed % 2:  # every other one without a thermometer

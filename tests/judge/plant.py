@@ -1,4 +1,4 @@
-"""The plant of plant.c, compiled once and called through ctypes."""
+"""The plant of plant.c and laws.h, compiled once and called through ctypes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,12 @@ from codegen.build import compiler
 
 Array = NDArray[np.float64]
 SOURCE = Path(__file__).with_name("plant.c")
+LAWS = Path(__file__).with_name("laws.h")
 PERIOD = 1e-3
 COUNT = 2 * np.pi / 200_000  # rad at the joint
 
-DEFAULTS = {"GAIN": 1.0, "STOP_EXPONENT": 1.0, "CREEP_SPEED": 1.0, "BRAKE_SPEED": 1.0, "LIMIT": 1.0}
+_ONES = ("GAIN", "STOP_EXPONENT", "GAP_EXPONENT", "CREEP_SPEED", "BRAKE_SPEED", "COUPLED_SPEED", "LIMIT")
+DEFAULTS = dict.fromkeys(_ONES, 1.0)
 ARM_DEFAULTS = {"COUNT": COUNT, "SUBSTEPS": 8.0}
 
 
@@ -52,8 +54,8 @@ class Run:
 
 
 def names(enum: str) -> tuple[str, ...]:
-    """The members of an enum of plant.c, without its last, which counts them."""
-    found = re.search(rf"enum {enum} \{{(.*?)\}}", SOURCE.read_text(encoding="utf-8"), re.DOTALL)
+    """The members of an enum of laws.h, without its last, which counts them."""
+    found = re.search(rf"enum {enum} \{{(.*?)\}}", LAWS.read_text(encoding="utf-8"), re.DOTALL)
     assert found is not None
     bare = re.sub(r"/\*.*?\*/", "", found[1], flags=re.DOTALL)
     return tuple(name.strip() for name in bare.split(",") if name.strip())[:-1]
@@ -63,7 +65,7 @@ def names(enum: str) -> tuple[str, ...]:
 def library() -> ctypes.CDLL:
     """plant.c as a shared library, in a directory of the system's for temporary files, by content."""
     command = [*compiler(), "-O2", "-std=c99", "-fPIC", "-shared"]
-    digest = hashlib.sha256(SOURCE.read_bytes() + repr(command).encode()).hexdigest()[:16]
+    digest = hashlib.sha256(SOURCE.read_bytes() + LAWS.read_bytes() + repr(command).encode()).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"tendon-plant-{os.getuid()}-{digest}.so"
     if not path.exists():
         fresh = path.with_suffix(f".{os.getpid()}")
@@ -76,7 +78,7 @@ def library() -> ctypes.CDLL:
 
 
 def table(rows: Sequence[Mapping[str, float]]) -> Array:
-    """Parameters by name as plant.c wants them, (n, PARAMETERS). KeyError for a name that it does not have."""
+    """Parameters by name as laws.h wants them, (n, PARAMETERS). KeyError for a name that it does not have."""
     order = {name: k for k, name in enumerate(names("parameter"))}
     out = np.zeros((len(rows), len(order)))
     for i, row in enumerate(rows):
@@ -96,7 +98,7 @@ def simulate(
 ) -> Run:
     """The plant in closed loop along desired (3, n, N): angle, rate, acceleration.
 
-    joints   parameters of plant.c by name, a mapping a joint; arm: those of the arm
+    joints   parameters of laws.h by name, a mapping a joint; arm: those of the arm
     forward  (n, N) N m feedforward; outside (n, N) N m torque on the links; warm (n, N) 0 to 1
     period   (N,) s between samples, default 1 ms
     Raises RanAwayError.

@@ -1,171 +1,98 @@
 """Runs the diagnosis on cases and prints who was right.
 
     python -m tests.judge.run --cases single --size 0.5 --seeds 3 --joints 1 --csv table.csv
+    python -m tests.judge.run --judging --others --csv judged.csv --resume --budget 3600
 
---cases takes classes (clean, single, forms, unknown, pairs) and names (stribeck, elasticity+torque_ripple, ...).
-Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, and the
-error at the joint of the truth: before / after / floor. Then totals by class and by name. The CSV has also what is
-left of the size when a shift between torque and motion is free (beyond_delay), the amounts and what was fitted.
+--cases takes classes (clean, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+torque_ripple ...).
+--judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
+Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
+the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.
+Then totals by class and by name, the confusion matrix, rates with their 95 % intervals and, with --others, pysindy and
+sysidentpy on the same recordings. With --resume, rows that the CSV has are not made again.
 
     right   the truth was named first, or nothing where nothing should be (for pairs: both were named)
-    rival   the truth, or what counts as right for it, is among the rivals of what was named first
+    rival   the truth is among the rivals of what was named first (for pairs: each was named or is a rival)
     missed  nothing was named     wrong   something else was named first     half   one of a pair
     mimic   physics that the library lacks was explained to within a twentieth of the floor by another effect
+    off     nothing was named, but the fitted parameters do not agree with the true ones
     +n      n effects were named beyond the truth
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
+import importlib.util
 import multiprocessing
 import os
-import sys
-import tempfile
 import time
-import traceback
 from collections import Counter, defaultdict
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing.pool import AsyncResult
 from pathlib import Path
-from typing import Any
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 from . import cases as judging  # noqa: E402
-from .cases import Case, Made, Setting  # noqa: E402
+from . import confusion, plan, rates  # noqa: E402
+from .cases import Case, Setting  # noqa: E402
+from .line import Line, append, blank, code, line, read, write  # noqa: E402
+from .others import METHODS  # noqa: E402
 
 
-@dataclass
-class Line:
-    """One row of the table."""
+@dataclass(frozen=True)
+class How:
+    """held_out: the diagnosis sees the second recording; compared: the other tools answer, too."""
 
-    case: str
-    kind: str
-    joints: int
-    seed: int
-    setting: str
-    truth: str
-    size: str
-    beyond_delay: float = float("nan")
-    outcome: str = ""
-    extra: int = 0
-    verdict: str = ""
-    named: str = ""
-    rivals: str = ""
-    before: float = float("nan")
-    after: float = float("nan")
-    floor: float = float("nan")
-    held_out_after: float = float("nan")
-    cutoff: float = float("nan")
-    seconds: float = float("nan")
-    amount: str = ""
-    parameters: str = ""
-    reason: str = ""
+    jobs: int = 2
+    held_out: bool = False
+    compared: bool = False
+    budget: float = float("inf")
 
 
-def _tag(effect: str, joint: int | None) -> str:
-    return effect if joint is None else f"{effect}@{joint}"
+_how = How()
 
 
-def judged(made: Made, findings: Sequence[dict[str, Any]], verdict: str) -> tuple[str, int]:
-    """Outcome, and how many effects were named beyond the truth."""
-    named = [_tag(f["effect"], f["joint"]) for f in findings]
-    if not made.hidden or not all(h.truth for h in made.hidden):
-        return ("wrong" if named else "right" if verdict in made.case.expected else verdict), len(named)
-    right, like = [], []
-    for what, joint in zip(made.hidden, made.joints, strict=True):
-        place = joint or 1
-        right.append({_tag(x, joint) for x in (what.truth, *what.accept)})
-        like.append(right[-1] | {_tag(x, None if x in ("gravity", "payload") else place) for x in what.rivals})
-    extra = sum(not any(name in tags for tags in right) for name in named)
-    if not named:
-        return "missed", 0
-    if len(right) > 1:
-        rivals = {
-            name: {_tag(r["effect"], r["joint"]) for r in f["rivals"]} for name, f in zip(named, findings, strict=True)
-        }
-        hits = [
-            any(name in tags or (rivals[name] & tags) or name in close for name in named)
-            for tags, close in zip(right, like, strict=True)
-        ]
-        return ("right" if all(hits) else "half" if any(hits) else "wrong"), max(0, len(named) - sum(hits))
-    if named[0] in right[0]:
-        return "right", extra
-    rivals_of_first = {_tag(r["effect"], r["joint"]) for r in findings[0]["rivals"]}
-    return ("rival" if rivals_of_first & right[0] else "wrong"), len(named) - 1
+def _start(how: How) -> None:
+    global _how
+    _how = how
 
 
-def line(case: Case) -> Line:
-    """Makes a case, diagnoses it, judges the answer. An exception is an outcome, "failed"."""
-    from runtime.cli import open_model
-    from runtime.diagnose import diagnose
-
-    s = case.setting
-    parts = [
-        s.excitation,
-        s.noise,
-        f"x{s.coarse:g}",
-        *(["jitter"] if s.jitter else []),
-        *([] if s.temperature else ["no T"]),
-    ]
-    out = Line(case.label, case.kind, s.joints, case.seed, " ".join(parts), "", "")
-    try:
-        made = judging.make(case)
-        truth = [_tag(h.truth or name, j) for h, name, j in zip(made.hidden, case.names, made.joints, strict=True)]
-        out.truth = " ".join(truth)
-        out.size = " ".join(f"{x:.2f}" for x in made.sizes)
-        out.beyond_delay = made.beyond_delay
-        out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
-        with tempfile.TemporaryDirectory() as directory:
-            path = Path(directory) / "model.toml"
-            path.write_text(made.model, encoding="utf-8")
-            model = open_model(path)
-        start = time.process_time()
-        answer = diagnose(model, [made.recording], [made.held_out] if HELD_OUT else []).to_json()
-        out.seconds = time.process_time() - start
-    except Exception as error:
-        out.outcome, out.reason = "failed", f"{type(error).__name__}: {error}"
-        traceback.print_exc(file=sys.stderr)
-        return out
-    findings = answer["findings"]
-    out.outcome, out.extra = judged(made, findings, answer["verdict"])
-    out.verdict, out.reason, out.cutoff = answer["verdict"], answer["reason"], answer["band"]["cutoff_hz"]
-    out.named = " ".join(_tag(f["effect"], f["joint"]) for f in findings)
-    out.rivals = " ".join(_tag(r["effect"], r["joint"]) for r in findings[0]["rivals"]) if findings else ""
-    at = next((j - 1 for j in made.joints if j), 0)
-    out.before, out.floor = answer["joints"][at]["rms"], answer["joints"][at]["floor"]
-    here = [f for f in findings if (f["joint"] or at + 1) == at + 1]
-    out.after = here[-1]["rms_after"] if here else out.before
-    if here and here[-1]["held_out_after"] is not None:
-        out.held_out_after = here[-1]["held_out_after"]
-    if out.kind == "unknown" and out.outcome == "wrong" and out.after < _MIMIC * out.floor:
-        out.outcome, out.extra = "mimic", 0
-    out.parameters = json.dumps([{k: v["value"] for k, v in f["parameters"].items()} for f in findings])
-    return out
+def _line(case: Case) -> Line:
+    return line(case, _how.held_out, _how.compared)
 
 
-HELD_OUT = False
-_MIMIC = 1.05
+def run(todo: Sequence[Case], how: How) -> Iterator[Line]:
+    """Rows as they are done; what has begun when the budget, s, is spent is still finished."""
+    end = time.monotonic() + how.budget
+    with multiprocessing.get_context("spawn").Pool(how.jobs, _start, (how,)) as pool:
+        waiting: list[AsyncResult[Line]] = []
+        rest = iter(todo)
+        while True:
+            while len(waiting) < how.jobs and time.monotonic() < end and (case := next(rest, None)) is not None:
+                waiting.append(pool.apply_async(_line, (case,)))
+            if not waiting:
+                return
+            done = [job for job in waiting if job.ready()]
+            for job in done:
+                waiting.remove(job)
+                yield job.get()
+            if not done:
+                waiting[0].wait(0.05)
 
 
-def _start(held_out: bool) -> None:
-    global HELD_OUT
-    HELD_OUT = held_out
-
-
-def show(x: Line) -> str:
+def show(x: Line, progress: str = "") -> str:
     wrong = {"right": " ", "rival": "~"}.get(x.outcome, "!")
     extra = f"+{x.extra}" if x.extra and x.outcome != "wrong" else ""
-    errors = f"{x.before:.3f}/{x.after:.3f}/{x.floor:.3f}"
+    errors = f"{x.before:.3f}/{x.after:.3f}/{x.floor:.3f} held out {x.ratio:.2f}"
     found = x.named or "-"
     rivals = f"  rivals {x.rivals}" if x.rivals else ""
+    others = f"  pysindy {x.pysindy}, sysidentpy {x.sysidentpy}" if x.pysindy else ""
     return (
         f"{wrong} {x.outcome + extra:8s} {x.joints}R {x.case:24s} #{x.seed:<4d} "
         f"{x.truth or '-':24s} {x.size or '-':>9s}  {x.verdict:11s} {found}{rivals}  {errors}  {x.seconds:.0f}s  "
-        f"[{x.setting}]"
+        f"[{x.setting}]{others}{progress}"
     )
 
 
@@ -184,42 +111,86 @@ def totals(lines: Sequence[Line]) -> list[str]:
     return out
 
 
-def main() -> None:
+def report(lines: Sequence[Line]) -> list[str]:
+    """Everything that is printed at the end."""
+    ordered = sorted(lines, key=lambda x: (judging.KINDS.index(x.kind), x.joints, x.case))
+    if not ordered:
+        return ["no case was run"]
+    out = [*totals(ordered), "--- hidden against named first, the wrong answers by name", *confusion.text(ordered)]
+    out += ["--- rates", *rates.rates_table(ordered), "--- errors and times", *rates.errors_table(ordered)]
+    compared = rates.comparison(ordered)
+    return [*out, "--- beside other tools, on the same recordings", *compared] if compared else out
+
+
+def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Judge the diagnosis by an independent plant.")
-    parser.add_argument("--cases", nargs="+", default=["single"], help="classes or names, '+' between two of a pair")
+    parser.add_argument("--cases", nargs="+", help="classes or names, '+' between two of a pair; default single")
     parser.add_argument("--size", nargs="+", type=float, default=[0.5], help="in units of the noise floor")
-    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--seeds", type=int, help="how many, default 1; with --judging: rounds, default 5")
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--joints", nargs="+", type=int, default=[1])
+    parser.add_argument("--joints", nargs="+", type=int, help="default 1; with --judging: 1 2 4")
     parser.add_argument("--excitation", choices=judging.motion.KINDS, default="full")
     parser.add_argument("--coarse", type=float, default=1.0, help="encoder counts as multiples of 2 pi / 200000")
     parser.add_argument("--noise", choices=list(judging.NOISE), default="white")
     parser.add_argument("--jitter", type=float, default=0.0, help="of the period, as a part of it")
     parser.add_argument("--held-out", action="store_true", help="diagnose with a second recording of the same plant")
+    parser.add_argument("--judging", action="store_true", help="the judging set: its own seeds and sizes")
+    parser.add_argument("--others", action="store_true", help="pysindy and sysidentpy on the same recordings")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--budget", type=float, default=float("inf"), help="seconds after which no case is begun")
     parser.add_argument("--csv", type=Path)
-    given = parser.parse_args()
-    setting = Setting(excitation=given.excitation, coarse=given.coarse, noise=given.noise, jitter=given.jitter)
-    seeds = range(given.first_seed, given.first_seed + given.seeds)
+    parser.add_argument("--resume", action="store_true", help="keep the rows of --csv and make only what it lacks")
+    parser.add_argument("--matrix", type=Path, help="the confusion matrix as CSV")
+    parser.add_argument("--figure", type=Path, help="the confusion matrix as a picture (.png, .svg, .pdf)")
+    return parser
+
+
+def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[Case]:
+    """The cases that the arguments ask for; the parser's error for impossible ones."""
     try:
-        todo = list(judging.cases(given.cases, given.joints, given.size, seeds, setting))
+        if given.judging:
+            rounds = 5 if given.seeds is None else given.seeds
+            return list(plan.judging(given.cases or judging.KINDS, given.joints or plan.JOINTS, rounds))
+        seeds = range(given.first_seed, given.first_seed + (given.seeds or 1))
+        if seeds.stop > plan.FIRST_JUDGING_SEED:
+            parser.error(f"seeds from {plan.FIRST_JUDGING_SEED} on belong to the judging set; use --judging")
+        setting = Setting(excitation=given.excitation, coarse=given.coarse, noise=given.noise, jitter=given.jitter)
+        return list(judging.cases(given.cases or ["single"], given.joints or [1], given.size, seeds, setting))
     except ValueError as error:
         parser.error(str(error))
-    lines = []
-    with multiprocessing.get_context("spawn").Pool(given.jobs, _start, (given.held_out,)) as pool:
-        for x in pool.imap_unordered(line, todo):
-            lines.append(x)
-            print(show(x), flush=True)
-            if given.csv:
-                write(given.csv, lines)
-    print(*totals(sorted(lines, key=lambda x: (x.kind, x.joints, x.case))), sep="\n")
 
 
-def write(path: Path, lines: Sequence[Line]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, [f.name for f in fields(Line)])
-        table.writeheader()
-        table.writerows(asdict(x) for x in lines)
+def main() -> None:
+    parser = _arguments()
+    given = parser.parse_args()
+    missing = [name for name in METHODS if importlib.util.find_spec(name) is None]
+    if given.others and missing:
+        parser.error(f"{' and '.join(missing)} not installed; pip install -e '.[benchmark]'")
+    if given.resume and not given.csv:
+        parser.error("--resume needs --csv FILE")
+    todo, lines = wanted(parser, given), []
+    if given.resume and given.csv.exists():
+        try:
+            lines = read(given.csv)
+        except ValueError as error:
+            parser.error(str(error))
+        keys = {x.key for x in lines}
+        todo = [case for case in todo if blank(case).key not in keys]
+        older = sum(x.code != code() for x in lines)
+        print(f"{len(lines)} rows kept, {older} of them of other code than today's; {len(todo)} cases left", flush=True)
+    elif given.csv:
+        write(given.csv, [])
+    start = time.monotonic()
+    for number, x in enumerate(run(todo, How(given.jobs, given.held_out, given.others, given.budget)), 1):
+        lines.append(x)
+        print(show(x, f"  ({number}/{len(todo)}, {time.monotonic() - start:.0f} s)"), flush=True)
+        if given.csv:
+            append(given.csv, x)
+    print(*report(lines), sep="\n")
+    if given.matrix:
+        confusion.write(given.matrix, lines)
+    if given.figure:
+        confusion.figure(given.figure, lines)
 
 
 if __name__ == "__main__":

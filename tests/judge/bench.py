@@ -1,0 +1,168 @@
+"""A bench for one recording: an arm with its controller, its motion and its noises."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from runtime.recording import Recording
+
+from .bodies import ARMS, Body, torque
+from .hidden import Hidden, Rows
+from .plant import COUNT, PERIOD, Run, simulate
+from .size import in_band
+
+Array = NDArray[np.float64]
+
+DISTURBANCE = 0.03  # N m
+NOISE = {"white": 0.0, "coloured": 0.5, "strong": 0.95}
+"""Noise of the recorded torque as a first-order autoregression of this coefficient."""
+LEVEL = 0.2  # N m
+
+Hiding = tuple[Hidden, int, float]
+"""What is hidden, at which joint (0-based), and how much of it."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a recording is made."""
+
+    joints: int = 1
+    excitation: str = "full"
+    coarse: float = 1.0
+    noise: str = "white"
+    jitter: float = 0.0  # standard deviation of the instants about an even grid, in periods
+    temperature: bool = True
+    fine_control: bool = False  # the controller sees a fine encoder where the recording has a coarse one
+
+
+@dataclass(frozen=True)
+class Bench:
+    """An arm with its controller, driven along one motion with one set of noises."""
+
+    bodies: tuple[Body, ...]
+    setting: Setting
+    motion: Array
+    forward: Array
+    warm: Array
+    background: Array
+    noise: Array
+    warmth: Array
+    period: Array
+    rows: Rows
+
+    @property
+    def n(self) -> int:
+        return len(self.bodies)
+
+    @property
+    def t(self) -> Array:
+        return np.concatenate([[0.0], np.cumsum(self.period)[:-1]])
+
+    def floor(self) -> Array:
+        """(n,) N m: the noise in band: of the torque, the small disturbance and a fine encoder's through inertia."""
+        heavy = np.array([row["KP"] for row in self.rows]) / _bandwidth(1.0) ** 2
+        density = 2 * PERIOD * (2 * np.pi) ** 4 * 45.0**5 / 5
+        encoder = heavy * COUNT / np.sqrt(12) * np.sqrt(density)
+        floors: Array = np.sqrt(np.mean(in_band(self.noise + self.background) ** 2, axis=1) + encoder**2)
+        return floors
+
+    def plant(self, hidden: Sequence[Hiding]) -> tuple[Rows, dict[str, float]]:
+        """Parameters of the joints and of the arm with effects hidden in them."""
+        rows, arm = [dict(row) for row in self.rows], {"COUNT": COUNT}
+        for what, _, amount in hidden:
+            if what.put is not None:
+                what.put(rows, arm, amount)
+        return rows, arm
+
+    def run(self, hidden: Sequence[Hiding]) -> Run:
+        """The plant with effects hidden in it. Raises RanAwayError."""
+        rows, arm = self.plant(hidden)
+        pushes = self.background.copy()
+        substeps = 8.0
+        for what, joint, amount in hidden:
+            if what.push is not None:
+                pushes[joint] += what.push(self.t, amount)
+        if any(row.get("STIFFNESS", 0.0) > 3e4 for row in rows):
+            substeps = 16.0
+        if not self.setting.fine_control:
+            arm["COUNT"] = COUNT * self.setting.coarse
+        arm["SUBSTEPS"] = substeps
+        return simulate(rows, self.motion, arm, self.forward, pushes, self.warm, self.period)
+
+    def recording(self, run: Run) -> Recording:
+        count = COUNT * self.setting.coarse
+        temperature = [row if self.setting.temperature else None for row in self.warmth]
+        return Recording(
+            path=Path("judge.csv"),
+            t=self.t,
+            run=np.zeros(len(self.t), dtype=np.int64),
+            q=np.ascontiguousarray(np.round(run.q / count) * count),
+            tau=np.ascontiguousarray(run.tau + self.noise),
+            types=("revolute",) * self.n,
+            segments=(slice(0, len(self.t)),),
+            temperature=tuple(temperature),
+        )
+
+
+def _bandwidth(coarse: float) -> float:
+    """Of the position controller, rad/s: a coarse encoder allows less."""
+    return 2 * np.pi * {1.0: 6.0, 10.0: 5.0, 50.0: 3.0}.get(coarse, 3.0)
+
+
+def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool, rows: Rows) -> Bench:
+    """A bench for one recording of the motion wanted (3, n, N); rows: the plant's parameters without its controller."""
+    bodies = ARMS[setting.joints]
+    n, count = wanted.shape[1:]
+    coarse = 1.0 if setting.fine_control else setting.coarse
+    bandwidth = _bandwidth(coarse)
+    controlled = []
+    for i, row in enumerate(rows):
+        push = np.zeros((3, n, 1))
+        push[2, i] = 1.0
+        inertia = float(torque(bodies, push)[i, 0])
+        gains = {"KP": inertia * bandwidth**2, "KD": 1.6 * inertia * bandwidth}
+        controlled.append({**row, **gains, "OBSERVER": bandwidth * (6.0 if coarse == 1.0 else 3.5)})
+    forward = torque(bodies, wanted)
+    if rng.random() < 0.5:  # half of the controllers compensate friction, roughly
+        for i, body in enumerate(bodies):
+            forward[i] += 0.6 * np.mean(body.dry) * np.tanh(wanted[1, i] / 0.05) + body.viscous * wanted[1, i]
+    late = np.clip(setting.jitter * rng.standard_normal(count + 1), -0.45, 0.45)
+    period = PERIOD * (1 + np.diff(late))
+    slow = signal.butter(1, 5.0, fs=1 / PERIOD, output="sos")
+    background = signal.sosfilt(slow, rng.standard_normal((n, count)), axis=1)
+    background *= DISTURBANCE / background.std(axis=1, keepdims=True)
+    part = NOISE[setting.noise]
+    noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], LEVEL * rng.standard_normal((n, count)), axis=1)
+    time = np.cumsum(period)
+    warm = np.tile(1 - np.exp(-time / (0.35 * time[-1])), (n, 1))
+    rise = rng.uniform(8.0, 18.0) if warms or rng.random() < 0.5 else 0.0
+    degrees = 24.0 + rise * warm + 0.2 * rng.standard_normal((n, count))
+    return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, controlled)
+
+
+def specimen(bodies: Sequence[Body], believed: Sequence[str], rng: np.random.Generator) -> Rows:
+    """The bodies as the user knows them, with frictions of their own, but no other kinds than are believed in."""
+    rows = []
+    for body in bodies:
+        row = body.parameters()
+        for name in ("DRY_POSITIVE", "DRY_NEGATIVE", "CUBIC"):
+            row[name] *= rng.uniform(0.75, 1.25)
+        factor = rng.uniform(0.8, 1.25)
+        row["VISCOUS_POSITIVE"] *= factor
+        row["VISCOUS_NEGATIVE"] *= factor
+        if "coulomb" in believed:
+            row["DRY_POSITIVE"] = row["DRY_NEGATIVE"] = 0.5 * (row["DRY_POSITIVE"] + row["DRY_NEGATIVE"])
+        if not {"coulomb", "coulomb_asymmetric"} & set(believed):
+            row["DRY_POSITIVE"] = row["DRY_NEGATIVE"] = 0.0
+        if "viscous" not in believed:
+            row["VISCOUS_POSITIVE"] = row["VISCOUS_NEGATIVE"] = 0.0
+        if "viscous_cubic" not in believed:
+            row["CUBIC"] = 0.0
+        rows.append(row)
+    return rows

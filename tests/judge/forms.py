@@ -1,0 +1,130 @@
+"""Effects of the library in other forms than the library's: the class is right, the formula is not.
+
+Every effect with a law that could be another has one here. Without: coulomb, coulomb_asymmetric and offset (a number
+has no shape), viscous (bent, it is viscous_cubic or viscous_power), linear_spring (bent, it is a cable), torque_scale
+(bent, it is a saturation or a load friction) and gravity (a uniform field has one form). quadratic_drag is
+viscous_power at another exponent, the library's own.
+"""
+
+from __future__ import annotations
+
+from . import library
+from .hidden import POSITION, Hidden, Setup, at, entry, same
+
+
+@entry("viscous_asymmetric_soft", "forms")
+def _(s: Setup) -> Hidden:
+    """Slopes that pass into each other around standstill instead of in a corner there."""
+    put = at(s.joint, UNEVEN=same, UNEVEN_SPEED=s.rng.uniform(0.3, 0.8))
+    return Hidden("viscous_asymmetric", 0.2, (0.001, 1.1), put)
+
+
+@entry("viscous_thinning", "forms")
+def _(s: Setup) -> Hidden:
+    """A lubricant that thins with shear (Eyring): asinh over the speed, of which the cube is the first term."""
+    put = at(s.joint, THIN=same, THIN_SPEED=s.rng.uniform(1.0, 2.5))
+    believed = ("coulomb_asymmetric", "viscous")
+    return Hidden("viscous_cubic", 0.1, (0.001, 1.0), put, accept=("viscous_power",), believed=believed)
+
+
+@entry("viscous_logarithm", "forms")
+def _(s: Setup) -> Hidden:
+    """Steep at low and flat at high speed by a logarithm (Dieterich), not by a power."""
+    put = at(s.joint, POWER=same, POWER_FORM=1.0, POWER_SPEED=s.rng.uniform(0.05, 0.2))
+    return Hidden("viscous_power", 0.3, (0.005, 12.0), put)
+
+
+@entry("stribeck_lorentz", "forms")
+def _(s: Setup) -> Hidden:
+    return library.stribeck(s, 1.0)
+
+
+@entry("stribeck_exponential", "forms")
+def _(s: Setup) -> Hidden:
+    return library.stribeck(s, 2.0)
+
+
+@entry("load_friction_square", "forms")
+def _(s: Setup) -> Hidden:
+    return Hidden("load_friction", 0.006, (1e-5, 0.08), at(s.joint, LOAD_SQUARE=same))
+
+
+@entry("friction_patch_soft", "forms")
+def _(s: Setup) -> Hidden:
+    return library.patch(s, 0.2)
+
+
+@entry("lugre_maxwell", "forms")
+def _(s: Setup) -> Hidden:
+    return library.bristle(s, 1.0)
+
+
+@entry("thermal_exponential", "forms")
+def _(s: Setup) -> Hidden:
+    return library.thermal(s, True)
+
+
+@entry("coupled_friction_creep", "forms", least_joints=2, not_last=True)
+def _(s: Setup) -> Hidden:
+    """Half as much again where the two rates nearly cancel."""
+    return library.coupled(s, 0.5)
+
+
+@entry("parallel_spring_soft", "forms")
+def _(s: Setup) -> Hidden:
+    """A cable that comes taut little by little."""
+    return library.one_sided(s, 0.06)
+
+
+@entry("cable_sine", "forms")
+def _(s: Setup) -> Hidden:
+    square = s.rng.choice([-1, 1]) * s.rng.uniform(0.5, 1.0)
+    put = at(s.joint, CABLE_SINE=same, CABLE_PHASE=s.rng.uniform(-1, 1), CABLE_SQUARE=lambda a: a * square)
+    return Hidden("cable", 0.3, (0.005, 20.0), put, rivals=POSITION)
+
+
+@entry("end_stop_hertz", "forms")
+def _(s: Setup) -> Hidden:
+    return library.stop(s, 1.5)
+
+
+@entry("spring_hysteresis_wen", "forms")
+def _(s: Setup) -> Hidden:
+    return library.hysteresis(s, 1.0)
+
+
+@entry("torque_ripple_second", "forms")
+def _(s: Setup) -> Hidden:
+    return library.ripple(s, 0.5)
+
+
+@entry("torque_saturation_algebraic", "forms")
+def _(s: Setup) -> Hidden:
+    return library.limit(s, 2.0)
+
+
+@entry("torque_saturation_hard", "forms")
+def _(s: Setup) -> Hidden:
+    return library.limit(s, 3.0)
+
+
+@entry("torque_lag", "forms")
+def _(s: Setup) -> Hidden:
+    return Hidden("torque_delay", 1e-3, (5e-5, 2e-2), at(s.joint, LAG=same), rivals=("elasticity",))
+
+
+@entry("elasticity_hardening", "forms")
+def _(s: Setup) -> Hidden:
+    return library.spring(s, 1.0)
+
+
+@entry("backlash_hertz", "forms")
+def _(s: Setup) -> Hidden:
+    """Round flanks, which stiffen with depth and lose energy in proportion to it."""
+    return library.gap(s, 1.5)
+
+
+@entry("payload_extended", "forms", least_joints=2)
+def _(s: Setup) -> Hidden:
+    """A body with its centre ahead of the end-effector and an inertia of its own; to one joint it is a point."""
+    return library.carried(s, 0.08, 0.06)

@@ -1,0 +1,47 @@
+"""The error on a recording that was not fitted, beside what a perfect model would leave of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnose import Diagnosis, errors_elsewhere
+from runtime.motion import Motion, prepare
+
+from .bodies import ARMS, torque
+from .cases import Made
+from .hidden import Rows
+
+Array = NDArray[np.float64]
+
+
+def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
+    """RMS (n,) N m at each joint, in the diagnosis's band: of the last step's residual, and of the noise alone.
+
+    The noise is what the simulator knows: of the torque, of the push from outside, and of the encoder, which a perfect
+    model turns into torque by the true inertia and friction.
+    """
+    identification = found.steps[-1].identification
+    band, library = identification.motion.band, identification.model.library
+    motion = prepare([made.held_out], band, library)
+    return np.array(errors_elsewhere(identification, motion).rms), _floor(made, motion)
+
+
+def _floor(made: Made, motion: Motion) -> Array:
+    (piece,) = motion.pieces
+    bodies = ARMS[made.case.setting.joints]
+    exact = np.swapaxes([piece.derive(q) for q in made.exact], 0, 1)
+    measured = np.array([piece.q, piece.qd, piece.qdd])
+    encoder = torque(bodies, measured) - torque(bodies, exact)
+    encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
+    noise = piece.in_band(made.disturbed[:, piece.derive.half : -piece.derive.half] - encoder)
+    return np.array([np.sqrt(np.mean(row[motion.moving(i)] ** 2)) for i, row in enumerate(noise)])
+
+
+def _friction(rows: Rows, rate: Array) -> Array:
+    """(n, N) N m of what is no hidden effect."""
+    out = np.empty_like(rate)
+    for i, (row, v) in enumerate(zip(rows, rate, strict=True)):
+        out[i] = np.where(v > 0, row["DRY_POSITIVE"], -row["DRY_NEGATIVE"])
+        out[i] += row["VISCOUS_POSITIVE"] * v + row["CUBIC"] * v**3
+    return out

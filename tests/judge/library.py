@@ -1,0 +1,267 @@
+"""Effects of the library, each in the library's own form or one that these recordings cannot tell from it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .hidden import POSITION, Hidden, Rows, Setup, at, entry, more, same
+
+# friction ------------------------------------------------------------------------------------------------------------
+
+
+@entry("coulomb")
+def _(s: Setup) -> Hidden:
+    put = at(s.joint, DRY_POSITIVE=same, DRY_NEGATIVE=same)
+    believed = ("viscous", "viscous_cubic")
+    return Hidden("coulomb", 0.2, (0.005, 3.0), put, accept=("coulomb_asymmetric",), believed=believed)
+
+
+@entry("viscous")
+def _(s: Setup) -> Hidden:
+    put = at(s.joint, VISCOUS_POSITIVE=same, VISCOUS_NEGATIVE=same)
+    # A slope through zero is both sides of a bent line, and a power of one.
+    also = ("viscous_asymmetric", "viscous_power")
+    return Hidden("viscous", 0.2, (0.005, 3.0), put, accept=also, believed=("coulomb_asymmetric",))
+
+
+@entry("coulomb_asymmetric")
+def _(s: Setup) -> Hidden:
+    put = more(s.joint, DRY_POSITIVE=1.0, DRY_NEGATIVE=-1.0)
+    believed = ("coulomb", "viscous", "viscous_cubic")
+    return Hidden("coulomb_asymmetric", 0.1, (0.001, 0.6), put, accept=("offset",), believed=believed)
+
+
+@entry("offset")
+def _(s: Setup) -> Hidden:
+    sign = s.rng.choice([-1.0, 1.0])
+    put = at(s.joint, OFFSET=lambda a: a * sign)
+    believed = ("coulomb", "viscous", "viscous_cubic")
+    return Hidden("offset", 0.1, (0.001, 5.0), put, accept=("coulomb_asymmetric",), believed=believed)
+
+
+@entry("viscous_asymmetric")
+def _(s: Setup) -> Hidden:
+    sign = s.rng.choice([-1.0, 1.0])
+    put = more(s.joint, VISCOUS_POSITIVE=0.5 * sign, VISCOUS_NEGATIVE=-0.5 * sign)
+    return Hidden("viscous_asymmetric", 0.2, (0.001, 1.1), put)
+
+
+@entry("viscous_cubic")
+def _(s: Setup) -> Hidden:
+    put = at(s.joint, CUBIC=lambda a: -a)
+    # A curve over the speed in a family of three members: a power and a creeping level bend as well.
+    return Hidden(
+        "viscous_cubic", 0.01, (1e-4, 0.03), put, rivals=("viscous_power",), believed=("coulomb_asymmetric", "viscous")
+    )
+
+
+def power(s: Setup, low: float, high: float) -> Hidden:
+    put = at(s.joint, POWER=same, POWER_EXPONENT=s.rng.uniform(low, high))
+    return Hidden("viscous_power", 0.5, (0.005, 12.0), put)
+
+
+@entry("viscous_power")
+def _(s: Setup) -> Hidden:
+    return power(s, 0.35, 0.6)
+
+
+@entry("quadratic_drag")
+def _(s: Setup) -> Hidden:
+    return power(s, 1.999, 2.001)
+
+
+def stribeck(s: Setup, form: float) -> Hidden:
+    put = at(s.joint, CREEP=same, CREEP_SPEED=s.rng.uniform(0.08, 0.3), CREEP_FORM=form)
+    return Hidden("stribeck", 0.3, (0.005, 4.0), put)
+
+
+@entry("stribeck")
+def _(s: Setup) -> Hidden:
+    return stribeck(s, 0.0)
+
+
+@entry("load_friction")
+def _(s: Setup) -> Hidden:
+    return Hidden("load_friction", 0.06, (0.001, 0.4), at(s.joint, LOAD=same))
+
+
+def patch(s: Setup, edge: float) -> Hidden:
+    start, wide = s.within(0.1, 0.7), (s.reach[1] - s.reach[0]) * s.rng.uniform(0.1, 0.3)
+    put = at(s.joint, PATCH=same, PATCH_START=start, PATCH_END=start + wide, PATCH_EDGE=edge * wide)
+    return Hidden("friction_patch", 0.3, (0.005, 5.0), put)
+
+
+@entry("friction_patch")
+def _(s: Setup) -> Hidden:
+    return patch(s, 0.0)
+
+
+def bristle(s: Setup, form: float) -> Hidden:
+    inertia = s.bodies[s.joint].rotor + s.link_inertia
+    put = at(s.joint, BRISTLE=same, BRISTLE_DAMPING=lambda k: 0.3 * np.sqrt(k * inertia), BRISTLE_FORM=form)
+    # Stiffer bristles than those of real gears differ from dry friction for a millisecond at each reversal only.
+    stiffest = float(np.exp(s.rng.uniform(np.log(400.0), np.log(5000.0))))
+    return Hidden("lugre", 300.0, (8.0, stiffest), put, power=-1.0, rivals=("spring_hysteresis",))
+
+
+@entry("lugre")
+def _(s: Setup) -> Hidden:
+    return bristle(s, 0.0)
+
+
+def thermal(s: Setup, exponential: bool) -> Hidden:
+    dry = 0.0 if exponential else s.rng.uniform(0.6, 1.0)
+    put = at(s.joint, WARM_DRY=lambda a: -a * dry, WARM_VISCOUS=lambda a: -a, WARM_EXPONENTIAL=float(exponential))
+    return Hidden("thermal_friction", 0.15, (0.003, 0.9), put, warms=True)
+
+
+@entry("thermal_friction")
+def _(s: Setup) -> Hidden:
+    return thermal(s, False)
+
+
+def coupled(s: Setup, creep: float) -> Hidden:
+    put = at(s.joint, COUPLED=same, COUPLED_CREEP=creep, COUPLED_SPEED=0.3)
+    return Hidden("coupled_friction", 0.2, (0.005, 2.0), put)
+
+
+@entry("coupled_friction", least_joints=2, not_last=True)
+def _(s: Setup) -> Hidden:
+    return coupled(s, 0.0)
+
+
+# torques over the position -------------------------------------------------------------------------------------------
+
+
+@entry("linear_spring")
+def _(s: Setup) -> Hidden:
+    put = at(s.joint, SPRING=same, SPRING_REST=s.rng.uniform(-0.3, 0.3))
+    return Hidden("linear_spring", 0.3, (0.005, 20.0), put, rivals=POSITION)
+
+
+def one_sided(s: Setup, soft: float) -> Hidden:
+    first = s.rng.uniform(0.0, 0.2)
+    put = at(s.joint, PULL=same, PULL_FROM=s.within(0.35, 0.75), PULL_FIRST=lambda a: first * a, PULL_SOFT=soft)
+    return Hidden("parallel_spring", 0.8, (0.01, 30.0), put, rivals=POSITION)
+
+
+@entry("parallel_spring")
+def _(s: Setup) -> Hidden:
+    return one_sided(s, 0.0)
+
+
+@entry("cable")
+def _(s: Setup) -> Hidden:
+    square, phase = s.rng.uniform(-1.0, 1.0), s.rng.uniform(-1.0, 1.0)
+    put = at(s.joint, CABLE_SQUARE=lambda a: a * square, CABLE_CUBE=same, SPRING=same, SPRING_REST=phase)
+    return Hidden("cable", 0.3, (0.005, 20.0), put, rivals=POSITION)
+
+
+def stop(s: Setup, exponent: float) -> Hidden:
+    side = float(s.rng.choice([-1, 1]))
+    place = s.within(0.78, 0.9) if side > 0 else s.within(0.1, 0.22)
+    put = at(s.joint, STOP=same, STOP_AT=place, STOP_SIDE=side, STOP_EXPONENT=exponent, STOP_DAMPING=lambda a: 0.01 * a)
+    return Hidden("end_stop", 8.0, (0.1, 3e3), put)
+
+
+@entry("end_stop")
+def _(s: Setup) -> Hidden:
+    return stop(s, 1.0)
+
+
+def hysteresis(s: Setup, form: float) -> Hidden:
+    put = at(s.joint, HYSTERESIS=same, HYSTERESIS_WIDTH=s.rng.uniform(0.06, 0.3), HYSTERESIS_FORM=form)
+    return Hidden("spring_hysteresis", 0.3, (0.005, 4.0), put, rivals=("lugre",))
+
+
+@entry("spring_hysteresis")
+def _(s: Setup) -> Hidden:
+    return hysteresis(s, 0.0)
+
+
+# drive and transmission ----------------------------------------------------------------------------------------------
+
+
+def ripple(s: Setup, second: float) -> Hidden:
+    order = 100.0 * s.rng.choice([1.0, 2.0])
+    put = at(s.joint, RIPPLE=same, RIPPLE_ORDER=order, RIPPLE_PHASE=s.rng.uniform(0, 6), RIPPLE_SECOND=second)
+    return Hidden("torque_ripple", 0.2, (0.005, 3.0), put)
+
+
+@entry("torque_ripple")
+def _(s: Setup) -> Hidden:
+    return ripple(s, 0.0)
+
+
+def limit(s: Setup, form: float) -> Hidden:
+    return Hidden("torque_saturation", 25.0, (2.0, 500.0), at(s.joint, LIMIT=same, LIMIT_FORM=form), power=-2.0)
+
+
+@entry("torque_saturation")
+def _(s: Setup) -> Hidden:
+    return limit(s, 1.0)
+
+
+@entry("torque_scale", least_joints=2)
+def _(s: Setup) -> Hidden:
+    return Hidden("torque_scale", 0.1, (0.001, 0.6), at(s.joint, GAIN=lambda a: 1.0 / (1.0 + a)))
+
+
+@entry("torque_delay")
+def _(s: Setup) -> Hidden:
+    return Hidden("torque_delay", 1e-3, (5e-5, 2e-2), at(s.joint, DELAY=same), rivals=("elasticity",))
+
+
+def spring(s: Setup, hardening: float) -> Hidden:
+    inertia = s.link_inertia
+    put = at(
+        s.joint,
+        STIFFNESS=same,
+        STIFFNESS_DAMPING=lambda k: 0.06 * np.sqrt(k * inertia),
+        HARDENING=lambda k: hardening * (k / 6.0) ** 2,
+    )
+    return Hidden("elasticity", 5e3, (150.0, 4e5), put, power=-1.0, rivals=("torque_delay",))
+
+
+@entry("elasticity")
+def _(s: Setup) -> Hidden:
+    return spring(s, 0.0)
+
+
+def gap(s: Setup, exponent: float) -> Hidden:
+    stiffness = 2.5e5 * s.link_inertia
+    damping = 0.2 * np.sqrt(stiffness * s.link_inertia)
+    flank = {"STIFFNESS": stiffness, "STIFFNESS_DAMPING": damping, "GAP_EXPONENT": exponent, "GAP_DEPTH": 1e-4}
+    return Hidden("backlash", 2e-3, (1e-5, 0.1), at(s.joint, GAP=same, **flank))
+
+
+@entry("backlash")
+def _(s: Setup) -> Hidden:
+    return gap(s, 1.0)
+
+
+# the arm -------------------------------------------------------------------------------------------------------------
+
+
+@entry("gravity")
+def _(s: Setup) -> Hidden:
+    angle = s.rng.uniform(0, 2 * np.pi)
+
+    def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
+        arm.update(GRAVITY_X=amount * np.cos(angle), GRAVITY_Y=amount * np.sin(angle))
+
+    return Hidden("gravity", 0.2, (1e-3, 9.81), put, rivals=POSITION, of_arm=True)
+
+
+def carried(s: Setup, ahead: float, radius: float) -> Hidden:
+    time = s.rng.uniform(0.4, 0.65) * s.seconds
+
+    def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
+        arm.update(PAYLOAD=amount, PAYLOAD_TIME=time, PAYLOAD_AHEAD=ahead, PAYLOAD_RADIUS=radius)
+
+    return Hidden("payload", 0.1, (1e-3, 3.0), put, of_arm=True)
+
+
+@entry("payload")
+def _(s: Setup) -> Hidden:
+    return carried(s, 0.0, 0.0)

@@ -1,0 +1,224 @@
+"""One row of the judge's table: a case made, diagnosed and judged; and the table as a file."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import hashlib
+import json
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.diagnose import Diagnosis
+
+from . import cases as judging
+from . import others, scoring
+from .bodies import BELIEVED, torque
+from .cases import Case, Made
+from .held_out import error_and_floor
+from .scoring import tag
+
+ROOT = Path(__file__).resolve().parents[2]
+_NONE = float("nan")
+
+
+@dataclass
+class Line:
+    """One row. wanted: the size asked for; column: of the confusion matrix; among: the truth is among findings and
+    rivals; inside, of: true parameters in their intervals, of how many; ratio: error over floor on the recording that
+    was not fitted; pysindy, sysidentpy: what they named, and whether it was right; code: digest of what was judged."""
+
+    case: str
+    kind: str
+    joints: int
+    seed: int
+    setting: str
+    wanted: float
+    truth: str = ""
+    size: str = ""
+    beyond_delay: float = _NONE
+    outcome: str = ""
+    extra: int = 0
+    among: bool = False
+    column: str = ""
+    verdict: str = ""
+    named: str = ""
+    rivals: str = ""
+    remainder: bool = False
+    before: float = _NONE
+    after: float = _NONE
+    floor: float = _NONE
+    held_out_after: float = _NONE
+    ratio: float = _NONE
+    inside: int = 0
+    of: int = 0
+    cutoff: float = _NONE
+    seconds: float = _NONE
+    amount: str = ""
+    parameters: str = ""
+    pysindy: str = ""
+    pysindy_named: str = ""
+    pysindy_seconds: float = _NONE
+    sysidentpy: str = ""
+    sysidentpy_named: str = ""
+    sysidentpy_seconds: float = _NONE
+    code: str = ""
+    reason: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, int, str, float]:
+        return self.case, self.joints, self.seed, self.setting, self.wanted
+
+    @property
+    def sizes(self) -> list[float]:
+        return [float(x) for x in self.size.split()]
+
+
+def blank(case: Case) -> Line:
+    """The row of a case before it is made."""
+    s = case.setting
+    parts = [s.excitation, s.noise, f"x{s.coarse:g}"]
+    parts += ["jitter"] if s.jitter else []
+    parts += ["fine control"] if s.fine_control else []
+    parts += [] if s.temperature else ["no T"]
+    return Line(case.label, case.kind, s.joints, case.seed, " ".join(parts), case.size, code=code())
+
+
+def line(case: Case, held_out: bool = False, compared: bool = False) -> Line:
+    """Makes a case, diagnoses it, judges the answer. An exception is an outcome, "failed".
+
+    held_out   the diagnosis sees the second recording; compared: pysindy and sysidentpy answer, too
+    """
+    from runtime.cli import open_model
+    from runtime.diagnose import diagnose
+
+    out = blank(case)
+    try:
+        made = judging.make(case)
+        truth = [tag(h.truth or name, j) for h, name, j in zip(made.hidden, case.names, made.joints, strict=True)]
+        out.truth = " ".join(truth)
+        out.size = " ".join(f"{x:.2f}" for x in made.sizes)
+        out.beyond_delay = made.beyond_delay
+        out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
+        with tempfile.TemporaryDirectory() as directory:
+            path = Path(directory) / "model.toml"
+            path.write_text(made.model, encoding="utf-8")
+            model = open_model(path)
+        start = time.process_time()
+        found = diagnose(model, [made.recording], [made.held_out] if held_out else [])
+        answer = found.to_json()
+        out.seconds = time.process_time() - start
+        _judge(out, made, found, answer)
+        if compared:
+            _compare(out, made)
+    except Exception as error:
+        out.outcome, out.reason = "failed", f"{type(error).__name__}: {error}"
+        traceback.print_exc(file=sys.stderr)
+    return out
+
+
+def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any]) -> None:
+    """The diagnosis's answer into the row."""
+    findings = answer["findings"]
+    score = scoring.judged(made, findings, answer["verdict"])
+    out.outcome, out.extra, out.among = score.outcome, score.extra, score.among
+    out.column = scoring.column(made, findings, answer["verdict"])
+    out.verdict, out.reason, out.cutoff = answer["verdict"], answer["reason"], answer["band"]["cutoff_hz"]
+    out.named = " ".join(tag(f["effect"], f["joint"]) for f in findings)
+    out.rivals = " ".join(tag(r["effect"], r["joint"]) for r in findings[0]["rivals"]) if findings else ""
+    out.remainder = any(f["remainder"] for f in findings)
+    at = next((j - 1 for j in made.joints if j), 0)
+    out.before, out.floor = answer["joints"][at]["rms"], answer["joints"][at]["floor"]
+    here = [f for f in findings if (f["joint"] or at + 1) == at + 1]
+    out.after = here[-1]["rms_after"] if here else out.before
+    error, floor = error_and_floor(made, found)
+    out.held_out_after, out.ratio = float(error[at]), float(np.max(error / floor))
+    if out.kind == "unknown" and out.outcome == "wrong" and out.after < scoring.MIMIC * out.floor:
+        out.outcome, out.extra = "mimic", 0
+    out.parameters = json.dumps([{k: v["value"] for k, v in f["parameters"].items()} for f in findings])
+    if made.parameters is not None:
+        out.inside, out.of, together = _agreement(made, found)
+        if out.outcome == "right" and not together:
+            out.outcome = "off"
+
+
+def _agreement(made: Made, found: Diagnosis) -> tuple[int, int, bool]:
+    """Fitted against true parameters; the true lumps are those that give the true bodies' torque."""
+    assert made.parameters is not None
+    identification = found.steps[-1].identification
+    model, document = identification.model, identification.to_json()
+    states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, model.n, 40))
+    columns = np.moveaxis(model.regressor(*states), 1, 0).reshape(len(model.lumps), -1)
+    lumps = np.linalg.lstsq(columns.T, torque(made.parameters.bodies, states).ravel(), rcond=None)[0]
+    fitted = [(x["fit"], x["interval"]) for x in document["inertial"]]
+    true = list(lumps)
+    for effect in document["effects"]:
+        for name, x in effect["parameters"].items():
+            known = made.parameters.friction.get((effect["effect"], effect["joint"], name))
+            if known is not None:
+                fitted.append((x["value"], x["interval"]))
+                true.append(known)
+    return scoring.agreement(fitted, true)
+
+
+def _compare(out: Line, made: Made) -> None:
+    """What pysindy and sysidentpy say of the same recording, judged as the diagnosis is."""
+    believed = next((h.believed for h in made.hidden if h.believed != BELIEVED), BELIEVED)
+    for method, choose in others.METHODS.items():
+        answer = others.answer(made, believed, out.cutoff, choose)
+        findings = [_finding(name) for name in answer.named]
+        outcome = scoring.judged(made, findings, "effect" if findings else "clean").outcome
+        setattr(out, method, outcome)
+        setattr(out, f"{method}_named", " ".join(answer.named))
+        setattr(out, f"{method}_seconds", answer.seconds)
+
+
+def _finding(name: str) -> dict[str, Any]:
+    effect, _, joint = name.partition("@")
+    return {"effect": effect, "joint": int(joint) if joint else None, "rivals": []}
+
+
+@functools.cache
+def code() -> str:
+    """Digest of the sources that are judged."""
+    digest = hashlib.sha256()
+    for folder in ("symbolic", "codegen", "runtime"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:10]
+
+
+def write(path: Path, lines: Sequence[Line]) -> None:
+    """The table anew."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, [f.name for f in fields(Line)])
+        table.writeheader()
+        table.writerows(asdict(x) for x in lines)
+
+
+def append(path: Path, row: Line) -> None:
+    with path.open("a", newline="", encoding="utf-8") as file:
+        csv.DictWriter(file, [f.name for f in fields(Line)]).writerow(asdict(row))
+
+
+def read(path: Path) -> list[Line]:
+    """A table as written. ValueError if it has other columns."""
+    with path.open(newline="", encoding="utf-8") as file:
+        table = csv.DictReader(file)
+        if table.fieldnames != [f.name for f in fields(Line)]:
+            raise ValueError(f"{path}: not a table of this judge's; write to another file")
+        return list(_read(table))
+
+
+def _read(table: csv.DictReader[str]) -> Iterator[Line]:
+    kinds: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "bool": lambda x: x == "True", "str": str}
+    for row in table:
+        yield Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})

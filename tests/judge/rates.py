@@ -1,0 +1,223 @@
+"""Rates out of the judge's table, with 95 % intervals (Clopper & Pearson 1934) and what is wanted of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from .cases import NEAR
+from .line import Line
+from .others import MEMORY
+
+LARGE, SMALL, BELOW = 0.5, 0.3, 0.15
+"""Sizes in units of the noise floor; what was meant to be at least one is taken for it if it is near."""
+TRANSMISSION = ("elasticity", "backlash")
+ERROR = {"static": 1.1, "transmission": 1.5}
+_REMAINS = 1.15
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often something was so. wanted: the share that is asked for, if one is."""
+
+    name: str
+    hits: int
+    total: int
+    wanted: float | None = None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, exact for a binomial count."""
+        low = stats.beta.ppf(0.025, self.hits, self.total - self.hits + 1) if self.hits else 0.0
+        high = stats.beta.ppf(0.975, self.hits + 1, self.total - self.hits) if self.hits < self.total else 1.0
+        return float(low), float(high)
+
+
+def _rate(name: str, lines: Iterable[Line], hit: Callable[[Line], bool], wanted: float | None = None) -> Rate:
+    counted = [hit(x) for x in lines]
+    return Rate(name, sum(counted), len(counted), wanted)
+
+
+def band(x: Line) -> str:
+    """Which of the three sizes a row's is; "" for one in between."""
+    size = min(x.sizes, default=0.0)
+    if size >= LARGE * (1 - NEAR):
+        return "large"
+    if size >= SMALL * (1 - NEAR):
+        return "small"
+    return "below" if size < BELOW else ""
+
+
+def rates(lines: Sequence[Line]) -> list[Rate]:
+    """All rates for which there are rows."""
+    done = [x for x in lines if x.outcome != "failed"]
+    found = [*_single(done), *_silent(done), *_inside(done), *_forms(done), *_pairs(done), *_errors(done)]
+    found.append(_rate("the judge itself failed", lines, lambda x: x.outcome == "failed", None))
+    return [r for r in found if r.total]
+
+
+def _single(lines: Sequence[Line]) -> Iterator[Rate]:
+    single = [x for x in lines if x.kind == "single"]
+    for size, text, wanted in (("large", ">= 0.5", 0.95), ("small", "0.3 to 0.5", 0.90)):
+        rows = [x for x in single if band(x) == size]
+        for n in sorted({x.joints for x in rows}):
+            of_n = [x for x in rows if x.joints == n]
+            yield _rate(f"one effect of size {text}, {n}R: named first", of_n, lambda x: x.outcome == "right", wanted)
+        yield _rate(f"one effect of size {text}: named first, or its rival is", rows, _right_or_rival)
+        yield _rate(f"one effect of size {text}: among findings and rivals", rows, lambda x: x.among, 0.99)
+        yield _rate(f"one effect of size {text}: no second name", rows, lambda x: not x.extra)
+    small = [x for x in single if band(x) == "below"]
+    yield _rate("one effect of size < 0.15: nothing named", small, lambda x: not x.named, 1.0)
+
+
+def _right_or_rival(x: Line) -> bool:
+    return x.outcome in ("right", "rival")
+
+
+def _silent(lines: Sequence[Line]) -> Iterator[Rate]:
+    clean = [x for x in lines if x.kind == "clean"]
+    yield _rate("nothing hidden: nothing named", clean, lambda x: not x.named, 0.99)
+    yield _rate("nothing hidden: the right verdict", clean, lambda x: x.outcome == "right", 0.99)
+    unknown = [x for x in lines if x.kind == "unknown"]
+    outside = [x for x in unknown if x.case.startswith("outside")]
+    yield _rate("a disturbance from outside: unexplained", outside, lambda x: x.outcome == "right", 0.95)
+    physics = [x for x in unknown if x not in outside]
+    yield _rate("physics that the library lacks: unexplained", physics, lambda x: x.outcome == "right", 0.95)
+    yield _rate("  ... or explained to the floor by another effect", physics, lambda x: x.outcome in ("right", "mimic"))
+
+
+def _inside(lines: Sequence[Line]) -> Iterator[Rate]:
+    inside = [x for x in lines if x.kind == "inside"]
+    yield _rate("inside the model's span: nothing named", inside, lambda x: not x.named, 0.99)
+    yield _rate("inside the model's span: all parameters as the truth", inside, lambda x: x.outcome == "right", 0.95)
+    yield Rate(
+        "  true parameters in their 95 % intervals", sum(x.inside for x in inside), sum(x.of for x in inside), 0.95
+    )
+
+
+def _forms(lines: Sequence[Line]) -> Iterator[Rate]:
+    forms = [x for x in lines if x.kind == "forms"]
+    yield _rate("another form: the class named first", forms, lambda x: x.outcome == "right", 0.85)
+    left = [x for x in forms if x.outcome == "right" and x.after > _REMAINS * x.floor]
+    yield _rate("  ... and the remainder said where one is left", left, lambda x: x.remainder)
+    alike = [x for x in lines if x.kind == "single" and x.outcome == "right"]
+    yield _rate("the library's own form: no remainder claimed", alike, lambda x: not x.remainder)
+
+
+def _pairs(lines: Sequence[Line]) -> Iterator[Rate]:
+    pairs = [x for x in lines if x.kind == "pairs"]
+    yield _rate("two effects: both found", pairs, lambda x: x.outcome == "right", 0.85)
+    yield _rate("  ... or their rivals", pairs, _right_or_rival)
+    yield _rate("two effects: both and no third", pairs, lambda x: x.outcome == "right" and not x.extra, 0.75)
+
+
+def _errors(lines: Sequence[Line]) -> Iterator[Rate]:
+    """Error over floor on the recording that was not fitted, where an effect was named."""
+    named = [x for x in lines if x.kind == "single" and x.named and band(x) in ("large", "small")]
+    moving = [x for x in named if x.case in TRANSMISSION]
+    static = [x for x in named if x.case not in TRANSMISSION]
+    for what, rows in (("static", static), ("transmission", moving)):
+        most = ERROR[what]
+        yield _rate(f"{what}: held-out error within {most} of the floor", rows, _within(most), 1.0)
+    clean = [x for x in lines if x.case == "clean" and not x.named]
+    yield _rate("nothing hidden: held-out error within 1.1 of the floor", clean, lambda x: x.ratio <= ERROR["static"])
+
+
+def _within(most: float) -> Callable[[Line], bool]:
+    return lambda x: x.ratio <= most
+
+
+def rates_table(lines: Sequence[Line]) -> list[str]:
+    """The rates as text."""
+    found = rates(lines)
+    width = max(len(r.name) for r in found)
+    out = [f"{'rate':{width}s}   hits    of    share   95 % interval    wanted"]
+    for r in found:
+        low, high = r.interval
+        wanted = "" if r.wanted is None else f"{100 * r.wanted:5.0f} %"
+        mark = " " if r.wanted is None else "!" if high < r.wanted else "?" if r.hits < r.wanted * r.total else " "
+        out.append(
+            f"{r.name:{width}s}  {r.hits:5d} {r.total:5d}  {100 * r.hits / r.total:5.1f} %  "
+            f"{100 * low:5.1f} to {100 * high:5.1f}  {wanted:>8s} {mark}"
+        )
+    out.append("? below what is wanted, as far as this many cases can tell; ! surely below it")
+    return out
+
+
+def errors_table(lines: Sequence[Line]) -> list[str]:
+    """Median and 95 % quantile of error over floor on the recordings that were not fitted, and the seconds taken."""
+    out = [f"{'':28s}    n   held-out error / floor    CPU s a recording"]
+    groups = {
+        "nothing hidden nor named": [x for x in lines if x.case == "clean" and not x.named],
+        "the same, hard to read": [x for x in lines if x.kind == "clean" and x.case != "clean" and not x.named],
+        "static, named right": [x for x in lines if _named(x) and x.case not in TRANSMISSION],
+        "transmission, named right": [x for x in lines if _named(x) and x.case in TRANSMISSION],
+        "pairs, named right": [x for x in lines if x.kind == "pairs" and x.outcome == "right"],
+    }
+    groups |= {f"all, {n}R": [x for x in lines if x.joints == n] for n in sorted({x.joints for x in lines})}
+    for name, rows in groups.items():
+        ratio = np.array([x.ratio for x in rows if np.isfinite(x.ratio)])
+        seconds = np.array([x.seconds for x in rows if np.isfinite(x.seconds)])
+        if len(ratio) and len(seconds):
+            out.append(
+                f"{name:28s} {len(rows):4d}   median {np.median(ratio):.3f}  95 % {np.quantile(ratio, 0.95):.3f}"
+                f"    median {np.median(seconds):.1f}  most {seconds.max():.1f}"
+            )
+    return out
+
+
+def _named(x: Line) -> bool:
+    return x.kind == "single" and x.outcome == "right"
+
+
+def comparison(lines: Sequence[Line]) -> list[str]:
+    """Tendon beside pysindy and sysidentpy on the same recordings; none without them."""
+    both = [x for x in lines if x.pysindy and x.sysidentpy]
+    if not both:
+        return []
+    static = [x for x in both if x.kind == "single" and x.case not in MEMORY]
+    memory = [x for x in both if x.kind == "single" and x.case in MEMORY]
+    groups = {
+        "static effect, size >= 0.5": [x for x in static if band(x) == "large"],
+        "static effect, size 0.3 to 0.5": [x for x in static if band(x) == "small"],
+        "static effect, size < 0.15: silent": [x for x in static if band(x) == "below"],
+        "clean: silent": [x for x in both if x.kind == "clean" and x.case == "clean"],
+        "clean, but hard to read: silent": [x for x in both if x.kind == "clean" and x.case != "clean"],
+        "inside the model's span: silent": [x for x in both if x.kind == "inside"],
+        "another form, static": [x for x in both if x.kind == "forms" and _static(x)],
+        "unknown or outside: silent": [x for x in both if x.kind == "unknown"],
+        "memory, gain or delay: no column": [x for x in memory if band(x) in ("large", "small")],
+    }
+    out = [f"{'right, of n (largest term is the truth)':40s}    n   Tendon  pysindy  sysidentpy    terms too many"]
+    for name, rows in groups.items():
+        if rows:
+            silent = name.endswith("silent")
+            counts = [
+                sum(not names if silent else outcome == "right" for outcome, names in pairs) for pairs in _answers(rows)
+            ]
+            more = " ".join(f"{np.mean([_surplus(o, n) for o, n in pairs]):5.1f}" for pairs in _answers(rows))
+            out.append(f"{name:40s} {len(rows):4d}   {counts[0]:6d}  {counts[1]:7d}  {counts[2]:10d}   {more}")
+    seconds = [np.mean([getattr(x, f) for x in both]) for f in ("seconds", "pysindy_seconds", "sysidentpy_seconds")]
+    out.append(f"{'CPU s a recording':40s} {len(both):4d}   {seconds[0]:6.1f}  {seconds[1]:7.1f}  {seconds[2]:10.1f}")
+    return out
+
+
+def _static(x: Line) -> bool:
+    return not any(effect in x.truth for effect in MEMORY)
+
+
+def _answers(rows: Sequence[Line]) -> list[list[tuple[str, str]]]:
+    """Outcome and names of each method, a row each."""
+    return [
+        [(x.outcome, x.named) for x in rows],
+        [(x.pysindy, x.pysindy_named) for x in rows],
+        [(x.sysidentpy, x.sysidentpy_named) for x in rows],
+    ]
+
+
+def _surplus(outcome: str, names: str) -> int:
+    """Names beyond the right one."""
+    return max(0, len(names.split()) - (outcome == "right"))
