@@ -85,14 +85,14 @@ def compare(
 
     boundary.check_writable(json)
     boundary.check_directory(report)
-    _, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
+    source, data, loaded = _inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.compare import compare as compared
 
     with terminal.working("comparing"):
         result = compared(loaded, data)
     from runtime.story import Story
 
-    story = Story(result, _origin(model, recordings, effects, maps, allow_gaps))
+    story = Story(result, _origin(source, model, recordings, effects, maps, allow_gaps))
     page = _report(report, story)
     emit(json, story.document, terminal.compare)
     _name_page(page, json)
@@ -126,7 +126,7 @@ def diagnose(
         result = diagnosed(loaded, data)
     from runtime.story import Story
 
-    story = Story(result, _origin(model, recordings, effects, maps, allow_gaps), drafted=draft is not None)
+    story = Story(result, _origin(source, model, recordings, effects, maps, allow_gaps), drafted=draft is not None)
     page = _report(report, story)
     document = story.document
     if draft is not None:
@@ -188,7 +188,7 @@ def improve(
             raise UsageError(f"{path}: is fitted and held out; give it once")
     source, data, _ = _inputs(model, [*recordings, *(held_out or ())], effects, maps, allow_gaps)
     improved = model if write else out
-    origin = _origin(model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
+    origin = _origin(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
     result, story = _improved(source, data[: len(recordings)], data[len(recordings) :], origin)
     page = _report(report, story)
     if write:
@@ -215,6 +215,7 @@ def _improved(
 
 
 def _origin(
+    source: Source,
     model: Path,
     recordings: list[Path],
     effects: Path | None,
@@ -223,10 +224,11 @@ def _origin(
     held_out: tuple[Path, ...] = (),
     improved: Path | None = None,
 ) -> Origin:
-    """What was typed, for the commands that follow from a result."""
-    from runtime.origin import Origin
+    """What was typed, for the commands that follow from a result, and what the model file says of itself."""
+    from runtime.origin import Origin, about
 
-    return Origin(model, tuple(recordings), held_out, effects, tuple(maps or ()), allow_gaps, improved)
+    read = tuple(recordings), held_out, effects, tuple(maps or ()), allow_gaps
+    return Origin(model, *read, improved, about(source.text))
 
 
 def _report(directory: Path | None, story: Story) -> str | None:
@@ -306,7 +308,7 @@ def demo(
         paths = record_files(out)
     source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
     data = source.recordings(paths)
-    origin = _origin(boundary.nearby(shipped.path), paths[:1], None, None, False, tuple(paths[1:]), source.path)
+    origin = _origin(source, boundary.nearby(shipped.path), paths[:1], None, None, False, tuple(paths[1:]), source.path)
     result, story = _improved(source, data[:1], data[1:], origin)
     page = _report(out, story)
     files.replace(source.path, result.model_text.encode())

@@ -19,6 +19,7 @@ class Origin:
 
     maps       `--map` entries
     improved   where the improved model was written, if it was
+    about      what the model file says of itself
     """
 
     model: Path
@@ -28,6 +29,7 @@ class Origin:
     maps: tuple[str, ...] = ()
     allow_gaps: bool = False
     improved: Path | None = None
+    about: str = ""
 
     def add(self, term: Term) -> str:
         """Puts an effect into the model file."""
@@ -62,6 +64,17 @@ class Origin:
     def _line(self, verb: str, arguments: Sequence[str]) -> str:
         own = [] if self.effects is None else ["--effects", _path(self.effects)]
         return shlex.join(["tendon", verb, *arguments, *own])
+
+
+def about(text: str) -> str:
+    """The first paragraph of the comment at the head of a model file, where its sources stand."""
+    words: list[str] = []
+    for line in text.splitlines():
+        found = line.lstrip("#").split() if line.startswith("#") else []
+        if not found:
+            break
+        words += found
+    return " ".join(words)
 
 
 def unknown(model: str) -> Origin:

@@ -135,7 +135,7 @@ def residual_over(
     curve   (M,) torque that what was added explains
     """
     parts = [("before", before, BEFORE)] if after is None else [("before", before, BEFORE), ("after", after, AFTER)]
-    figure = Figure(figsize=(WIDTH, 2.3 if after is None else 3.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.1 if after is None else 3.2), layout="constrained")
     panels = figure.subplots(len(parts), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for ax, (label, residual, colour) in zip(panels, parts, strict=True):
         _cloud(ax, axis, residual, colour)
@@ -255,7 +255,7 @@ def spectrum(
 
     frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz; line: one to point at, Hz
     """
-    figure = Figure(figsize=(WIDTH, 2.3), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.1), layout="constrained")
     ax = figure.add_subplot()
     use = (frequency > 0) & (frequency <= cutoff)
     ax.axhspan(1e-12, max(noise, 1e-12), color=FAINT, alpha=0.22, lw=0, zorder=0)

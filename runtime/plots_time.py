@@ -97,7 +97,7 @@ def effect_closely(trace: Trace, name: str, title: str = "") -> Figure:
 
 
 def _time_axes(trace: Trace, title: str, heights: tuple[int, int] = (3, 2)) -> tuple[Figure, Axes, Axes]:
-    figure = Figure(figsize=(WIDTH, 3.5), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     top, low = figure.subplots(2, 1, sharex=True, height_ratios=heights)
     top.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
     low.set_xlabel("time, s")

@@ -69,6 +69,7 @@ def _holes(story: Story) -> dict[str, Any]:
         "experiments": found.experiments(story),
         "limits": found.limits(story),
         "commands": _commands(story),
+        "about": story.origin.about,
         "recorded": [_recorded(story, i) for i in joints],
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
         "skew": parameters.skew(last.identification.inference),
@@ -146,9 +147,10 @@ def _short_row(story: Story, joint: int) -> Row:
 
 
 def _instruments(story: Story, joint: int) -> str | None:
-    """The instruments' own noise relative to the torque, where the floor holds more than that."""
+    """The instruments' own noise relative to the torque, where an unexplained floor holds more than that."""
     floor = story.last.joints[joint].floor
-    if floor.value < _MORE_THAN_NOISE * floor.spectrum:
+    explained = story.left is None or story.left.verdict != "unexplained"
+    if explained or floor.value < _MORE_THAN_NOISE * floor.spectrum:
         return None
     return percent(story.floor(joint) * floor.spectrum / floor.value)
 

@@ -38,7 +38,7 @@ from runtime.diagnose import Diagnosis, Errors, Finding, Step
 from runtime.identify import identify_motion, prepared
 from runtime.improve import Improvement
 from runtime.judge import Evidence, Verdict
-from runtime.origin import Origin
+from runtime.origin import Origin, about
 from runtime.recording import Recording
 from runtime.story import Story
 from runtime.terms import Term, structure
@@ -264,6 +264,12 @@ def test_commands_can_be_copied(story, story_text):
     assert "tendon identify 'my arms/drive.toml' 'run 1.csv' --write --effects own.py" in text
     assert "tendon experiment 'my arms/drive.toml' --between stribeck@1,elasticity@1 --effects own.py" in text
     assert [c["command"] for c in story.document["commands"]] == [c.line for c in story.commands]
+
+
+def test_the_model_files_own_words_and_sources_are_cited():
+    text = '# A rig.\n# B. Author, "Its data", 2019.\n#\n# Which numbers are what:\nname = "rig"\n'
+    assert about(text) == 'A rig. B. Author, "Its data", 2019.'
+    assert about('name = "rig"  # bare\n') == about("") == ""
 
 
 def test_what_is_done_already_is_not_asked_for(story):
