@@ -1,4 +1,4 @@
-"""The verbs that work on recordings: identify, compare, diagnose, improve, simulate, demo."""
+"""The verbs that work on recordings: identify, compare, diagnose, improve, simulate, experiment, demo."""
 
 from __future__ import annotations
 
@@ -286,6 +286,44 @@ def simulate(
     ]
     document = {"out": str(out), "samples": len(made.t), "seconds": len(made.t) * made.dt, "seed": seed}
     emit(json, {**document, "effects": present}, terminal.simulation)
+
+
+@app.command(epilog="Example: tendon experiment drive.toml --between linear_spring@1,gravity --out motion.csv")
+def experiment(
+    model: ModelFile,
+    between: Annotated[
+        str,
+        typer.Option(
+            metavar="EFFECT@JOINT[:KEY=VALUE,...],...",
+            help="Rivals to tell apart; one alone is told from the model as it is.",
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option(metavar="MOTION.csv", help="For your arm, or simulate --motion.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is other noise in what is simulated.")] = 0,
+    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Torque noise, part of the torque's rms.")] = 0.03,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Which motion tells these effects apart? Within the joints' limits, confirmed in simulation; exit 1 if none."""
+    from runtime import terminal
+
+    boundary.check_writable(json, out)
+    source = _source(model, effects)
+    source.arm()
+    with terminal.working("deriving and compiling the model"):
+        loaded = source.model()
+    from runtime import experiment as experiments
+    from runtime import experiment_page
+
+    rivals = experiments.parse_rivals(between, loaded)
+    with terminal.working("looking for a motion") as tell:
+        proposal = experiments.propose(loaded, rivals, seed, noise, tell)
+    document = proposal.to_json()
+    if out and proposal.separated:
+        experiments.write_motion(out, loaded, proposal.motion)
+    emit(json, {**document, "out": str(out) if out and proposal.separated else None}, experiment_page.show)
+    if not proposal.separated:
+        raise typer.Exit(boundary.NO)
 
 
 @app.command(epilog="Example: tendon demo")
