@@ -14,6 +14,7 @@ from . import forms, inside, library, motion, outside  # noqa: F401 (they add th
 from .bench import NOISE, Bench, Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
 from .hidden import ENTRIES, PAIRS, Hidden, Rows, Setup
+from .limits import AMOUNTS
 from .plant import RanAwayError
 from .size import orthogonal
 from .truth import Parameters, true_parameters
@@ -100,23 +101,23 @@ def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> 
     return best
 
 
-def make(case: Case) -> Made:
-    """The case's recordings; the same case is made the same. Raises RanAwayError."""
-    rng = np.random.default_rng([case.seed, case.setting.joints, *map(ord, case.label)])
+def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
+    """The case's recordings; the same case is made the same. Raises RanAwayError.
+
+    amounts   of the hidden effects; without them they are grown to the case's size, if it has one
+    """
     setting, bodies = case.setting, ARMS[case.setting.joints]
-    plant_rng, motion_rng, other_rng, shape_rng = rng.spawn(4)
-    joints = [_place(name, len(bodies), shape_rng) for name in case.names]
-    wanted = motion.desired(motion_rng, len(bodies), setting.excitation)
-    hidden = [
-        ENTRIES[name].draw(Setup(bodies, j, wanted, shape_rng)) for name, j in zip(case.names, joints, strict=True)
-    ]
+    (plant_rng, motion_rng, other_rng), wanted, hidden, joints = _drawn(case)
     believed = next((h.believed for h in hidden if h.believed != BELIEVED), BELIEVED)
     warms = any(h.warms for h in hidden)
     rows = specimen(bodies, believed, plant_rng)
     main = bench(setting, wanted, motion_rng, warms, rows)
     found = []
-    for what, joint in zip(hidden, joints, strict=True):
-        found.append(_sized(main, what, joint, case.size, believed) if case.size else (what.amount, 0.0))
+    for k, (what, joint) in enumerate(zip(hidden, joints, strict=True)):
+        if amounts is not None:
+            found.append((amounts[k], _size(main, what, joint, amounts[k], believed)))
+        else:
+            found.append(_sized(main, what, joint, case.size, believed) if case.size else (what.amount, 0.0))
     inside_it = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
     elsewhere = motion.desired(other_rng, len(bodies), setting.excitation)
     other = bench(setting, elsewhere, other_rng, warms, rows)
@@ -128,7 +129,7 @@ def make(case: Case) -> Made:
         main.recording(together),
         other.recording(apart),
         tuple(hidden),
-        tuple(None if what.of_arm else joint + 1 for what, joint in zip(hidden, joints, strict=True)),
+        places(case),
         tuple(size for _, size in found),
         tuple(amount for amount, _ in found),
         float(np.max(left)),
@@ -139,15 +140,31 @@ def make(case: Case) -> Made:
     )
 
 
+def places(case: Case) -> tuple[int | None, ...]:
+    """Joints (1-based) of a case's effects, None for one of the arm."""
+    _, _, hidden, joints = _drawn(case)
+    return tuple(None if what.of_arm else joint + 1 for what, joint in zip(hidden, joints, strict=True))
+
+
+def _drawn(case: Case) -> tuple[list[np.random.Generator], Array, list[Hidden], list[int]]:
+    """What chance decides first: generators for the rest, the wanted motion, the effects and their joints (0-based)."""
+    rng = np.random.default_rng([case.seed, case.setting.joints, *map(ord, case.label)])
+    bodies = ARMS[case.setting.joints]
+    *others, shape_rng = rng.spawn(4)
+    joints = [_place(name, len(bodies), shape_rng) for name in case.names]
+    wanted = motion.desired(others[1], len(bodies), case.setting.excitation)
+    setups = [Setup(bodies, joint, wanted, shape_rng) for joint in joints]
+    return others, wanted, [ENTRIES[name].draw(s) for name, s in zip(case.names, setups, strict=True)], joints
+
+
 def _sized(main: Bench, what: Hidden, joint: int, size: float, believed: Sequence[str]) -> tuple[float, float]:
     """Amount of one effect at a joint (0-based), and its size, as near to the wanted one as can be."""
-    floor = main.floor()
+    return _grown(lambda amount: _size(main, what, joint, amount, believed), what, size)
 
-    def measure(amount: float) -> float:
-        left = orthogonal(main.run([(what, joint, amount)]), main.bodies, believed, main.background)
-        return float(np.max(left / floor) if what.of_arm else left[joint] / floor[joint])
 
-    return _grown(measure, what, size)
+def _size(main: Bench, what: Hidden, joint: int, amount: float, believed: Sequence[str]) -> float:
+    relative = orthogonal(main.run([(what, joint, amount)]), main.bodies, believed, main.background) / main.floor()
+    return float(np.max(relative) if what.of_arm else relative[joint])
 
 
 def _place(name: str, n: int, rng: np.random.Generator) -> int:
@@ -172,7 +189,8 @@ CLEAN: dict[str, tuple[Setting, tuple[str, ...]]] = {
     "clean_slow": (Setting(excitation="slow"), ("clean", "refused")),
 }
 
-KINDS = ("clean", "inside", "single", "forms", "unknown", "pairs")
+KINDS = ("clean", "limits", "inside", "single", "forms", "unknown", "pairs")
+_LIMIT = "limit_"
 
 
 def cases(
@@ -191,11 +209,13 @@ def cases(
 def _named(word: str, n: int) -> list[str]:
     if word == "clean":
         return list(CLEAN)
+    if word == "limits":
+        return [_LIMIT + name for name in AMOUNTS if ENTRIES[name].least_joints <= n]
     if word == "pairs":
         return [f"{a}+{b}" for a, b in PAIRS]
     if word in KINDS:
         return [k for k, e in ENTRIES.items() if e.kind == word and e.least_joints <= n]
-    if word in CLEAN or all(part in ENTRIES for part in word.split("+")):
+    if word in CLEAN or word.removeprefix(_LIMIT) in AMOUNTS or all(part in ENTRIES for part in word.split("+")):
         return [word]
     raise ValueError(f"unknown case {word}; expected one of {', '.join((*KINDS, *CLEAN, *ENTRIES))}")
 
@@ -204,6 +224,9 @@ def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator
     if name in CLEAN:
         setting, expected = CLEAN[name]
         yield Case(name, "clean", (), replace(setting, joints=base.joints), 0.0, seed, expected)
+        return
+    if name.startswith(_LIMIT):
+        yield Case(name, "limits", (name.removeprefix(_LIMIT),), base, 0.0, seed)
         return
     parts = tuple(name.split("+"))
     kind = "pairs" if len(parts) > 1 else ENTRIES[name].kind

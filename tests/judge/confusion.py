@@ -10,7 +10,7 @@ from pathlib import Path
 from .cases import KINDS
 from .line import Line
 
-LAST = ("other joint", "-", "unexplained", "refused", "failed")
+LAST = ("other joint", "-", "unexplained", "refused", "no limit", "failed")
 """Columns that are no effect; "-": nothing was named and the verdict was clean."""
 
 
@@ -20,7 +20,7 @@ def counts(lines: Sequence[Line]) -> dict[str, Counter[str]]:
     order = sorted({(KINDS.index(x.kind), x.case) for x in rows})
     table: dict[str, Counter[str]] = {case: Counter() for _, case in order}
     for x in rows:
-        table[x.case].update([x.column or "failed"])
+        table[x.case].update([x.column or x.outcome])
     return table
 
 

@@ -11,16 +11,18 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from runtime.diagnose import Diagnosis
+from runtime.cli import open_model
+from runtime.diagnose import Diagnosis, diagnose
+from runtime.loader import Model
 
 from . import cases as judging
-from . import others, scoring
+from . import limits, others, scoring
 from .bodies import BELIEVED, torque
 from .cases import Case, Made
 from .held_out import error_and_floor
@@ -97,21 +99,18 @@ def line(case: Case, held_out: bool = False, compared: bool = False) -> Line:
 
     held_out   the diagnosis sees the second recording; compared: pysindy and sysidentpy answer, too
     """
-    from runtime.cli import open_model
-    from runtime.diagnose import diagnose
-
     out = blank(case)
     try:
-        made = judging.make(case)
+        made = _at_its_limit(case) if case.kind == "limits" else judging.make(case)
+        if made is None:
+            out.outcome = "no limit"
+            return out
         truth = [tag(h.truth or name, j) for h, name, j in zip(made.hidden, case.names, made.joints, strict=True)]
         out.truth = " ".join(truth)
         out.size = " ".join(f"{x:.2f}" for x in made.sizes)
         out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
-        with tempfile.TemporaryDirectory() as directory:
-            path = Path(directory) / "model.toml"
-            path.write_text(made.model, encoding="utf-8")
-            model = open_model(path)
+        model = _opened(made)
         start = time.process_time()
         found = diagnose(model, [made.recording], [made.held_out] if held_out else [])
         answer = found.to_json()
@@ -123,6 +122,21 @@ def line(case: Case, held_out: bool = False, compared: bool = False) -> Line:
         out.outcome, out.reason = "failed", f"{type(error).__name__}: {error}"
         traceback.print_exc(file=sys.stderr)
     return out
+
+
+def _opened(made: Made) -> Model:
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "model.toml"
+        path.write_text(made.model, encoding="utf-8")
+        return open_model(path)
+
+
+def _at_its_limit(case: Case) -> Made | None:
+    """The case with its effect a little beyond what the same recording without it would have seen; None: no limit."""
+    clean = judging.make(replace(case, names=()))
+    seen = diagnose(_opened(clean), [clean.recording]).to_json()["would_have_seen"]
+    amount = limits.beyond(seen, case.names[0], judging.places(case)[0])
+    return None if amount is None else judging.make(case, [amount])
 
 
 def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any]) -> None:

@@ -81,6 +81,9 @@ def _silent(lines: Sequence[Line]) -> Iterator[Rate]:
     clean = [x for x in lines if x.kind == "clean"]
     yield _rate("nothing hidden: nothing named", clean, lambda x: not x.named, 0.99)
     yield _rate("nothing hidden: the right verdict", clean, lambda x: x.outcome == "right", 0.99)
+    limits = [x for x in lines if x.kind == "limits" and x.outcome != "no limit"]
+    yield _rate("half as large again as its detection limit: not clean", limits, lambda x: x.verdict != "clean")
+    yield _rate("  ... and among findings and rivals", limits, lambda x: x.among)
     unknown = [x for x in lines if x.kind == "unknown"]
     outside = [x for x in unknown if x.case.startswith("outside")]
     yield _rate("a disturbance from outside: unexplained", outside, lambda x: x.outcome == "right", 0.95)

@@ -3,7 +3,7 @@
     python -m tests.judge.run --cases single --size 0.5 --seeds 3 --joints 1 --csv table.csv
     python -m tests.judge.run --judging --others --csv judged.csv --resume --budget 3600
 
---cases takes classes (clean, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+torque_ripple ...).
+--cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
 the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from . import confusion, forms, plan, rates, scoring
+from . import confusion, forms, limits, plan, rates, scoring
 from .bodies import ARMS
 from .cases import KINDS, Case, Made, Setting, cases
 from .hidden import ENTRIES, Hidden, Setup
@@ -131,6 +131,22 @@ def test_the_judging_set_shares_no_case_with_development() -> None:
     assert list(plan.judging(rounds=2)) == chosen
     clean = sum(c.kind == "clean" for c in plan.judging(rounds=8))
     assert clean >= 300
+
+
+def test_a_limit_becomes_an_amount_a_little_beyond_it() -> None:
+    seen = [
+        {"effect": "stribeck", "joint": 1, "parameter": "torque", "above": 0.1, "unit": "N m"},
+        {"effect": "elasticity", "joint": 1, "parameter": "stiffness", "below": 3000.0, "unit": "N m/rad"},
+        {"effect": "torque_saturation", "joint": 2, "parameter": "coefficient", "above": 1e-3, "unit": "1/(N^2 m^2)"},
+    ]
+    assert limits.beyond(seen, "stribeck", 1) == pytest.approx(0.1 * limits.BEYOND)
+    assert limits.beyond(seen, "elasticity", 1) == pytest.approx(3000.0 / limits.BEYOND)
+    assert limits.beyond(seen, "stribeck", 2) is None
+    strongest = limits.beyond(seen, "torque_saturation", 2)
+    assert strongest is not None
+    small = 1e-2 * strongest
+    assert small - strongest * np.tanh(small / strongest) == pytest.approx(1e-3 * limits.BEYOND * small**3, rel=1e-3)
+    assert set(limits.AMOUNTS) <= set(ENTRIES)
 
 
 def test_every_form_of_the_library_has_another_or_a_reason() -> None:

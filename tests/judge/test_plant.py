@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -93,6 +95,74 @@ def test_a_pushed_joint_settles_at_the_speed_of_its_viscous_friction() -> None:
     wanted = still(1, 4.0)
     run = simulate(rows(1, CUBIC=0.0), wanted, forward=np.full(wanted.shape[1:], -3.0))
     assert run.rate[0, -1] == pytest.approx(-(3.0 - body.dry[1]) / body.viscous, rel=1e-6)
+
+
+THINNED = {"THIN": 0.4, "THIN_SPEED": 1.5}
+LOGARITHM = {"POWER": 0.5, "POWER_FORM": 1.0, "POWER_SPEED": 0.1}
+UNEVEN = {"UNEVEN": 0.6, "UNEVEN_SPEED": 0.4}
+
+
+@pytest.mark.parametrize(
+    ("law", "torque"),
+    [
+        (THINNED, lambda v: -0.4 * (v - 1.5 * np.arcsinh(v / 1.5))),
+        (LOGARITHM, lambda v: 0.5 * np.sign(v) * np.log1p(np.abs(v) / 0.1)),
+        (UNEVEN, lambda v: 0.3 * (np.hypot(v, 0.4) - 0.4)),
+    ],
+)
+@pytest.mark.parametrize("push", [-4.0, 3.0])
+def test_a_pushed_joint_settles_where_its_frictions_balance_the_push(
+    law: dict[str, float], torque: Callable[[float], float], push: float
+) -> None:
+    body = ARMS[1][0]
+    wanted = still(1, 6.0)
+    run = simulate(rows(1, CUBIC=0.0, **law), wanted, forward=np.full(wanted.shape[1:], push))
+    v = run.rate[0, -1]
+    dry = body.dry[0] if v > 0 else -body.dry[1]
+    assert dry + body.viscous * v + torque(v) == pytest.approx(push, rel=1e-6)
+
+
+def test_a_soft_kink_is_a_sharp_one_from_afar() -> None:
+    """At its width from the kink a soft spring pulls ln(1 + e)/1 times as hard; ten widths away as a sharp one."""
+    spring = {"PULL": 2.0, "PULL_FROM": 0.0, "PULL_FIRST": 0.3}
+    for place, soft, pulled in ((-0.5, 0.05, 1.3), (-0.05, 0.05, 0.1 * np.log1p(np.e) + 0.3 / (1 + np.exp(-1)))):
+        run = simulate(rows(1, **FRICTIONLESS, **spring, PULL_SOFT=soft), still(1, 0.01, place))
+        inertia = 0.1 + 0.0565 + 2.0 * 0.2**2
+        assert inertia * run.acceleration[0, 0] == pytest.approx(pulled, rel=1e-3)
+
+
+def test_an_extended_payload_adds_its_own_inertia_about_the_joint() -> None:
+    wanted = still(1, 0.01)
+    arm = {"PAYLOAD": 0.5, "PAYLOAD_AHEAD": 0.08, "PAYLOAD_RADIUS": 0.06}
+    run = simulate(rows(1, **FRICTIONLESS), wanted, arm, forward=np.ones(wanted.shape[1:]))
+    inertia = 0.1 + 0.0565 + 2.0 * 0.2**2 + 0.5 * (0.38**2 + 0.06**2)
+    assert run.acceleration[0, 0] * inertia == pytest.approx(1.0, rel=1e-6)
+
+
+def test_an_extended_payload_is_a_part_of_the_last_link() -> None:
+    gravity = {"GRAVITY_Y": -9.81}
+    carried = {"PAYLOAD": 0.4, "PAYLOAD_AHEAD": 0.08, "PAYLOAD_RADIUS": 0.06, **gravity}
+    loose = rows(2, **FRICTIONLESS)
+    last = loose[-1]
+    at = last["LENGTH"] + 0.08
+    mass, along = last["MASS"] + 0.4, (last["MASS"] * last["COM_X"] + 0.4 * at) / (last["MASS"] + 0.4)
+    about = last["INERTIA"] + last["MASS"] * (last["COM_X"] - along) ** 2 + 0.4 * ((at - along) ** 2 + 0.06**2)
+    heavy = [loose[0], {**last, "MASS": mass, "COM_X": along, "INERTIA": about}]
+    loaded, alike = simulate(loose, still(2, 1.0), carried), simulate(heavy, still(2, 1.0), gravity)
+    assert np.abs(loaded.q).max() > 0.5
+    assert np.allclose(loaded.q, alike.q, rtol=0, atol=1e-9)
+
+
+def test_round_flanks_are_as_stiff_as_their_depth_says() -> None:
+    """The link hangs still at the depth at which the flank carries the push: K x (x/x0)^(1/2)."""
+    flank = {"STIFFNESS": 1e4, "GAP": 2e-3, "GAP_EXPONENT": 1.5, "GAP_DEPTH": 1e-4, "STIFFNESS_DAMPING": 20.0}
+    body = {"SPRING": 1e3, **flank}
+    wanted = still(1, 3.0)
+    dry = {"DRY_POSITIVE": 0.0, "DRY_NEGATIVE": 0.0, "VISCOUS_POSITIVE": 20.0, "VISCOUS_NEGATIVE": 20.0, "CUBIC": 0.0}
+    run = simulate(rows(1, **dry, **body), wanted, {"SUBSTEPS": 16.0}, forward=np.full(wanted.shape[1:], 2.0))
+    deep = run.q[0, -1] - run.link[0, -1] - 1e-3
+    assert 1e4 * deep * np.sqrt(deep / 1e-4) == pytest.approx(2.0, rel=1e-3)
+    assert run.link[0, -1] == pytest.approx(2.0 / 1e3, rel=1e-3)
 
 
 def test_a_stiff_transmission_is_a_rigid_one() -> None:
