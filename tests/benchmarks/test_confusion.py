@@ -29,7 +29,7 @@ def test_confusion() -> None:
     known = {x.key for x in lines}
     todo = [case for case in plan.judging() if blank(case).key not in known]
     print(f"\n{len(lines)} rows in {path}, {len(todo)} cases left, {BUDGET:g} s for them (TENDON_BENCHMARK_BUDGET)")
-    for x in run(todo, How(os.cpu_count() or 1, compared=compared, budget=BUDGET)):
+    for x in run(todo, How(os.cpu_count() or 1, compared=compared, experiments=True, budget=BUDGET)):
         append(path, x)
         lines.append(x)
         print(show(x), flush=True)

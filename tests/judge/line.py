@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from runtime import experiment
 from runtime.cli import open_model
 from runtime.diagnose import Diagnosis, diagnose
 from runtime.loader import Model
+from runtime.simulate import SimulationError
 
 from . import cases as judging
 from . import limits, others, scoring
@@ -94,10 +96,12 @@ def blank(case: Case) -> Line:
     return Line(case.label, case.kind, s.joints, case.seed, " ".join(parts), case.size, code=code())
 
 
-def line(case: Case, held_out: bool = False, compared: bool = False) -> Line:
+def line(case: Case, held_out: bool = False, compared: bool = False, experiments: bool = False) -> Line:
     """Makes a case, diagnoses it, judges the answer. An exception is an outcome, "failed".
 
-    held_out   the diagnosis sees the second recording; compared: pysindy and sysidentpy answer, too
+    held_out     the diagnosis sees the second recording
+    compared     pysindy and sysidentpy answer, too
+    experiments  a rival counts as right where the motion that `tendon experiment` proposes separates it from the truth
     """
     out = blank(case)
     try:
@@ -110,12 +114,12 @@ def line(case: Case, held_out: bool = False, compared: bool = False) -> Line:
         out.size = " ".join(f"{x:.2f}" for x in made.sizes)
         out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
-        model = _opened(made)
+        model = _opened(made.model)
         start = time.process_time()
         found = diagnose(model, [made.recording], [made.held_out] if held_out else [])
         answer = found.to_json()
         out.seconds = time.process_time() - start
-        _judge(out, made, found, answer)
+        _judge(out, made, found, answer, experiments)
         if compared:
             _compare(out, made)
     except Exception as error:
@@ -124,25 +128,39 @@ def line(case: Case, held_out: bool = False, compared: bool = False) -> Line:
     return out
 
 
-def _opened(made: Made) -> Model:
+def _opened(text: str) -> Model:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "model.toml"
-        path.write_text(made.model, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
         return open_model(path)
 
 
 def _at_its_limit(case: Case) -> Made | None:
     """The case with its effect a little beyond what the same recording without it would have seen; None: no limit."""
     clean = judging.make(replace(case, names=()))
-    seen = diagnose(_opened(clean), [clean.recording]).to_json()["would_have_seen"]
+    seen = diagnose(_opened(clean.model), [clean.recording]).to_json()["would_have_seen"]
     amount = limits.beyond(seen, case.names[0], judging.places(case)[0])
     return None if amount is None else judging.make(case, [amount])
 
 
-def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any]) -> None:
+def _separates(made: Made) -> scoring.Separates:
+    return lambda a, b: _separated(made.model, min(a, b), max(a, b))
+
+
+@functools.cache
+def _separated(text: str, a: str, b: str) -> bool:
+    """Whether the experiment that is proposed for a model tells two effects apart in simulation."""
+    model = _opened(text)
+    try:
+        return experiment.propose(model, experiment.parse_rivals(f"{a},{b}", model)).separated
+    except (experiment.ExperimentError, SimulationError):
+        return False
+
+
+def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], experiments: bool) -> None:
     """The diagnosis's answer into the row."""
     findings = answer["findings"]
-    score = scoring.judged(made, findings, answer["verdict"])
+    score = scoring.judged(made, findings, answer["verdict"], _separates(made) if experiments else None)
     out.outcome, out.extra, out.among = score.outcome, score.extra, score.among
     out.column = scoring.column(made, findings, answer["verdict"])
     out.verdict, out.reason, out.cutoff = answer["verdict"], answer["reason"], answer["band"]["cutoff_hz"]

@@ -1,7 +1,7 @@
 """Runs the diagnosis on cases and prints who was right.
 
     python -m tests.judge.run --cases single --size 0.5 --seeds 3 --joints 1 --csv table.csv
-    python -m tests.judge.run --judging --others --csv judged.csv --resume --budget 3600
+    python -m tests.judge.run --judging --others --experiments --csv judged.csv --resume --budget 3600
 
 --cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
@@ -11,6 +11,7 @@ Then totals by class and by name, the confusion matrix, rates with their 95 % in
 sysidentpy on the same recordings. With --resume, rows that the CSV has are not made again.
 
     right   the truth was named first, or nothing where nothing should be (for pairs: both were named)
+            With --experiments also the rival of a kind (scoring.ALIKE) that the proposed motion separates from it.
     rival   the truth is among the rivals of what was named first (for pairs: each was named or is a rival)
     missed  nothing was named     wrong   something else was named first     half   one of a pair
     mimic   physics that the library lacks was explained to within a twentieth of the floor by another effect
@@ -43,11 +44,12 @@ from .others import METHODS  # noqa: E402
 
 @dataclass(frozen=True)
 class How:
-    """held_out: the diagnosis sees the second recording; compared: the other tools answer, too."""
+    """As line.line; budget: seconds after which no case is begun."""
 
     jobs: int = 2
     held_out: bool = False
     compared: bool = False
+    experiments: bool = False
     budget: float = float("inf")
 
 
@@ -60,7 +62,7 @@ def _start(how: How) -> None:
 
 
 def _line(case: Case) -> Line:
-    return line(case, _how.held_out, _how.compared)
+    return line(case, _how.held_out, _how.compared, _how.experiments)
 
 
 def run(todo: Sequence[Case], how: How) -> Iterator[Line]:
@@ -136,6 +138,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--held-out", action="store_true", help="diagnose with a second recording of the same plant")
     parser.add_argument("--judging", action="store_true", help="the judging set: its own seeds and sizes")
     parser.add_argument("--others", action="store_true", help="pysindy and sysidentpy on the same recordings")
+    parser.add_argument("--experiments", action="store_true", help="ask `tendon experiment` about rivals of one kind")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--budget", type=float, default=float("inf"), help="seconds after which no case is begun")
     parser.add_argument("--csv", type=Path)
@@ -181,7 +184,8 @@ def main() -> None:
     elif given.csv:
         write(given.csv, [])
     start = time.monotonic()
-    for number, x in enumerate(run(todo, How(given.jobs, given.held_out, given.others, given.budget)), 1):
+    how = How(given.jobs, given.held_out, given.others, given.experiments, given.budget)
+    for number, x in enumerate(run(todo, how), 1):
         lines.append(x)
         print(show(x, f"  ({number}/{len(todo)}, {time.monotonic() - start:.0f} s)"), flush=True)
         if given.csv:
