@@ -2,12 +2,15 @@
 
 A candidate is a block of columns with a grid over its shape parameters. The base model's coefficients,
 the linearised shape parameters and the skew stay free beside it, so that a candidate gets credit only
-for torque that the base cannot produce. Effects of the whole arm are judged on all joints' rows at once.
+for torque that the base cannot produce. All joints' rows count together: what one joint's torque says of
+the inertia that joints share, another's may contradict. Shapes are searched on an excerpt of a long
+motion and judged on the whole.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,43 +18,33 @@ from scipy.optimize import minimize
 
 from runtime import grids
 from runtime.covariance import shape_derivative, shape_steps
-from runtime.evidence import Block, Rows, Solution, time_folds
-from runtime.identify import SKEW_RANGE, Fit, Problem
+from runtime.evidence import Block, Ground, Part, Rows
+from runtime.identify import Fit, Problem
 from runtime.terms import Regressors, Term, Values, joints_of
 
 Array = NDArray[np.float64]
 
-_KEPT_SHAPES = 6
-_REFINE_STEPS = 40
+_EXCERPT = 60_000
+"""Samples on which shapes are searched."""
+_REFINE_STEPS = 14
+_ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A term at its best shape. `choices`: the grid's best shapes and blocks, for an honest cross-validation."""
+    """A term at its best shape.
+
+    searched   number of shape parameters that were searched
+    gain       fall of the squared error on the excerpt
+    others     the next best shapes of the grid
+    """
 
     term: Term
-    rows: Rows
     shape: Values
-    shapes_searched: int
-    block: Block
-    choices: tuple[tuple[Values, Block], ...]
-    solution: Solution
+    searched: int
+    gain: float
+    others: tuple[Values, ...]
     at_edge: bool
-
-    @property
-    def parameters(self) -> int:
-        """Free parameters of base and candidate."""
-        return self.rows.rank(self.block) + self.shapes_searched
-
-
-@dataclass(frozen=True)
-class _JointRows:
-    """y (M,), base (b, M), noise (b + 1, M) and the bounds (b, 2) of the coefficients at one joint."""
-
-    y: Array
-    base: Array
-    noise: Array
-    bounds: Array
 
 
 @dataclass
@@ -64,150 +57,150 @@ class Field:
     def __post_init__(self) -> None:
         self.model, self.motion = self.problem.model, self.problem.motion
         self.regressors = Regressors(self.model, self.motion, self.fit.prediction)
-        self._rows: dict[tuple[tuple[int, ...], tuple[Term, ...], bool], Rows] = {}
 
-    def terms(self, joint: int) -> list[Term]:
-        """What could be missing at a joint (0-based); effects of the whole arm stand at the first joint."""
+    def terms(self) -> list[Term]:
+        """What could be missing at any joint, in the arm or in the contact."""
         active = set(self.problem.layout.terms)
-        covered = {g for t in active for g in self._generalised_at(t, joint)}
+        covered = {
+            replace(t, effect=g) for t in active for g in self.model.library.effects[t.effect].generalises
+        }
         found = []
         for name, info in self.model.library.effects.items():
+            last = self.model.n - (info.scope == "joints")
+            places = range(1, last + 1) if info.scope in ("joint", "joints") else (None,)
             if info.scope == "contact" and self.model.contact is None:
                 continue
-            if info.scope in ("arm", "contact") and joint > 0:
-                continue
-            if info.scope == "joints" and joint + 1 >= self.model.n:
-                continue
-            term = Term(name, joint + 1 if info.scope in ("joint", "joints") else None)
-            if term not in active and term not in covered and self._possible(term, joint):
-                found.append(term)
+            terms = [Term(name, place) for place in places]
+            found += [t for t in terms if t not in active and t not in covered and self._possible(t)]
         return found
 
-    def _generalised_at(self, term: Term, joint: int) -> list[Term]:
-        generalises = self.model.library.effects[term.effect].generalises
-        return [Term(g, joint + 1) for g in generalises] if term.joint == joint + 1 else []
-
-    def _possible(self, term: Term, joint: int) -> bool:
+    def _possible(self, term: Term) -> bool:
         signals = self.model.library.effects[term.effect].signals
+        if not any(self.motion.moving(i).any() for i in joints_of(self.model, term)[:1]):
+            return False
         if "plate_y" in signals and Term("plate") not in self.problem.layout.terms:
             return False
-        if "predicted_rate" in signals and self.skew_inside:
-            # A delay that a hold explains has been taken out as skew; there is nothing left to find.
+        if "predicted_rate" in signals and self.fit.skew_free:
+            # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.
             return False
-        if "level" in signals:
-            return bool(np.any(np.asarray(self.regressors.signals[0].get("level", joint)) > 0))
+        if "level" in signals and term.joint is not None:
+            return bool(np.any(np.asarray(self.regressors.signals[0].get("level", term.joint - 1)) > 0))
         return True
 
-    @property
-    def skew_inside(self) -> bool:
-        """Whether the estimated skew is one that a hold explains, so that it may adapt beside candidates."""
-        low, high = SKEW_RANGE
-        return low + 0.01 < self.fit.skew < high - 0.01
+    @cached_property
+    def ground(self) -> Ground:
+        """The fitted model's equations at all joints, each weighted by its own residual."""
+        layout = self.problem.layout
+        steps = shape_steps(self.problem, self.fit)
+        size = layout.size + len(steps) + self.fit.skew_free
+        lower = np.append(layout.lower, np.full(size - layout.size, -np.inf))
+        upper = np.append(layout.upper, np.full(size - layout.size, np.inf))
+        rows = tuple(self._rows(i, steps) for i in range(self.model.n))
+        return Ground.levelled(rows, lower, upper)
 
-    def rows(self, joints: tuple[int, ...], without: tuple[Term, ...] = ()) -> Rows:
-        """Torque and base regressors of one joint, or of several stacked and weighted by their noise."""
-        key = (joints, without, self.skew_inside)
-        if key not in self._rows:
-            self._rows[key] = self._stack(joints, without)
-        return self._rows[key]
-
-    def _stack(self, joints: tuple[int, ...], without: tuple[Term, ...]) -> Rows:
-        parts = [self._joint_rows(i, without) for i in joints]
-        weights = self.weights(joints)
-        size = sum(len(part.base) for part in parts)
-        base = np.zeros((size, sum(len(part.y) for part in parts)))
-        noise = np.zeros((size + 1, base.shape[1]))
-        row = column = 0
-        for part, weight in zip(parts, weights, strict=True):
-            at = np.s_[row : row + len(part.base), column : column + len(part.y)]
-            base[at], noise[at] = weight * part.base, weight * part.noise[:-1]
-            noise[-1, at[1]] = weight * part.noise[-1]
-            row, column = at[0].stop, at[1].stop
-        use = np.concatenate([self.motion.moving(i) for i in joints])
-        fold = np.concatenate([time_folds(self.motion.moving(i)) for i in joints])
-        pieces = self.motion.row_piece.max() + 1
-        piece = np.concatenate([self.motion.row_piece + k * pieces for k in range(len(joints))])
-        y = np.concatenate([w * part.y for part, w in zip(parts, weights, strict=True)])
-        bounds = np.vstack([part.bounds for part in parts])
-        rows = Rows.levelled(y, base, noise, (bounds[:, 0], bounds[:, 1]), use, piece, fold)
-        return replace(rows, level=self.rows(joints).level) if without else rows
-
-    def weights(self, joints: tuple[int, ...]) -> Array:
-        """1 for the first joint; for others the inverse of their residuals relative to the first's."""
-        rms = np.array([self.rms(i) for i in joints])
-        return np.where(rms > 0, rms[0] / np.where(rms > 0, rms, 1.0), 0.0)
+    def _rows(self, joint: int, steps: list[tuple[Term, str, float]]) -> Rows:
+        x, fixed = self.problem.rows(joint, self.fit.shapes)
+        x_noise, fixed_noise = self.problem.noise_rows(joint, self.fit.shapes)
+        index = np.flatnonzero(np.any(x != 0, axis=1))
+        base, noise, size = [x[index]], [x_noise[index]], self.problem.layout.size
+        for k, (term, name, step) in enumerate(steps):
+            if joint in joints_of(self.model, term):
+                base.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
+                index = np.append(index, size + k)
+        if self.fit.skew_free:
+            base.append(-self.problem.regressors.skew(joint)[None])
+            index = np.append(index, size + len(steps))
+        columns = np.vstack(base)
+        silent = np.zeros((len(columns) - len(noise[0]), columns.shape[1]))
+        rms = self.rms(joint)
+        return Rows(
+            y=self.motion.torque(joint, self.fit.skew) - fixed,
+            base=columns,
+            noise=np.vstack([*noise, silent, -fixed_noise[None]]),
+            index=index,
+            use=self.motion.moving(joint),
+            piece=self.motion.row_piece,
+            weight=1 / rms if rms else 0.0,
+        )
 
     def rms(self, joint: int) -> float:
         """Of the fitted model's residual at a joint (0-based)."""
         use = self.motion.moving(joint)
         return float(np.sqrt(np.mean(self.fit.residual[joint][use] ** 2))) if use.any() else 0.0
 
-    def _joint_rows(self, joint: int, without: tuple[Term, ...]) -> _JointRows:
-        x, fixed = self.problem.rows(joint, self.fit.shapes)
-        x_noise, fixed_noise = self.problem.noise_rows(joint, self.fit.shapes)
-        y = self.motion.torque(joint, self.fit.skew) - fixed
-        slices = [self.problem.layout.slices[t] for t in without]
-        keep = np.ones(len(x), dtype=bool)
-        for part in slices:
-            keep[part] = False
-        keep &= np.any(x != 0, axis=1)
-        rows = [x[keep]]
-        for term, name, step in shape_steps(self.problem, self.fit):
-            if term not in without and joint in joints_of(self.model, term):
-                rows.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
-        if self.skew_inside:
-            rows.append(-self.problem.regressors.skew(joint)[None])
-        base = np.vstack(rows)
-        bounds = np.tile([-np.inf, np.inf], (len(base), 1))
-        layout = self.problem.layout
-        bounds[: int(keep.sum())] = np.stack([layout.lower[keep], layout.upper[keep]], axis=1)
-        noise = np.zeros((len(base) + 1, base.shape[1]))
-        noise[: int(keep.sum())], noise[-1] = x_noise[keep], -fixed_noise
-        return _JointRows(y, base, noise, bounds)
-
-    def block(self, term: Term, joints: tuple[int, ...], shape: Values) -> Block:
-        """The candidate's columns on the (stacked) rows of its joints, their noise not yet known."""
-        columns = self._columns(self.regressors, term, joints, shape)
-        coefficients = self.model.library.effects[term.effect].coefficients
-        bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
-        return Block(columns[1:], columns[0], bounds[:, 0], bounds[:, 1], np.zeros_like(columns))
-
-    def _with_noise(self, block: Block, term: Term, joints: tuple[int, ...], shape: Values) -> Block:
-        noisy = self._columns(self.regressors.perturbed, term, joints, shape)
-        return replace(block, noise=noisy - np.vstack([block.fixed, block.columns]))
-
-    def _columns(self, regressors: Regressors, term: Term, joints: tuple[int, ...], shape: Values) -> Array:
-        weights = self.weights(joints)
-        return np.concatenate(
-            [w * regressors.columns(term, i, shape) for i, w in zip(joints, weights, strict=True)], axis=1
+    @cached_property
+    def excerpt(self) -> tuple[Regressors, Ground]:
+        """Regressors and ground on the excerpt on which shapes are searched."""
+        motion, rows = self.motion.excerpt(_EXCERPT)
+        if motion is self.motion:
+            return self.regressors, self.ground
+        parts = tuple(
+            replace(
+                r, y=r.y[rows], base=r.base[:, rows], noise=r.noise[:, rows], use=r.use[rows], piece=motion.row_piece
+            )
+            for r in self.ground.rows
         )
+        regressors = Regressors(self.model, motion, self.fit.prediction)
+        return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper)
 
     def replaced(self, term: Term) -> tuple[Term, ...]:
         """Active terms that the candidate contains as special cases."""
         generalises = self.model.library.effects[term.effect].generalises
         return tuple(t for t in self.problem.layout.terms if t.effect in generalises and t.joint == term.joint)
 
+    def without(self, ground: Ground, terms: tuple[Term, ...]) -> Ground:
+        """A ground of this field with all that belongs to these terms at zero."""
+        if not terms:
+            return ground
+        layout = self.problem.layout
+        gone = [k for t in terms for k in range(layout.slices[t].start, layout.slices[t].stop)]
+        steps = shape_steps(self.problem, self.fit)
+        gone += [layout.size + k for k, (t, _, __) in enumerate(steps) if t in terms]
+        return ground.without(gone)
+
+    def block(self, term: Term, shape: Values) -> Block:
+        """The candidate's columns on all joints on which it acts, with their noise."""
+        parts = {}
+        for i in joints_of(self.model, term):
+            columns = self.regressors.columns(term, i, shape)
+            parts[i] = Part(columns, self.regressors.perturbed.columns(term, i, shape) - columns)
+        return self._bounded(term, parts)
+
+    def _bounded(self, term: Term, parts: dict[int, Part]) -> Block:
+        coefficients = self.model.library.effects[term.effect].coefficients
+        bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
+        return Block(parts, bounds[:, 0], bounds[:, 1])
+
+    def trial(self, term: Term, shape: Values) -> Block:
+        """The candidate's columns on the excerpt, on the joint of its own if it has one."""
+        joints = joints_of(self.model, term)
+        if "coupling" in self.model.library.effects[term.effect].signals:
+            joints = joints[:1]
+        regressors = self.excerpt[0]
+        return self._bounded(term, {i: Part(regressors.columns(term, i, shape)) for i in joints})
+
+    def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
+        block = self.trial(term, shape)
+        if not all(np.isfinite(part.columns).all() for part in block.parts.values()):
+            return float("-inf")
+        return ground.gain(block)
+
     def search(self, term: Term) -> Candidate | None:
         """The candidate at the best point of its grid; None if the data give it no scale or no say."""
-        joints = joints_of(self.model, term)
-        rows = self.rows(joints, self.replaced(term))
+        regressors, ground = self.excerpt
+        ground = self.without(ground, self.replaced(term))
         choices = self._choices(term)
-        scored: list[tuple[float, Values, Block]] = []
-        for shape in choices:
-            block = self.block(term, joints, shape)
-            if np.all(np.isfinite(block.columns)) and np.all(np.isfinite(block.fixed)):
-                scored.append((rows.sse(block), shape, block))
-        if not scored:
+        scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
+        if not scored or not np.isfinite(scored[0][0]):
             return None
-        scored.sort(key=lambda s: s[0])
-        _, shape, block = scored[0]
+        shape = choices[scored[0][1]]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
-        kept = tuple((s, b) for _, s, b in scored[:_KEPT_SHAPES])
-        edge = len(choices) > 1 and grids.at_edge(self.regressors, term, shape)
-        return Candidate(term, rows, shape, searched, block, kept, rows.solve(block), edge)
+        others = tuple(choices[k] for _, k in scored[1 : 1 + _ALTERNATIVES])
+        edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
+        return Candidate(term, shape, searched, scored[0][0], others, edge)
 
     def _choices(self, term: Term) -> list[Values]:
-        choices = grids.points(self.regressors, term)
+        choices = grids.points(self.excerpt[0], term)
         signals = self.model.library.effects[term.effect].signals
         if "warmth" in signals and all(bool(p.measured.all()) for p in self.motion.pieces):
             # The measured temperature takes the place of the assumed warming: its time constant is idle.
@@ -215,39 +208,33 @@ class Field:
         return choices
 
     def refine(self, candidate: Candidate) -> Candidate:
-        """The same candidate with its shape moved off the grid to the least error, and the noise of its columns."""
-        shape = self._refined_shape(candidate) if candidate.shapes_searched else candidate.shape
-        term, joints = candidate.term, joints_of(self.model, candidate.term)
-
-        def block_at(values: Values) -> Block:
-            return self._with_noise(self.block(term, joints, values), term, joints, values)
-
-        shapes = [shape] + [s for s, _ in candidate.choices if s != shape]
-        choices = tuple((s, block_at(s)) for s in shapes)
-        block = choices[0][1]
-        edge = candidate.shapes_searched > 0 and grids.at_edge(self.regressors, term, shape)
-        solution = candidate.rows.solve(block)
-        return replace(candidate, shape=shape, block=block, choices=choices, solution=solution, at_edge=edge)
-
-    def _refined_shape(self, candidate: Candidate) -> Values:
-        joints = joints_of(self.model, candidate.term)
-        moving = [p for p in self.model.library.effects[candidate.term.effect].shape if p.grid and p.grid.count > 2]
+        """The same candidate with its shape moved off the grid to the least error."""
+        if not candidate.searched:
+            return candidate
+        term, ground = candidate.term, self.without(self.excerpt[1], self.replaced(candidate.term))
+        moving = [p for p in self.model.library.effects[term.effect].shape if p.grid and p.grid.continuous]
+        if not moving:
+            return candidate
         start = np.array([candidate.shape[p.name] for p in moving])
         scale = np.array([self._step(candidate, p.name) for p in moving])
-
-        def shape_at(z: Array) -> Values:
-            moved = start * np.exp(z * scale) if self._logarithmic(candidate) else start + z * scale
-            return {**candidate.shape, **dict(zip((p.name for p in moving), map(float, moved), strict=True))}
+        logarithmic = self._logarithmic(candidate)
+        best = (candidate.gain, candidate.shape)
 
         def error(z: Array) -> float:
-            shape = shape_at(z)
-            if np.any(np.abs(z) > 1.5) or not grids.within(self.regressors, candidate.term, shape):
+            nonlocal best
+            moved = start * np.exp(z * scale) if logarithmic else start + z * scale
+            shape = {**candidate.shape, **dict(zip((p.name for p in moving), map(float, moved), strict=True))}
+            if np.any(np.abs(z) > 1.5) or not grids.within(self.excerpt[0], term, shape):
                 return float("inf")
-            return candidate.rows.sse(self.block(candidate.term, joints, shape))
+            gain = self._gain(ground, term, shape)
+            best = max(best, (gain, shape), key=lambda item: item[0])
+            return -gain
 
         simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
-        options = {"maxfev": _REFINE_STEPS, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.0}
-        return shape_at(minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options).x)
+        options = {"maxfev": _REFINE_STEPS * len(moving), "initial_simplex": simplex, "xatol": 0.02, "fatol": 0.0}
+        minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
+        edge = grids.at_edge(self.excerpt[0], term, best[1])
+        return replace(candidate, shape=best[1], gain=best[0], at_edge=edge)
 
     def _logarithmic(self, candidate: Candidate) -> bool:
         shape = self.model.library.effects[candidate.term.effect].shape
@@ -256,7 +243,7 @@ class Field:
     def _step(self, candidate: Candidate, name: str) -> float:
         """One grid step of a shape parameter: as a ratio's logarithm on logarithmic grids."""
         parameter = self.model.library.effects[candidate.term.effect].parameter(name)
-        values = grids.axis(self.regressors, candidate.term, parameter, candidate.shape)
+        values = grids.axis(self.excerpt[0], candidate.term, parameter, candidate.shape)
         if self._logarithmic(candidate):
             return float(np.log(values[1] / values[0]))
         return float(values[1] - values[0])

@@ -22,6 +22,11 @@ class GridInfo:
     of: str
     spacing: str
 
+    @property
+    def continuous(self) -> bool:
+        """Whether values between those of the grid have a meaning: not so for a side."""
+        return self.spacing == "log" or self.count > 2
+
 
 @dataclass(frozen=True)
 class ParameterInfo:

@@ -44,19 +44,34 @@ def solve(gram: Array, moment: Array) -> Array:
     return (vector[:, seen] @ ((vector[:, seen].T @ (moment / size)) / value[seen])) / size
 
 
+def inverse(gram: Array) -> Array:
+    """(K, K) by which `solve` answers any moment."""
+    return np.array([solve(gram, unit) for unit in np.eye(len(gram))]).reshape(gram.shape).T
+
+
+def rank(gram: Array) -> int:
+    """Number of separate directions that the data see."""
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    there = size > 0
+    if not there.any():
+        return 0
+    value = np.linalg.eigvalsh(gram[np.ix_(there, there)] / np.outer(size[there], size[there]))
+    return int(np.sum(value > _RANK * value[-1]))
+
+
 def bounded(gram: Array, moment: Array, lower: Array, upper: Array) -> Array:
     """As `solve`, with each coefficient at the bound that it would otherwise leave."""
-    theta = solve(gram, moment)
-    held = np.zeros(len(theta), dtype=bool)
-    for _ in range(len(theta)):
-        broken = ~held & ((theta < lower) | (theta > upper))
+    held = lower == upper
+    theta = np.where(held, lower, 0.0)
+    for _ in range(len(theta) + 1):
+        free = ~held
+        rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
+        theta[free] = solve(gram[np.ix_(free, free)], rest)
+        broken = free & ((theta < lower) | (theta > upper))
         if not broken.any():
             break
         held |= broken
         theta = np.where(held, np.clip(theta, lower, upper), theta)
-        free = ~held
-        rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
-        theta[free] = solve(gram[np.ix_(free, free)], rest)
     return theta
 
 

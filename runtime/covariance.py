@@ -76,12 +76,12 @@ def _as_fit(e: Estimate) -> dict[str, Any]:
     return {"fit": document.pop("value"), **document}
 
 
-def infer(problem: Problem, fit: Fit, estimated_skew: bool) -> Inference:
+def infer(problem: Problem, fit: Fit) -> Inference:
     """Cluster-robust covariance over blocks of a second, shape parameters and skew included.
 
     Source: Liang & Zeger 1986 for the sandwich.
     """
-    names, jacobian = _jacobian(problem, fit, estimated_skew)
+    names, jacobian = _jacobian(problem, fit)
     bread, meat = _sandwich_parts(problem, fit, jacobian)
     scale = np.sqrt(np.diag(bread))
     scale = np.where(scale > 0, scale, 1.0)
@@ -98,13 +98,13 @@ def infer(problem: Problem, fit: Fit, estimated_skew: bool) -> Inference:
     )
     values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
     interval = None
-    if estimated_skew:
+    if fit.skew_free:
         spread = _SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
         interval = (fit.skew - spread, fit.skew + spread)
     return Inference(lumps, values, fit.skew, interval)
 
 
-def _jacobian(problem: Problem, fit: Fit, estimated_skew: bool) -> tuple[list[str], list[Array]]:
+def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
     """Names of all unknowns and per joint (K', M) derivatives of the predicted torque."""
     model = problem.model
     names = [lump.name for lump in model.lumps]
@@ -115,7 +115,7 @@ def _jacobian(problem: Problem, fit: Fit, estimated_skew: bool) -> tuple[list[st
         names.append(f"{term} {name}")
         for i in range(model.n):
             rows[i] = np.vstack([rows[i], shape_derivative(problem, fit, term, name, step, i)])
-    if estimated_skew:
+    if fit.skew_free:
         names.append("skew")
         rows = [np.vstack([r, -problem.regressors.skew(i)]) for i, r in enumerate(rows)]
     return names, rows
@@ -127,7 +127,7 @@ def shape_steps(problem: Problem, fit: Fit) -> list[tuple[Term, str, float]]:
     for term in problem.layout.terms:
         for name, value in fit.shapes[term].items():
             parameter = problem.model.library.effects[term.effect].parameter(name)
-            if parameter.grid is not None and parameter.grid.count > 2:
+            if parameter.grid is not None and parameter.grid.continuous:
                 found.append((term, name, 1e-3 * abs(value) if value else 1e-3))
     return found
 

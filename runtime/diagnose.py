@@ -87,7 +87,7 @@ class Diagnosis:
     reason: str
     steps: tuple[Step, ...]
     findings: tuple[Finding, ...]
-    last: tuple[Verdict, ...]
+    last: Verdict
     seen: tuple[limits.Limit, ...]
 
     @property
@@ -105,7 +105,7 @@ class Diagnosis:
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
-            "ruled_out": [entry for verdict in self.last for entry in _ranking(verdict)],
+            "ruled_out": _ranking(self.last),
             "would_have_seen": [limit.to_json() for limit in self.seen],
             "warnings": warnings(self.steps[-1].identification),
         }
@@ -152,7 +152,7 @@ class Search:
     held_out: Motion | None = None
     steps: list[Step] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
-    last: tuple[Verdict, ...] = ()
+    last: Verdict = field(default_factory=lambda: Verdict((), ()))
     _ground: Field | None = None
 
     def start(self, known: Structure) -> Step:
@@ -171,21 +171,24 @@ class Search:
         step = self.steps[-1]
         ground = self.ground()
         floors = [s.floor.value for s in step.joints]
-        enough = [seconds_moving(self.motion, i) >= _LEAST_MOVING_S for i in range(self.model.n)]
-        self.last = tuple(judge(ground, i, floors) if enough[i] else Verdict((), ()) for i in range(self.model.n))
-        passing = [(e, v) for v in self.last for e in v.ranked if e.passes]
-        passing.sort(key=lambda item: -item[0].delta_bic)
-        for evidence, verdict in passing:
-            first = evidence is verdict.ranked[0]
-            evidence, after = self._refitted(evidence, verdict if first else None)
+        self.last = judge(ground, floors)
+        able = [e for e in self.last.ranked if e.passes and self._able(e.term)]
+        able.sort(key=lambda e: -e.delta_bic)
+        for evidence in able:
+            first = evidence is self.last.ranked[0]
+            evidence, after = self._refitted(evidence, self.last if first else None)
             if self._better(step, after, joints_of(self.model, evidence.term)[0]):
-                group = (verdict.ranked[0].term, *verdict.rivals) if first else ()
+                group = (self.last.ranked[0].term, *self.last.rivals) if first else ()
                 rivals = tuple(term for term in group if term != evidence.term)
-                finding = Finding(evidence, rivals, verdict, step, after)
+                finding = Finding(evidence, rivals, self.last, step, after)
                 self.steps.append(after)
                 self.findings.append(finding)
                 return finding
         return None
+
+    def _able(self, term: Term) -> bool:
+        """Whether the term's joint moves for long enough to say anything of it."""
+        return any(seconds_moving(self.motion, i) >= _LEAST_MOVING_S for i in joints_of(self.model, term)[:1])
 
     def _refitted(self, evidence: Evidence, verdict: Verdict | None) -> tuple[Evidence, Step]:
         """The candidate and the step that adds it; one of its rivals instead, if that clearly leaves less.
@@ -262,7 +265,7 @@ def conclude(search: Search) -> Diagnosis:
     ground = search.ground()
     floors = [s.floor.value for s in step.joints]
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= _LEAST_MOVING_S]
-    seen = tuple(limit for i in able for limit in limits.at_joint(ground, i, floors[i]))
+    seen = tuple(limits.of(ground, floors, able))
     findings = tuple(search.findings)
     return Diagnosis(verdict, reason, tuple(search.steps), findings, search.last, seen)
 

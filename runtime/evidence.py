@@ -1,8 +1,9 @@
 """Statistics of nested linear models on autocorrelated rows: cross-validation, whitening, BIC, Vuong.
 
-A `Rows` object holds one joint's torque and base regressors; a candidate adds a block of columns.
-Regressors are computed from measured positions and so carry noise. Every Gram matrix is compensated for
-it (bias-compensated least squares, Stoica & Söderström 1982): the Gram matrix of a realisation of that
+A `Ground` holds the torques of all joints and the base model's regressors, with unknowns that joints share
+(the base inertial parameters) standing once; a candidate adds a block of columns on the joints on which it
+acts. Regressors are computed from measured positions and so carry noise. Every Gram matrix is compensated
+for it (bias-compensated least squares, Stoica & Söderström 1982): the Gram matrix of a realisation of that
 noise is subtracted. Without this, any candidate that can switch the inertia off where the motion is slow
 "explains" the encoder's noise. The noise that the base model lets through is then added to every error
 as a constant, so that errors stay those of real residuals and their ratios are not exaggerated.
@@ -10,223 +11,307 @@ as a constant, so that errors stay those of real residuals and their ratios are 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.constrained import bounded, solve
+from runtime.constrained import bounded, inverse, rank
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FOLDS = 10
 _MOST_LAGS = 12
+_OWN = 1e-5
+"""Part of a column's square that the base must leave of it for the column to count as the candidate's own."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A candidate's rows at one joint: its torque without free coefficients and its columns, (1 + k, M).
+
+    noise: what encoder noise adds to them; None as long as it is not asked for.
+    """
+
+    columns: Array
+    noise: Array | None = None
 
 
 @dataclass(frozen=True)
 class Block:
-    """A candidate's columns at one choice of its shape.
+    """A candidate at one choice of its shape: its parts by joint (0-based) and bounds (k,) of its coefficients."""
 
-    fixed (M,): torque without a free coefficient; columns (k, M); bounds of their coefficients.
-    noise (1 + k, M): what encoder noise adds to fixed and columns; zeros as long as it is not asked for.
-    """
-
-    columns: Array
-    fixed: Array
+    parts: Mapping[int, Part]
     lower: Array
     upper: Array
-    noise: Array
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Least squares of base and candidate: sse over the used rows, coefficients (base first), residual (M,)."""
+    """Least squares of base and candidate.
+
+    sse           over the used rows, weighted
+    coefficients  (B + k,), the base's first
+    residual      per joint (M,), unweighted, zero in rows that do not count
+    """
 
     sse: float
     coefficients: Array
-    residual: Array
+    residual: tuple[Array, ...]
 
 
 @dataclass(frozen=True)
 class Rows:
-    """y (M,), base (b, M) with bounds (b,) of its coefficients, noise (b + 1, M) of base and y, use (M,) rows
-    that count, piece (M,) the stretch of time and fold (M,) the part of a cross-validation of a row; level
-    (FOLDS,): squared error that the regressors' noise makes under the base model, a constant of all candidates."""
+    """One joint's equations.
+
+    y (M,), base (b, M), noise (b + 1, M) of base and y; index (b,): which unknowns of the ground the base's
+    columns belong to; use (M,): rows that count, at least some; piece (M,): the stretch of time of a row;
+    weight: 1/σ of the joint.
+    """
 
     y: Array
     base: Array
     noise: Array
-    lower: Array
-    upper: Array
+    index: NDArray[np.intp]
     use: Mask
     piece: NDArray[np.intp]
-    fold: NDArray[np.intp]
-    level: Array
-
-    @classmethod
-    def levelled(
-        cls,
-        y: Array,
-        base: Array,
-        noise: Array,
-        bounds: tuple[Array, Array],
-        use: Mask,
-        piece: NDArray[np.intp],
-        fold: NDArray[np.intp],
-    ) -> Rows:
-        """Rows with the noise level that follows from their own base model."""
-        rows = cls(y, base, noise, *bounds, use, piece, fold, np.zeros(FOLDS))
-        direction = np.append(rows.solve().coefficients, -1.0)
-        through = np.where(use, direction @ noise, 0.0) ** 2
-        return replace(rows, level=np.bincount(fold, weights=through, minlength=FOLDS).astype(float))
+    weight: float
 
     @cached_property
     def count(self) -> int:
         return int(self.use.sum())
 
     @cached_property
+    def folds(self) -> list[slice]:
+        """FOLDS contiguous stretches of time with equally many used rows, in places of the used rows."""
+        edges = np.linspace(0, self.count, FOLDS + 1).astype(int)
+        return [slice(int(lo), int(hi)) for lo, hi in pairwise(edges)]
+
+    def used(self, x: Array) -> Array:
+        """Weighted used rows of x (..., M)."""
+        return np.ascontiguousarray(x[..., self.use]) * self.weight
+
+    @cached_property
+    def stack(self) -> Array:
+        """Base and torque, (b + 1, count), weighted."""
+        return self.used(np.vstack([self.base, self.y]))
+
+    @cached_property
+    def stack_noise(self) -> Array:
+        return self.used(self.noise)
+
+    def whiten(self, x: Array, ar: Array) -> Array:
+        """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
+        x = np.where(self.use, x, 0.0)
+        out = ar[0] * x
+        for lag in range(1, len(ar)):
+            same = self.piece[lag:] == self.piece[:-lag]
+            out[..., lag:] += ar[lag] * np.where(same, x[..., :-lag], 0.0)
+        return np.where(self.use, out, 0.0)
+
+    def autoregression(self, residual: Array) -> Array:
+        """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
+        covariance = np.zeros(_MOST_LAGS + 1)
+        r = np.where(self.use, residual, 0.0)
+        for lag in range(min(_MOST_LAGS, len(r) - 1) + 1):
+            pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
+            covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
+        return _levinson(covariance, self.count)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The base model's equations at all joints; lower and upper (B,) bound its unknowns.
+
+    level (FOLDS,): squared error that the regressors' noise makes under the base model, a constant of all candidates.
+    """
+
+    rows: tuple[Rows, ...]
+    lower: Array
+    upper: Array
+    level: Array = field(default_factory=lambda: np.zeros(FOLDS))
+
+    @classmethod
+    def levelled(cls, rows: tuple[Rows, ...], lower: Array, upper: Array) -> Ground:
+        """A ground with the noise level that follows from its own base model."""
+        plain = cls(rows, lower, upper)
+        theta = plain.solve().coefficients
+        level = np.zeros(FOLDS)
+        for row in rows:
+            through = np.append(theta[row.index], -1.0) @ row.stack_noise
+            level += [float(through[part] @ through[part]) for part in row.folds]
+        return replace(plain, level=level)
+
+    @property
+    def size(self) -> int:
+        return len(self.lower)
+
+    @cached_property
     def fold_sizes(self) -> Array:
-        return np.bincount(self.fold[self.use], minlength=FOLDS).astype(float)
+        return np.array([sum(r.folds[f].stop - r.folds[f].start for r in self.rows) for f in range(FOLDS)], dtype=float)
 
-    def rank(self, block: Block | None = None) -> int:
-        """Number of separate linear directions that base and block span on the used rows."""
-        x = self.base if block is None else np.vstack([self.base, block.columns])
-        unit = _unit(x[:, self.use])
-        return int(np.linalg.matrix_rank(unit @ unit.T, tol=1e-9, hermitian=True)) if len(x) else 0
+    @cached_property
+    def count(self) -> int:
+        return int(self.fold_sizes.sum())
 
-    def orthogonal(self, columns: Array) -> Array:
-        """(k, M) what of each column the base cannot take over, zero in unused rows."""
-        x, b = np.where(self.use, columns, 0.0), np.where(self.use, self.base, 0.0)
-        return x - np.array([solve(b @ b.T, b @ row) for row in x]).reshape(len(x), len(b)) @ b
+    @cached_property
+    def _base_grams(self) -> Array:
+        """(FOLDS, B + 1, B + 1) of base and torque, compensated."""
+        out = np.zeros((FOLDS, self.size + 1, self.size + 1))
+        for row in self.rows:
+            at = np.ix_(np.append(row.index, self.size), np.append(row.index, self.size))
+            for f, part in enumerate(row.folds):
+                s, n = row.stack[:, part], row.stack_noise[:, part]
+                out[f][at] += s @ s.T - n @ n.T
+        return out
 
-    def _stacked(self, block: Block | None) -> tuple[Array, Array]:
-        """Base, block and torque (b + k + 1, M), and their noise."""
+    def grams(self, block: Block | None) -> Array:
+        """(FOLDS, B + k + 1, B + k + 1) of base, block and torque, compensated; the torque last."""
         if block is None:
-            return np.vstack([self.base, self.y]), self.noise
-        x = np.vstack([self.base, block.columns, self.y - block.fixed])
-        return x, np.vstack([self.noise[:-1], block.noise[1:], self.noise[-1] - block.noise[0]])
-
-    def solve(self, block: Block | None = None) -> Solution:
-        """Least squares on the used rows, every coefficient within its bounds."""
-        x, noise = self._stacked(block)
-        used, noise_used = x[:, self.use], noise[:, self.use]
-        gram = used @ used.T - noise_used @ noise_used.T
-        direction = np.append(bounded(gram[:-1, :-1], gram[:-1, -1], *self._bounds(block)), -1.0)
-        residual = np.zeros(len(self.use))
-        residual[self.use] = -direction @ used
-        return Solution(float(direction @ gram @ direction) + float(self.level.sum()), direction[:-1], residual)
-
-    def sse(self, block: Block) -> float:
-        """As `solve(block).sse`, quickly and with the block's noise left out: for grids."""
-        own, fixed = block.columns[:, self.use], block.fixed[self.use]
-        cross = own @ self._used.T
-        cross[:, -1] -= own @ fixed
-        corner = self._used @ fixed
-        gram = self._gram.copy()
-        gram[:-1, -1] -= corner[:-1]
-        gram[-1, :-1] -= corner[:-1]
-        gram[-1, -1] += fixed @ fixed - 2 * corner[-1]
-        b = len(self.base)
-        whole = np.zeros((b + len(own) + 1,) * 2)
-        order = [*range(b), b + len(own)]
-        whole[np.ix_(order, order)] = gram
-        inner = slice(b, b + len(own))
-        whole[inner, inner] = own @ own.T
-        whole[inner, order] = cross
-        whole[order, inner] = cross.T
-        direction = np.append(bounded(whole[:-1, :-1], whole[:-1, -1], *self._bounds(block)), -1.0)
-        return float(direction @ whole @ direction) + float(self.level.sum())
-
-    @cached_property
-    def _used(self) -> Array:
-        return np.ascontiguousarray(np.vstack([self.base, self.y])[:, self.use])
-
-    @cached_property
-    def _gram(self) -> Array:
-        noise = self.noise[:, self.use]
-        return self._used @ self._used.T - noise @ noise.T
+            return self._base_grams
+        b, k = self.size, len(block.lower)
+        own, last = slice(b, b + k), b + k
+        order = [*range(b), last]
+        out = np.zeros((FOLDS, b + k + 1, b + k + 1))
+        out[np.ix_(range(FOLDS), order, order)] = self._base_grams
+        for joint, part in block.parts.items():
+            row = self.rows[joint]
+            x = row.used(part.columns)
+            noise = None if part.noise is None else row.used(part.noise)
+            for f, where in enumerate(row.folds):
+                o, s = x[:, where], row.stack[:, where]
+                cross, square = o @ s.T, o @ o.T
+                if noise is not None:
+                    cross -= noise[:, where] @ row.stack_noise[:, where].T
+                    square -= noise[:, where] @ noise[:, where].T
+                gram = out[f]
+                gram[own, row.index] += cross[1:, :-1]
+                gram[row.index, last] -= cross[0, :-1]
+                gram[own, last] += cross[1:, -1] - square[1:, 0]
+                gram[last, last] += square[0, 0] - 2 * cross[0, -1]
+                gram[own, own] += square[1:, 1:]
+        out[:, :b, own] = np.swapaxes(out[:, own, :b], 1, 2)
+        out[:, last, :last] = out[:, :last, last]
+        return out
 
     def _bounds(self, block: Block | None) -> tuple[Array, Array]:
         if block is None:
             return self.lower, self.upper
         return np.append(self.lower, block.lower), np.append(self.upper, block.upper)
 
-    def cross_validate(self, blocks: Sequence[Block | None]) -> tuple[Array, Array]:
-        """Held-out and training SSE (FOLDS,) where every fold takes the block that trains best without it."""
-        grams = [self._fold_grams(block) for block in blocks]
+    def solve(self, block: Block | None = None) -> Solution:
+        """Least squares on the used rows, every coefficient within its bounds."""
+        gram = self.grams(block).sum(axis=0)
+        theta = bounded(gram[:-1, :-1], gram[:-1, -1], *self._bounds(block))
+        direction = np.append(theta, -1.0)
+        return Solution(float(direction @ gram @ direction + self.level.sum()), theta, self._residual(theta, block))
+
+    def _residual(self, theta: Array, block: Block | None) -> tuple[Array, ...]:
+        found = []
+        for joint, row in enumerate(self.rows):
+            r = row.y - theta[row.index] @ row.base
+            if block is not None and joint in block.parts:
+                r = r - np.append(1.0, theta[self.size :]) @ block.parts[joint].columns
+            found.append(np.where(row.use, r, 0.0))
+        return tuple(found)
+
+    def rank(self, block: Block | None = None) -> int:
+        """Number of separate linear directions that base and block span on the used rows."""
+        return rank(self.grams(block).sum(axis=0)[:-1, :-1])
+
+    def cross_validate(self, block: Block | None) -> tuple[Array, Array]:
+        """Held-out and training SSE (FOLDS,), every fold left out once."""
+        grams = self.grams(block)
         held, trained = np.zeros(FOLDS), np.zeros(FOLDS)
-        for fold in range(FOLDS):
-            best = np.inf
-            for block, gram in zip(blocks, grams, strict=True):
-                rest = gram.sum(axis=0) - gram[fold]
-                theta = bounded(rest[:-1, :-1], rest[:-1, -1], *self._bounds(block))
-                direction = np.append(theta, -1.0)
-                sse = float(direction @ rest @ direction)
-                if sse < best:
-                    best, held[fold] = sse, float(direction @ gram[fold] @ direction)
-            trained[fold] = best
+        whole = grams.sum(axis=0)
+        for f in range(FOLDS):
+            rest = whole - grams[f]
+            direction = np.append(bounded(rest[:-1, :-1], rest[:-1, -1], *self._bounds(block)), -1.0)
+            held[f], trained[f] = direction @ grams[f] @ direction, direction @ rest @ direction
         return held + self.level, trained + self.level.sum() - self.level
 
-    def _fold_grams(self, block: Block | None) -> Array:
-        """(FOLDS, b + k + 1, b + k + 1), the torque last."""
-        x, noise = (part[:, self._by_fold] for part in self._stacked(block))
-        edges = np.concatenate([[0], np.cumsum(self.fold_sizes).astype(int)])
-        return np.array(
-            [x[:, lo:hi] @ x[:, lo:hi].T - noise[:, lo:hi] @ noise[:, lo:hi].T for lo, hi in pairwise(edges)]
+    def whitened(self, ar: Sequence[Array]) -> Ground:
+        """The same ground through an autoregressive filter (1, a1, ...) a joint."""
+        rows = tuple(
+            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a))
+            for r, a in zip(self.rows, ar, strict=True)
         )
+        return Ground.levelled(rows, self.lower, self.upper)
+
+    def whiten_block(self, block: Block, ar: Sequence[Array]) -> Block:
+        parts = {
+            j: Part(
+                self.rows[j].whiten(p.columns, ar[j]),
+                None if p.noise is None else self.rows[j].whiten(p.noise, ar[j]),
+            )
+            for j, p in block.parts.items()
+        }
+        return replace(block, parts=parts)
+
+    def without(self, unknowns: Sequence[int]) -> Ground:
+        """The same ground with these unknowns of the base at zero; its noise level stays."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[list(unknowns)] = upper[list(unknowns)] = 0.0
+        return replace(self, lower=lower, upper=upper)
 
     @cached_property
-    def _by_fold(self) -> NDArray[np.intp]:
-        used = np.flatnonzero(self.use)
-        return used[np.argsort(self.fold[used], kind="stable")]
+    def _projection(self) -> tuple[Array, tuple[Array, ...]]:
+        """Pseudo-inverse (B, B) of the base's Gram matrix over unknowns that are free, and the base's residuals."""
+        gram = self._base_grams.sum(axis=0)[:-1, :-1]
+        theta = self.solve().coefficients
+        free = np.flatnonzero((theta > self.lower) & (theta < self.upper))
+        projection = np.zeros_like(gram)
+        projection[np.ix_(free, free)] = inverse(gram[np.ix_(free, free)])
+        return projection, tuple(r.stack[-1] - theta[r.index] @ r.stack[:-1] for r in self.rows)
 
-    def whitened(self, ar: Array) -> Rows:
-        """The same rows through the autoregressive filter `ar` (1, a1, ...), piece by piece."""
-        y, base, noise = self.whiten(self.y[None], ar)[0], self.whiten(self.base, ar), self.whiten(self.noise, ar)
-        return Rows.levelled(y, base, noise, (self.lower, self.upper), self.use, self.piece, self.fold)
+    def gain(self, block: Block) -> float:
+        """By how much the block lowers the squared error, quickly and with its noise left out: for grids."""
+        projection, left = self._projection
+        k = len(block.lower)
+        moment, square = np.zeros(k + 1), np.zeros((k + 1, k + 1))
+        cross = np.zeros((k + 1, self.size))
+        for joint, part in block.parts.items():
+            row = self.rows[joint]
+            x = row.used(part.columns)
+            moment += x @ left[joint]
+            square += x @ x.T
+            cross[:, row.index] += x @ row.stack[:-1].T
+        own = square - cross @ projection @ cross.T
+        seen = np.diagonal(own) > _OWN * np.diagonal(square)
+        seen[0] = True
+        fall = 2 * moment[0] - own[0, 0]
+        columns = np.flatnonzero(seen[1:]) + 1
+        if len(columns):
+            target = moment[columns] - own[columns, 0]
+            inner = own[np.ix_(columns, columns)]
+            theta = bounded(inner, target, block.lower[columns - 1], block.upper[columns - 1])
+            fall += float(theta @ (2 * target - inner @ theta))
+        return float(fall)
 
-    def whiten(self, x: Array, ar: Array) -> Array:
-        """x (k, M) through the filter; rows that do not count enter as zero on both sides of the equation."""
-        x = np.where(self.use, x, 0.0)
-        edges = np.flatnonzero(np.diff(self.piece)) + 1
-        parts = [_filtered(part, ar) for part in np.split(x, edges, axis=1)]
-        return np.where(self.use, np.concatenate(parts, axis=1), 0.0)
-
-    def whiten_block(self, block: Block, ar: Array) -> Block:
-        fixed = self.whiten(block.fixed[None], ar)[0]
-        noise = self.whiten(block.noise, ar)
-        return Block(self.whiten(block.columns, ar), fixed, block.lower, block.upper, noise)
-
-    def autoregression(self, residual: Array) -> Array:
-        """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
-        covariance = np.zeros(_MOST_LAGS + 1)
-        r = np.where(self.use, residual, 0.0)
-        for lag in range(_MOST_LAGS + 1):
-            pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
-            covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
-        return _levinson(covariance, self.count)
-
-
-def _filtered(x: Array, ar: Array) -> Array:
-    out = ar[0] * x
-    for lag in range(1, len(ar)):
-        out[:, lag:] += ar[lag] * x[:, :-lag]
-    return out
-
-
-def _unit(x: Array) -> Array:
-    norm = np.linalg.norm(x, axis=1, keepdims=True)
-    return x / np.where(norm > 0, norm, 1.0)
+    def own(self, block: Block) -> tuple[float, float]:
+        """Squares of what the base cannot take over of the block's first column (the torque without coefficients
+        where it has none), and of that column whole, weighted."""
+        projection, _ = self._projection
+        first = 1 if len(block.lower) else 0
+        square, cross = 0.0, np.zeros(self.size)
+        for joint, part in block.parts.items():
+            row = self.rows[joint]
+            x = row.used(part.columns[first])
+            square += float(x @ x)
+            cross[row.index] += row.stack[:-1] @ x
+        return max(square - float(cross @ projection @ cross), 0.0), square
 
 
 def _levinson(covariance: Array, count: int) -> Array:
     ar, error = np.array([1.0]), covariance[0]
     best, best_score = ar, count * np.log(max(error, 1e-300))
     for order in range(1, len(covariance)):
+        if error <= 0:
+            break
         reflection = -(ar @ covariance[order:0:-1]) / error
         ar = np.append(ar, 0.0) + reflection * np.append(ar, 0.0)[::-1]
         error *= 1 - reflection**2
@@ -236,12 +321,6 @@ def _levinson(covariance: Array, count: int) -> Array:
         if score < best_score:
             best, best_score = ar, score
     return best
-
-
-def time_folds(use: Mask) -> NDArray[np.intp]:
-    """(M,) FOLDS contiguous stretches with equally many used rows."""
-    order = np.cumsum(use) - 1
-    return np.clip(order * FOLDS // max(1, int(use.sum())), 0, FOLDS - 1)
 
 
 def bic(sse: float, count: int, parameters: int) -> float:
@@ -259,16 +338,15 @@ def log_likelihood(held: Array, trained: Array, sizes: Array) -> float:
     return float(np.sum(-0.5 * sizes * np.log(2 * np.pi * variance) - held / (2 * variance)))
 
 
-def vuong(better: Array, worse: Array, use: Mask) -> float:
-    """Vuong's statistic of two residuals (M,) with a variance robust to autocorrelation.
+def vuong(better: Array, worse: Array) -> float:
+    """Vuong's statistic of two residuals (N,) with a variance robust to autocorrelation.
 
     Source: Vuong 1989; Newey & West 1987 for the variance.
     """
-    a, b = better[use], worse[use]
-    variance = float(a @ a) / len(a)
-    gain = (b**2 - a**2) / (2 * variance)
+    variance = float(better @ better) / len(better)
+    gain = (worse**2 - better**2) / (2 * variance)
     centred = gain - gain.mean()
-    lags = int(4 * (len(a) / 100) ** (2 / 9)) + 1
+    lags = int(4 * (len(gain) / 100) ** (2 / 9)) + 1
     spread = float(centred @ centred)
     for lag in range(1, lags + 1):
         spread += 2 * (1 - lag / (lags + 1)) * float(centred[lag:] @ centred[:-lag])

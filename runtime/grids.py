@@ -15,14 +15,26 @@ _EDGE = 0.02
 
 def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[float, float]:
     """Offset and scale by which a grid's low and high are read for this term; `known`: values chosen so far."""
-    joints = list(joints_of(regressors.model, term))
-    pieces = regressors.motion.pieces
     if of == "one":
         return 0.0, 1.0
+    joints = joints_of(regressors.model, term)
+    if "coupling" in regressors.model.library.effects[term.effect].signals:
+        joints = joints[:1]
+    if of == "critical":
+        inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
+        return 0.0, 2 * float(np.sqrt(known["stiffness"] * inertia))
+    key = (of, joints)
+    if key not in regressors.extents:
+        regressors.extents[key] = _extent(regressors, of, joints)
+    return regressors.extents[key]
+
+
+def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[float, float]:
+    pieces = regressors.motion.pieces
     if of == "duration":
         return 0.0, max(float(p.t[-1]) for p in pieces)
     if of == "rate":
-        return 0.0, max(float(np.abs(p.qd[joints]).max()) for p in pieces)
+        return 0.0, max(float(np.abs(p.qd[list(joints)]).max()) for p in pieces)
     if of in ("position", "tip"):
         values = _everywhere(regressors, "q" if of == "position" else "tip_y", joints)
         return float(values.min()), float(np.ptp(values))
@@ -30,16 +42,13 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
         return 0.0, float(np.ptp(_everywhere(regressors, "q", joints)))
     if of == "link_inertia":
         return 0.0, float(np.median(_everywhere(regressors, of, joints)))
-    if of == "critical":
-        inertia = max(float(np.median(_everywhere(regressors, "link_inertia", joints))), 0.0)
-        return 0.0, 2 * float(np.sqrt(known["stiffness"] * inertia))
     if of == "level_per_range":
         level = float(np.max(_everywhere(regressors, "level", joints)))
         return 0.0, level / float(np.ptp(_everywhere(regressors, "q", joints)))
     return 0.0, float(np.max(np.abs(_everywhere(regressors, of, joints))))
 
 
-def _everywhere(regressors: Regressors, signal: str, joints: list[int]) -> Array:
+def _everywhere(regressors: Regressors, signal: str, joints: tuple[int, ...]) -> Array:
     return np.concatenate([np.atleast_1d(s.get(signal, i)) for s in regressors.signals for i in joints])
 
 

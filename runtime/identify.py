@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +18,22 @@ from scipy.optimize import least_squares
 
 from runtime import grids
 from runtime.band import choose_band
-from runtime.constrained import minimise
+from runtime.constrained import inverse, minimise
 from runtime.covariance import Inference, infer
 from runtime.loader import Model
 from runtime.motion import Motion, prepare
 from runtime.recording import Recording
-from runtime.terms import Prediction, Regressors, Structure, Term, Values, joints_of, structure
+from runtime.terms import PREDICTED, Prediction, Regressors, Structure, Term, Values, joints_of, structure
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SKEW_RANGE = (0.0, 1.5)
+HOLD = (-0.25, 1.0)
 """Samples between a torque and the encoder reading beside it that a hold can explain."""
+NOMINAL_SKEW = 0.5
+_SKEW_RANGE = (-3.5, 3.5)
+_SKEWS_APART = 0.25
+_SKEW_SIGMAS = 6.0
 _PASSES = 3
 _CONFIGURATIONS = 60
 _KEPT_SYSTEMS = 8
@@ -42,6 +47,7 @@ class Fit:
     coefficients  (K,) linear unknowns in the order of `Layout.names`
     shapes        shape parameters by term
     skew          samples by which the torque is taken later
+    skew_free     whether it was estimated, and is what a hold explains
     residual      per joint (M,), unweighted, zero in rows that do not count
     weights       (n,) 1/σ by which joints were weighted
     """
@@ -50,6 +56,7 @@ class Fit:
     coefficients: Array
     shapes: dict[Term, Values]
     skew: float
+    skew_free: bool
     residual: list[Array]
     weights: Array
 
@@ -91,6 +98,38 @@ class _System:
     noise_moment: Array
 
 
+@dataclass(frozen=True)
+class _SkewColumns:
+    """Unknown shifts of the torque: none, one for all joints, or one a joint."""
+
+    size: int
+    shared: bool
+
+    def of(self, joint: int) -> int:
+        return 0 if self.shared else joint
+
+
+@dataclass(frozen=True)
+class Skew:
+    """Samples `at` which the torque is taken; further shifts from there are unknown: "no", "shared" or "each"."""
+
+    at: float
+    unknown: Literal["no", "shared", "each"] = "no"
+
+    def columns(self, n: int) -> _SkewColumns:
+        return _SkewColumns({"no": 0, "shared": 1, "each": n}[self.unknown], self.unknown == "shared")
+
+
+@dataclass(frozen=True)
+class Solved:
+    """coefficients (K,); shifts of the torque beyond where it was taken, samples; Gram matrix of both; residuals (M,)."""
+
+    coefficients: Array
+    shifts: Array
+    gram: Array
+    residual: list[Array]
+
+
 def _spread(values: Array, use: Mask) -> Array:
     out = np.zeros(len(use))
     out[use] = values
@@ -130,20 +169,32 @@ class Problem:
                 x[self.layout.slices[term]] = columns[1:]
         return x, fixed
 
-    def solve(self, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, list[Array]]:
-        """Coefficients (K,), compensated for the encoders' noise, and per joint the unweighted residual (M,)."""
-        gram = np.zeros((self.layout.size, self.layout.size))
-        moment = np.zeros(self.layout.size)
+    def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
+        """Everything that is linear, compensated for the encoders' noise, for these shapes."""
+        size, columns = self.layout.size, skew.columns(self.model.n)
+        gram = np.zeros((size + columns.size, size + columns.size))
+        moment = np.zeros(len(gram))
         parts = []
         for i in range(self.model.n):
             use = self.motion.moving(i)
             system = self._system(i, shapes)
-            y = self.motion.torque(i, skew)[use] - system.fixed
-            gram += self.weights[i] ** 2 * system.gram
-            moment += self.weights[i] ** 2 * (system.x @ y + system.noise_moment)
-            parts.append((system.x, y, use))
-        theta = minimise(gram, moment, self.layout.lower, self.layout.upper, self._inertia_cuts)
-        return theta, [_spread(y - theta @ x, use) for x, y, use in parts]
+            y = self.motion.torque(i, skew.at)[use] - system.fixed
+            x, g, m = system.x, system.gram, system.noise_moment
+            index = np.arange(size)
+            if columns.size:
+                late = -self.regressors.skew(i)[use]
+                cross = system.x @ late
+                x = np.vstack([x, late])
+                g = np.block([[g, cross[:, None]], [cross[None], np.array([[late @ late]])]])
+                m, index = np.append(m, 0.0), np.append(index, size + columns.of(i))
+            gram[np.ix_(index, index)] += self.weights[i] ** 2 * g
+            moment[index] += self.weights[i] ** 2 * (x @ y + m)
+            parts.append((x, y, use, index))
+        free = np.full(columns.size, np.inf)
+        lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
+        theta = minimise(gram, moment, lower, upper, self._inertia_cuts)
+        residual = [_spread(y - theta[index] @ x, use) for x, y, use, index in parts]
+        return Solved(theta[:size], theta[size:], gram, residual)
 
     def _system(self, joint: int, shapes: Mapping[Term, Values]) -> _System:
         """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are."""
@@ -160,7 +211,7 @@ class Problem:
         return self._systems[key]
 
     def _inertia_cuts(self, theta: Array) -> Array | None:
-        """Rows c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
+        """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
         q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in self.motion.pieces], axis=1)
         value, vector = np.linalg.eigh(np.moveaxis(self.model.inertia(q, theta[self.layout.lumps]), 2, 0))
         worst = int(np.argmin(value[:, 0]))
@@ -182,7 +233,7 @@ class Problem:
         return self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)
 
 
-def _start(problem: Problem, known: Structure, skew: float) -> dict[Term, Values]:
+def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
     """Shape values from the file where it states them, else the best of the grid, one term after another."""
     shapes: dict[Term, Values] = {}
     open_terms: list[tuple[Term, list[Values]]] = []
@@ -195,7 +246,7 @@ def _start(problem: Problem, known: Structure, skew: float) -> dict[Term, Values
         if len(choices) > 1:
             open_terms.append((term, choices))
     for term, choices in open_terms:
-        errors = [_error(problem.solve({**shapes, term: c}, skew)[1], problem.weights) for c in choices]
+        errors = [_error(problem.solve({**shapes, term: c}, skew).residual, problem.weights) for c in choices]
         shapes[term] = choices[int(np.argmin(errors))]
     return shapes
 
@@ -210,7 +261,7 @@ def solve(
     """Fit all of a structure's parameters.
 
     known   active terms with the values from which the search starts (shapes; linear ones need none)
-    skew    samples, or None to estimate it within SKEW_RANGE
+    skew    samples, or None to estimate it
     start   an earlier fit with at least some of the terms, for its shapes and prediction
     """
     terms = tuple(known)
@@ -220,21 +271,24 @@ def solve(
     if prediction is None and needs:
         _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
         prediction, shapes = plain.prediction, dict(plain.shapes)
-    at = skew if skew is not None else (start.skew if start else 0.5)
-    problem, fit = _refine(model, motion, known, shapes, at, skew is None, prediction)
+        start = plain
+    at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
+    free = skew is None
+    if free and any("predicted_rate" in model.library.effects[t.effect].signals for t in terms):
+        # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
+        free = False
+        at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
+    problem, fit = _refine(model, motion, known, shapes, at, free, prediction)
     for _ in range(_PASSES - 1 if needs else 0):
         before = fit.prediction.lumps
-        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, skew is None, fit.prediction)
+        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction)
         if np.allclose(before, fit.prediction.lumps, rtol=1e-3):
             break
     return problem, fit
 
 
 def _needs_prediction(model: Model, term: Term) -> bool:
-    return bool(
-        {"load", "link_inertia", "level", "predicted", "predicted_rate"}
-        & set(model.library.effects[term.effect].signals)
-    )
+    return bool(PREDICTED & set(model.library.effects[term.effect].signals))
 
 
 def _refine(
@@ -248,49 +302,75 @@ def _refine(
 ) -> tuple[Problem, Fit]:
     problem = Problem(model, motion, tuple(known), prediction)
     missing = {t: v for t, v in known.items() if t not in shapes}
-    found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, skew) if missing else shapes
+    at = Skew(skew, "shared" if free_skew else "no")
+    found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, at) if missing else shapes
     shapes = {t: found[t] for t in known}
+    hold = free_skew
     for _ in range(2):
-        shapes, skew = _search(problem, shapes, skew, free_skew)
-        theta, residual = problem.solve(shapes, skew)
+        shapes = _search(problem, shapes, at)
+        if free_skew:
+            at, hold = _settled(problem, shapes, at)
+        solved = problem.solve(shapes, at)
         count = np.array([max(1, motion.moving(i).sum()) for i in range(model.n)])
-        rms = np.sqrt([r @ r for r in residual] / count)
+        rms = np.sqrt([r @ r for r in solved.residual] / count)
         problem.weights = 1 / np.maximum(rms, 1e-12)
         if model.n == 1:
             break
-    theta, residual = problem.solve(shapes, skew)
-    return problem, Fit(problem.prediction(theta, shapes), theta, shapes, skew, residual, problem.weights)
+    solved = problem.solve(shapes, Skew(at.at))
+    theta = solved.coefficients
+    return problem, Fit(problem.prediction(theta, shapes), theta, shapes, at.at, hold, solved.residual, problem.weights)
 
 
-def _search(
-    problem: Problem, shapes: dict[Term, Values], skew: float, free_skew: bool
-) -> tuple[dict[Term, Values], float]:
-    """Shape parameters and skew that minimise the weighted residual, from a start that a grid gave."""
+def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Skew, bool]:
+    """The shift that all joints share, and whether a hold explains it.
+
+    Torque and encoders of all joints are sampled together. Where their shifts differ, or no hold explains them,
+    something delays a torque: then the shift stays as near to that of a hold as a joint's is, and the delays
+    are left to be found.
+    """
+    common = skew
+    for _ in range(2):
+        shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
+        common = Skew(float(np.clip(common.at + shift, *_SKEW_RANGE)), "shared")
+    own = np.full(1, common.at)
+    if problem.model.n > 1:
+        solved = problem.solve(shapes, Skew(common.at, "each"))
+        size = problem.layout.size
+        spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[size:], 0.0))
+        known = (spread > 0) & (_SKEW_SIGMAS * spread < _SKEWS_APART)
+        own = (common.at + solved.shifts)[known] if known.any() else own
+    if HOLD[0] <= common.at <= HOLD[1] and np.ptp(own) < _SKEWS_APART:
+        return common, True
+    if problem.model.n == 1:
+        return Skew(NOMINAL_SKEW), False
+    nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
+    return Skew(nearest if HOLD[0] <= nearest <= HOLD[1] else NOMINAL_SKEW), False
+
+
+def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Term, Values]:
+    """Shape parameters that minimise the weighted residual, from a start that a grid gave."""
     names, x0, lower, upper = [], [], [], []
     for term, shape in shapes.items():
         for parameter in problem.model.library.effects[term.effect].shape:
-            values = grids.axis(problem.regressors, term, parameter, shape)
-            if len(values) > 2:
+            if parameter.grid is not None and parameter.grid.continuous:
+                values = grids.axis(problem.regressors, term, parameter, shape)
                 low, high = float(values[0]), float(values[-1])
                 names.append((term, parameter.name))
                 lower.append(low)
                 upper.append(high)
                 x0.append(float(np.clip(shape[parameter.name], low, high)))
-    if free_skew:
-        x0, lower, upper = [*x0, skew], [*lower, SKEW_RANGE[0]], [*upper, SKEW_RANGE[1]]
     if not x0:
-        return shapes, skew
+        return shapes
     lo, scale = np.array(lower), np.array(upper) - np.array(lower)
 
-    def unpack(z: Array) -> tuple[dict[Term, Values], float]:
-        x = lo + z * scale
+    def unpack(z: Array) -> dict[Term, Values]:
         changed = {t: dict(s) for t, s in shapes.items()}
-        for (term, name), value in zip(names, x, strict=False):
+        for (term, name), value in zip(names, lo + z * scale, strict=True):
             changed[term][name] = float(value)
-        return changed, float(x[-1]) if free_skew else skew
+        return changed
 
     def residual(z: Array) -> Array:
-        parts = problem.solve(*unpack(z))[1]
+        parts = problem.solve(unpack(z), skew).residual
         return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
 
     z0 = np.clip((np.array(x0) - lo) / scale, 1e-6, 1 - 1e-6)
@@ -300,14 +380,24 @@ def _search(
 
 @dataclass(frozen=True)
 class Identification:
-    """A fit with its uncertainty; beside it the same fit with no skew correction and no row left out."""
+    """A fit with its uncertainty."""
 
     model: Model
     motion: Motion
     problem: Problem
     fit: Fit
-    inference: Inference
-    uncorrected: Inference | None
+
+    @cached_property
+    def inference(self) -> Inference:
+        return infer(self.problem, self.fit)
+
+    @cached_property
+    def uncorrected(self) -> Inference | None:
+        """The same fit with no skew correction and no row left out; None where no skew was estimated."""
+        if not self.fit.skew_free:
+            return None
+        every = replace(self.motion, standstill=np.zeros(self.model.n))
+        return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
     def to_json(self) -> dict[str, Any]:
         """As `tendon identify --json`; intervals are 95 %."""
@@ -334,12 +424,7 @@ def identify_motion(
     model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
 ) -> Identification:
     """As `identify`, on a motion that is already prepared and for any structure."""
-    problem, fit = solve(model, motion, known, skew, start)
-    uncorrected = None
-    if skew is None:
-        plain_problem, plain = solve(model, replace(motion, standstill=np.zeros(model.n)), known, 0.0, fit)
-        uncorrected = infer(plain_problem, plain, estimated_skew=False)
-    return Identification(model, motion, problem, fit, infer(problem, fit, estimated_skew=skew is None), uncorrected)
+    return Identification(model, motion, *solve(model, motion, known, skew, start))
 
 
 def _diagonal(model: Model) -> Array:

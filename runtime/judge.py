@@ -8,14 +8,15 @@ effect more often than not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.candidates import Candidate, Field
-from runtime.evidence import bic, log_likelihood, vuong
+from runtime.evidence import Block, Ground, bic, log_likelihood, vuong
 from runtime.terms import Term, joints_of
 from runtime.wording import whole
 
@@ -29,6 +30,7 @@ LEAST_SHARE = 0.25
 VUONG_APART = 2.33
 BIC_APART = 10.0
 _FINALISTS = 8
+_OF_A_JOINT = 3
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Evidence:
     delta_bic         fall of BIC on whitened rows
     likelihood_gain   cross-validated log-likelihood, whitened
     cv_gain           fall of the cross-validated squared error, relative
+    residual          whitened, all joints' rows that count
     """
 
     candidate: Candidate
@@ -49,7 +52,7 @@ class Evidence:
     likelihood_gain: float
     cv_gain: float
     failed: tuple[str, ...]
-    whitened_residual: Array
+    residual: Array
 
     @property
     def term(self) -> Term:
@@ -72,7 +75,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Verdict:
-    """All finalists at one joint, the best first; rivals: terms that the data cannot tell from the best."""
+    """All finalists, the best first; rivals: terms that the data cannot tell from the best."""
 
     ranked: tuple[Evidence, ...]
     rivals: tuple[Term, ...]
@@ -82,63 +85,102 @@ class Verdict:
         return self.ranked[0] if self.ranked and self.ranked[0].passes else None
 
 
-def judge(field: Field, joint: int, floors: Sequence[float]) -> Verdict:
-    """Rank every candidate at a joint (0-based) against the field; `floors` are all joints' noise floors."""
-    return rank(field, field.terms(joint), floors)
+@dataclass
+class Bench:
+    """A field's ground before and after whitening by the noise model of its best candidate.
+
+    floors (n,): every joint's noise floor
+    """
+
+    field: Field
+    floors: Sequence[float]
+    best: Block | None
+
+    @cached_property
+    def autoregression(self) -> list[Array]:
+        ground = self.field.ground
+        residual = ground.solve(self.best).residual
+        return [row.autoregression(r) for row, r in zip(ground.rows, residual, strict=True)]
+
+    @cached_property
+    def white(self) -> Ground:
+        return self.field.ground.whitened(self.autoregression)
+
+    @cached_property
+    def base_error(self) -> float:
+        """Squared error without a candidate, and cross-validated; of the plain rows."""
+        return self.field.ground.solve().sse
+
+    @cached_property
+    def base_held(self) -> float:
+        return float(self.field.ground.cross_validate(None)[0].sum())
+
+    @cached_property
+    def base_bic(self) -> float:
+        return bic(self.white.solve().sse, self.white.count, self.white.rank())
+
+    @cached_property
+    def base_likelihood(self) -> float:
+        return log_likelihood(*self.white.cross_validate(None), self.white.fold_sizes)
+
+    def weigh(self, candidate: Candidate, block: Block) -> Evidence:
+        """All evidence for a candidate with its columns on the field's whole motion."""
+        field = self.field
+        replaced = field.replaced(candidate.term)
+        plain, white = field.without(field.ground, replaced), field.without(self.white, replaced)
+        whitened = white.whiten_block(block, self.autoregression)
+        after = white.solve(whitened)
+        delta = self.base_bic - bic(after.sse, white.count, white.rank(whitened) + candidate.searched)
+        gain = log_likelihood(*white.cross_validate(whitened), white.fold_sizes) - self.base_likelihood
+        fall = max(self.base_error - plain.solve(block).sse, 0.0)
+        cv_gain = 1 - float(plain.cross_validate(block)[0].sum()) / self.base_held
+        joints = joints_of(field.model, candidate.term)
+        own = joints[0]
+        scale = field.rms(own)
+        eff = scale * float(np.sqrt(fall / max(1, field.ground.rows[own].count)))
+        over = sum(max(1 - (self.floors[i] / r) ** 2, 0.0) for i in joints if (r := field.rms(i)) > 0)
+        share = eff**2 / max(scale**2 * over, eff**2, 1e-300)
+        failed = _failed(delta, gain, cv_gain, eff / self.floors[own], share, candidate.at_edge)
+        residual = np.concatenate([row.used(r) for row, r in zip(white.rows, after.residual, strict=True)])
+        return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, residual)
+
+
+def judge(field: Field, floors: Sequence[float]) -> Verdict:
+    """Rank every candidate against the field; `floors` are all joints' noise floors."""
+    return rank(field, field.terms(), floors)
 
 
 def rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
     """Rank these candidates against the field; `floors` are all joints' noise floors."""
-    found = [c for c in (field.search(term) for term in terms) if c is not None]
-    scored = sorted(found, key=lambda c: _relative_error(field, c))
-    finalists = [field.refine(c) for c in scored[:_FINALISTS]]
+    finalists = [field.refine(c) for c in _finalists(field, terms)]
     if not finalists:
         return Verdict((), ())
-    best = min(finalists, key=lambda c: _relative_error(field, c))
-    evidence = [_weigh(field, c, best, floors) for c in finalists]
+    blocks = [field.block(c.term, c.shape) for c in finalists]
+    held = [
+        field.without(field.ground, field.replaced(c.term)).cross_validate(b)[0].sum()
+        for c, b in zip(finalists, blocks, strict=True)
+    ]
+    bench = Bench(field, floors, blocks[int(np.argmin(held))])
+    evidence = [bench.weigh(c, b) for c, b in zip(finalists, blocks, strict=True)]
     evidence.sort(key=lambda e: (not e.passes, -e.delta_bic))
     return Verdict(tuple(evidence), _rivals(evidence))
 
 
-def _relative_error(field: Field, candidate: Candidate) -> float:
-    """Cross-validated squared error relative to the base's."""
-    joints = joints_of(field.model, candidate.term)
-    base = field.rows(joints).cross_validate([None])[0].sum()
-    return float(candidate.rows.cross_validate([c for _, c in candidate.choices])[0].sum() / base)
+def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
+    """The candidates with the least cross-validated errors on the excerpt, some of every joint among them."""
+    ground = field.excerpt[1]
+    found = [c for c in map(field.search, terms) if c is not None]
 
+    def held(c: Candidate) -> float:
+        block = field.trial(c.term, c.shape)
+        return float(field.without(ground, field.replaced(c.term)).cross_validate(block)[0].sum())
 
-def _weigh(field: Field, candidate: Candidate, best: Candidate, floors: Sequence[float]) -> Evidence:
-    joints = joints_of(field.model, candidate.term)
-    base, rows = field.rows(joints), candidate.rows
-    plain = base.solve()
-    ar = _autoregression(field, candidate, best)
-    white_base = base.whitened(ar)
-    white_rows = replace(rows.whitened(ar), level=white_base.level)
-    block = rows.whiten_block(candidate.block, ar)
-    choices = [rows.whiten_block(c, ar) for _, c in candidate.choices]
-    before, after = white_base.solve(), white_rows.solve(block)
-    delta = bic(before.sse, base.count, base.rank()) - bic(after.sse, rows.count, candidate.parameters)
-    sizes = base.fold_sizes
-    gain = log_likelihood(*white_rows.cross_validate(choices), sizes)
-    gain -= log_likelihood(*white_base.cross_validate([None]), sizes)
-    fall = max(plain.sse - candidate.solution.sse, 0.0)
-    # Of the first joint's torque, also where an effect is judged on several joints' rows.
-    eff = float(np.sqrt(fall * len(joints) / base.count))
-    weights = field.weights(joints)
-    over = [w**2 * max(field.rms(i) ** 2 - floors[i] ** 2, 0.0) for i, w in zip(joints, weights, strict=True)]
-    excess = max(sum(over), eff**2, 1e-300)
-    cv_gain = 1 - _relative_error(field, candidate)
-    share = eff**2 / excess
-    failed = _failed(delta, gain, cv_gain, eff / floors[joints[0]], share, candidate.at_edge)
-    return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, after.residual)
-
-
-def _autoregression(field: Field, candidate: Candidate, best: Candidate) -> Array:
-    """Noise model from the best candidate's residual on the rows that this candidate is judged on."""
-    joints, of_best = joints_of(field.model, candidate.term), joints_of(field.model, best.term)
-    if joints == of_best:
-        return best.rows.autoregression(best.solution.residual)
-    return candidate.rows.autoregression(candidate.solution.residual)
+    scored = sorted(found, key=held)
+    chosen = scored[:_FINALISTS]
+    for joint in {c.term.joint for c in scored}:
+        of_joint = [c for c in scored if c.term.joint == joint][:_OF_A_JOINT]
+        chosen += [c for c in of_joint if c not in chosen]
+    return chosen
 
 
 def _failed(delta: float, gain: float, cv_gain: float, effect: float, share: float, at_edge: bool) -> tuple[str, ...]:
@@ -160,10 +202,9 @@ def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:
         return ()
     found = []
     for other in evidence[1:]:
-        if not other.passes or len(other.whitened_residual) != len(first.whitened_residual):
-            continue
-        use = first.candidate.rows.use
-        statistic = vuong(first.whitened_residual, other.whitened_residual, use)
-        if statistic < VUONG_APART or first.delta_bic - other.delta_bic < BIC_APART:
+        apart = vuong(first.residual, other.residual) >= VUONG_APART and (
+            first.delta_bic - other.delta_bic >= BIC_APART
+        )
+        if other.passes and not apart:
             found.append(other.term)
     return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import grids
 from runtime.candidates import Field
+from runtime.evidence import Ground
 from runtime.judge import LEAST_DELTA_BIC, LEAST_EFFECT
 from runtime.terms import Term, joints_of, unit_of
 
@@ -39,49 +41,45 @@ class Limit:
         }
 
 
-def at_joint(field: Field, joint: int, floor: float) -> list[Limit]:
-    """Limits of every candidate that is judged at a joint (0-based), where the recordings have any."""
+def of(field: Field, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
+    """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any."""
     found = []
-    for term in field.terms(joint):
-        limit = _limit(field, term, floor)
+    for term in field.terms():
+        own = joints_of(field.model, term)[0]
+        limit = _limit(field, term, own, floors[own]) if own in joints else None
         if limit is not None:
             found.append(limit)
     return found
 
 
-def _limit(field: Field, term: Term, floor: float) -> Limit | None:
+def _limit(field: Field, term: Term, own: int, floor: float) -> Limit | None:
     info = field.model.library.effects[term.effect]
-    shapes = grids.points(field.regressors, term)
+    shapes = grids.points(field.excerpt[0], term)
     if not shapes:
         return None
-    joints = joints_of(field.model, term)
-    rows = field.rows(joints, field.replaced(term))
-    least = float(max(LEAST_EFFECT * floor, floor * np.sqrt((LEAST_DELTA_BIC + np.log(rows.count)) / rows.count)))
+    ground = field.without(field.excerpt[1], field.replaced(term))
+    count = field.ground.rows[own].count
+    least = float(max(LEAST_EFFECT * floor, floor * np.sqrt((LEAST_DELTA_BIC + np.log(count)) / count)))
+    rms = field.rms(own) / float(np.sqrt(max(1, ground.rows[own].count)))
     if not info.coefficients:
-        return _stiffness_limit(field, term, shapes, least)
-    column = field.block(term, joints, shapes[len(shapes) // 2]).columns[:1]
-    own = rows.orthogonal(column)[0]
-    rms = float(np.sqrt(own @ own / rows.count))
-    if rms <= _SEPARATE * float(np.sqrt(np.mean(column[0, rows.use] ** 2))):
+        return _stiffness_limit(field, term, shapes, ground, least / rms)
+    kept, whole = ground.own(field.trial(term, shapes[len(shapes) // 2]))
+    if kept <= _SEPARATE**2 * whole:
         return None
     coefficient = info.coefficients[0]
     unit = coefficient.unit(field.model.joints[(term.joint or 1) - 1].type)
-    return Limit(term, coefficient.name, "above", least / rms, unit)
+    return Limit(term, coefficient.name, "above", least / (rms * float(np.sqrt(kept))), unit)
 
 
-def _stiffness_limit(field: Field, term: Term, shapes: list[dict[str, float]], least: float) -> Limit | None:
+def _stiffness_limit(
+    field: Field, term: Term, shapes: list[dict[str, float]], ground: Ground, least: float
+) -> Limit | None:
     """For an effect that vanishes as its first shape parameter grows: the largest value that still shows."""
-    joints = joints_of(field.model, term)
-    rows = field.rows(joints)
     name = next(iter(shapes[0]))
-    values = sorted({shape[name] for shape in shapes})
     seen = None
-    for value in values:
+    for value in sorted({shape[name] for shape in shapes}):
         choices = [s for s in shapes if s[name] == value]
-        fixed = field.block(term, joints, choices[len(choices) // 2]).fixed
-        if not np.all(np.isfinite(fixed)):
-            continue
-        own = rows.orthogonal(fixed[None])[0]
-        if np.sqrt(own @ own / rows.count) > least:
+        block = field.trial(term, choices[len(choices) // 2])
+        if all(np.isfinite(p.columns).all() for p in block.parts.values()) and ground.own(block)[0] > least**2:
             seen = value
     return None if seen is None else Limit(term, name, "below", seen, unit_of(field.model, term, name))

@@ -249,6 +249,10 @@ class Library:
         sizes = ctypes.c_size_t(count), ctypes.c_size_t(factor), ctypes.c_size_t(len(kernel))
         taps = np.ascontiguousarray(kernel)
         for row, result in zip(rows, out, strict=True):
+            if not row.any():
+                # The part without coefficients is zero for most effects.
+                result[:] = 0.0
+                continue
             self._lib.tendon_decimate_f64(*sizes, _pointer(taps), _pointer(row), _pointer(result))
         return out.reshape(*x.shape[:-1], count)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +21,7 @@ _STANDSTILL_S = 0.004
 """Samples this close to standstill are left out: there the sign of the rate is noise."""
 _NOISE_MULTIPLE = 4.0
 _OF_TOP_SPEED = 0.002
+_WINDOWS = 8
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,11 @@ class Piece:
         q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
         return replace(self, q=q, qd=qd, qdd=qdd)
 
+    def cut(self, window: slice) -> Piece:
+        """The piece within a window of its samples."""
+        arrays = {name: getattr(self, name)[:, window] for name in ("q", "qd", "qdd", "tau", "warmth")}
+        return replace(self, t=self.t[window], **{name: np.ascontiguousarray(x) for name, x in arrays.items()})
+
     @cached_property
     def centres(self) -> NDArray[np.intp]:
         return self.low_pass.centres(len(self.t))
@@ -85,9 +91,32 @@ class Motion:
         return len(self.standstill)
 
     @cached_property
+    def columns(self) -> dict[tuple[Hashable, ...], Array]:
+        """In-band regressors that depend on the motion alone, kept for whoever asks again."""
+        return {}
+
+    @cached_property
     def perturbed(self) -> Motion:
         """The same motion as another reading of the encoders might have given it; always the same one."""
         return replace(self, pieces=tuple(p.perturbed(self.band, seed) for seed, p in enumerate(self.pieces)))
+
+    def excerpt(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
+        """Windows spread evenly over the motion, about `samples` long together, and the in-band rows they hold.
+
+        A motion that is no longer than that is its own excerpt.
+        """
+        total = sum(len(p.t) for p in self.pieces)
+        if total <= samples:
+            return self, np.arange(len(self.row_piece))
+        pieces: list[Piece] = []
+        rows: list[NDArray[np.intp]] = []
+        start = 0
+        for piece in self.pieces:
+            for window in _windows(piece, round(samples * len(piece.t) / total)):
+                pieces.append(piece.cut(window))
+                rows.append(start + window.start // piece.low_pass.factor + np.arange(len(pieces[-1].centres)))
+            start += len(piece.centres)
+        return replace(self, pieces=tuple(pieces)), np.concatenate(rows)
 
     def moving(self, joint: int) -> Mask:
         """(M,) rows at which the joint (0-based) moves."""
@@ -119,6 +148,15 @@ class Motion:
     def torque(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
         return np.concatenate([p.low_pass(p.tau[joint], skew) for p in self.pieces])
+
+
+def _windows(piece: Piece, samples: int) -> list[slice]:
+    """At most _WINDOWS windows, each long against the filter, that begin on rows of the band."""
+    factor, taps = piece.low_pass.factor, 2 * piece.low_pass.half + 1
+    length = max(samples // _WINDOWS, 10 * taps)
+    count = max(1, min(_WINDOWS, samples // length))
+    starts = np.linspace(0, max(0, len(piece.t) - length), count) // factor * factor
+    return [slice(int(s), int(s) + length) for s in starts]
 
 
 def _moving(piece: Piece, joint: int, standstill: float) -> Mask:

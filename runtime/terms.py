@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,6 +17,10 @@ Values = dict[str, float]
 
 _LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
 """The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
+
+
+PREDICTED = frozenset({"load", "link_inertia", "coupling", "level", "predicted", "predicted_rate", "plate_y"})
+"""Signals that need an identified model; all others follow from the motion alone."""
 
 
 @dataclass(frozen=True, order=True)
@@ -202,12 +206,16 @@ _READERS: dict[str, Callable[[Signals, int], Array | float]] = {
 
 @dataclass
 class Regressors:
-    """In-band regressors of one model along one motion; asked for again, they are not computed again."""
+    """In-band regressors of one model along one motion; asked for again, they are not computed again.
+
+    extents: offset and scale of quantities over the motion, as `grids` has found them.
+    """
 
     model: Model
     motion: Motion
     prediction: Prediction | None = None
-    _columns: dict[tuple[Term, int, tuple[float, ...]], Array] = field(default_factory=dict)
+    extents: dict[tuple[str, tuple[int, ...]], tuple[float, float]] = field(default_factory=dict)
+    _columns: dict[tuple[Hashable, ...], Array] = field(default_factory=dict)
 
     @cached_property
     def signals(self) -> tuple[Signals, ...]:
@@ -218,25 +226,35 @@ class Regressors:
         """The same along the motion with a further realisation of the encoders' noise on it."""
         return Regressors(self.model, self.motion.perturbed, self.prediction)
 
-    @cached_property
-    def _rigid(self) -> list[Array]:
-        """Per piece (n, p, M)."""
-        return [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+    def _kept(self, key: tuple[Hashable, ...], of_motion: bool, make: Callable[[], Array]) -> Array:
+        """What `make` gives, computed once: for this motion if it depends on nothing else, or for these regressors."""
+        store = self.motion.columns if of_motion else self._columns
+        if key not in store:
+            store[key] = make()
+        return store[key]
 
     def rigid(self, joint: int) -> Array:
         """(p, M) derivative of the joint's torque (0-based) by the base inertial parameters."""
-        return np.concatenate([part[joint] for part in self._rigid], axis=1)
+
+        def make() -> Array:
+            parts = [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+            return np.concatenate(parts, axis=2)
+
+        return self._kept(("rigid", self.model.directory), True, make)[joint]
 
     def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
-        key = (term, joint, tuple(shape.values()))
-        if key not in self._columns:
+
+        def make() -> Array:
             rows = [
                 p.in_band(self.raw_columns(s, term, joint, shape))
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
             ]
-            self._columns[key] = np.concatenate(rows, axis=1)
-        return self._columns[key]
+            return np.concatenate(rows, axis=1)
+
+        library = self.model.library
+        of_motion = not PREDICTED & set(library.effects[term.effect].signals)
+        return self._kept((library.directory, self.model.directory, term, joint, *shape.values()), of_motion, make)
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""

@@ -40,7 +40,7 @@ PAYLOAD = Effect(
             u.SECOND,
             "since the start of the run, when it is picked up",
             "shape",
-            grid=Grid(-0.05, 0.95, 41, "duration", "linear"),
+            grid=Grid(-0.05, 0.95, 26, "duration", "linear"),
         ),
     ),
     summary="A mass at the end-effector that the model does not know, from a moment on.",

@@ -81,7 +81,7 @@ PARALLEL_SPRING = Effect(
             u.POSITION,
             "position q_s0 below which the spring is taut",
             "shape",
-            grid=Grid(0, 1, 24, "position", "linear"),
+            grid=Grid(0, 1, 17, "position", "linear"),
         ),
         Parameter("pretension", u.NEWTON, "initial tension of the spring, F_s0", bounds=NOT_NEGATIVE),
     ),
@@ -137,7 +137,7 @@ END_STOP = Effect(
     + parameter("damping") * QD * step(_DEPTH, WIDTH_POSITION),
     parameters=(
         Parameter(
-            "position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 1, 48, "position", "linear")
+            "position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 1, 25, "position", "linear")
         ),
         Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
         Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
@@ -189,7 +189,7 @@ SPRING_HYSTERESIS = Effect(
             "displacement from rest after which all elements slide; after a reversal it takes twice that",
             "shape",
             (0.0, inf),
-            Grid(1e-3, 0.5, 20, "range"),
+            Grid(1e-3, 0.5, 13, "range"),
         ),
     ),
     states=(

@@ -57,9 +57,9 @@ ELASTICITY = Effect(
             "of the transmission",
             "shape",
             (0.0, inf),
-            Grid((2 * pi * 5) ** 2, (2 * pi * 200) ** 2, 28, "link_inertia"),
+            Grid((2 * pi * 5) ** 2, (2 * pi * 200) ** 2, 25, "link_inertia"),
         ),
-        Parameter("damping", u.VISCOUS, "of the transmission", "shape", (0.0, inf), Grid(0.003, 0.6, 6, "critical")),
+        Parameter("damping", u.VISCOUS, "of the transmission", "shape", (0.0, inf), Grid(0.005, 0.5, 3, "critical")),
     ),
     states=(
         State("deflection", u.POSITION, "motor less link", _NEXT[0], initial=LOAD / _K),
@@ -174,7 +174,7 @@ BACKLASH = Effect(
             "of the transmission in contact",
             "shape",
             (0.0, inf),
-            Grid(0.03, 0.5, 3, "critical"),
+            Grid(0.05, 0.4, 2, "critical"),
         ),
     ),
     states=(
