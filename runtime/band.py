@@ -23,6 +23,8 @@ _HIGHEST = 100.0
 _LOWEST = 8.0
 _OF_SAMPLING = 0.2
 _SEGMENT = 1024
+_WINDOW_S = 1.0
+_CAUTION = 2.0
 _ENCODER_SHARE = 0.25
 """Encoder noise as an inertial torque, relative to the torque noise in the band (variances)."""
 
@@ -65,6 +67,15 @@ def resolution(q: Array) -> float:
     multiples = steps / size
     fits = np.abs(multiples - np.round(multiples)) < 0.1
     return size if fits.mean() > 0.95 and (multiples < 1.5).mean() > 0.02 else 0.0
+
+
+def excitation(qdd: Array, rate: float, density: float) -> Array:
+    """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
+    the rest is noise of positions of this density."""
+    f, power = welch(qdd, rate, nperseg=min(len(qdd), round(_WINDOW_S * rate)) // 2 * 2)
+    noise = density * (2 * np.pi * f) ** 4
+    part = np.clip(1 - _CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
+    return np.where(f < _LOWEST, 1.0, part)
 
 
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:

@@ -61,9 +61,7 @@ class Field:
     def terms(self) -> list[Term]:
         """What could be missing at any joint, in the arm or in the contact."""
         active = set(self.problem.layout.terms)
-        covered = {
-            replace(t, effect=g) for t in active for g in self.model.library.effects[t.effect].generalises
-        }
+        covered = {replace(t, effect=g) for t in active for g in self.model.library.effects[t.effect].generalises}
         found = []
         for name, info in self.model.library.effects.items():
             last = self.model.n - (info.scope == "joints")
@@ -185,10 +183,13 @@ class Field:
             return float("-inf")
         return ground.gain(block)
 
-    def search(self, term: Term) -> Candidate | None:
-        """The candidate at the best point of its grid; None if the data give it no scale or no say."""
+    def search(self, term: Term, beside: Ground | None = None) -> Candidate | None:
+        """The candidate at the best point of its grid; None if the data give it no scale or no say.
+
+        beside: another ground of this field's excerpt on which to search.
+        """
         regressors, ground = self.excerpt
-        ground = self.without(ground, self.replaced(term))
+        ground = self.without(beside or ground, self.replaced(term))
         choices = self._choices(term)
         scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
         if not scored or not np.isfinite(scored[0][0]):
@@ -212,18 +213,18 @@ class Field:
         if not candidate.searched:
             return candidate
         term, ground = candidate.term, self.without(self.excerpt[1], self.replaced(candidate.term))
-        moving = [p for p in self.model.library.effects[term.effect].shape if p.grid and p.grid.continuous]
+        moving = self.moving(term)
         if not moving:
             return candidate
-        start = np.array([candidate.shape[p.name] for p in moving])
-        scale = np.array([self._step(candidate, p.name) for p in moving])
-        logarithmic = self._logarithmic(candidate)
+        start = np.array([candidate.shape[name] for name in moving])
+        scale = np.array([self.grid_step(candidate, name) for name in moving])
+        logarithmic = self.logarithmic(term)
         best = (candidate.gain, candidate.shape)
 
         def error(z: Array) -> float:
             nonlocal best
             moved = start * np.exp(z * scale) if logarithmic else start + z * scale
-            shape = {**candidate.shape, **dict(zip((p.name for p in moving), map(float, moved), strict=True))}
+            shape = {**candidate.shape, **dict(zip(moving, map(float, moved), strict=True))}
             if np.any(np.abs(z) > 1.5) or not grids.within(self.excerpt[0], term, shape):
                 return float("inf")
             gain = self._gain(ground, term, shape)
@@ -236,14 +237,19 @@ class Field:
         edge = grids.at_edge(self.excerpt[0], term, best[1])
         return replace(candidate, shape=best[1], gain=best[0], at_edge=edge)
 
-    def _logarithmic(self, candidate: Candidate) -> bool:
-        shape = self.model.library.effects[candidate.term.effect].shape
+    def moving(self, term: Term) -> list[str]:
+        """Shape parameters between whose grid values there are others."""
+        shape = self.model.library.effects[term.effect].shape
+        return [p.name for p in shape if p.grid and p.grid.continuous]
+
+    def logarithmic(self, term: Term) -> bool:
+        shape = self.model.library.effects[term.effect].shape
         return all(p.grid is None or p.grid.spacing == "log" for p in shape)
 
-    def _step(self, candidate: Candidate, name: str) -> float:
+    def grid_step(self, candidate: Candidate, name: str) -> float:
         """One grid step of a shape parameter: as a ratio's logarithm on logarithmic grids."""
         parameter = self.model.library.effects[candidate.term.effect].parameter(name)
         values = grids.axis(self.excerpt[0], candidate.term, parameter, candidate.shape)
-        if self._logarithmic(candidate):
+        if self.logarithmic(candidate.term):
             return float(np.log(values[1] / values[0]))
         return float(values[1] - values[0])

@@ -72,6 +72,25 @@ def differentiator(cutoff: float, rate: float) -> Differentiator:
 
 
 @dataclass(frozen=True)
+class Smoother:
+    """Zero-phase FIR low-pass at full rate, kernel (2 half + 1,); the ends are continued by odd reflection."""
+
+    kernel: Array
+
+    def __call__(self, x: Array) -> Array:
+        """x (N,) -> (N,)."""
+        padded = np.pad(x, len(self.kernel) // 2, "reflect", reflect_type="odd")
+        smoothed: Array = oaconvolve(padded, self.kernel, mode="valid")
+        return smoothed
+
+
+def smoother(response: Array) -> Smoother:
+    """Of a response (F,) at frequencies evenly from 0 to half the sampling rate."""
+    kernel = np.fft.fftshift(np.fft.irfft(response))[1:]
+    return Smoother(kernel * np.hanning(len(kernel)))
+
+
+@dataclass(frozen=True)
 class LowPass:
     """Linear-phase low-pass to `cutoff` Hz with decimation by `factor`; kernel (2 half + 1,)."""
 

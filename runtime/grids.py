@@ -23,6 +23,9 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     if of == "critical":
         inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
         return 0.0, 2 * float(np.sqrt(known["stiffness"] * inertia))
+    if of == "end":
+        start, span = _span(regressors, term, "position", known)
+        return (start + span, -span) if known["side"] > 0 else (start, span)
     key = (of, joints)
     if key not in regressors.extents:
         regressors.extents[key] = _extent(regressors, of, joints)
@@ -59,7 +62,7 @@ def axis(regressors: Regressors, term: Term, parameter: ParameterInfo, known: Va
         raise ValueError(f'{term}: shape parameter "{parameter.name}" has no grid')
     offset, scale = _span(regressors, term, grid.of, known)
     spaced = np.geomspace if grid.spacing == "log" else np.linspace
-    return offset + scale * spaced(grid.low, grid.high, grid.count)
+    return np.sort(offset + scale * spaced(grid.low, grid.high, grid.count))
 
 
 def points(regressors: Regressors, term: Term) -> list[Values]:
@@ -77,18 +80,17 @@ def points(regressors: Regressors, term: Term) -> list[Values]:
 def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
     """Whether the shape sits at an end of what was searched, where a search proves nothing.
 
-    Only the first shape parameter counts: it places the effect; the others round it off, and an end of
+    Only the first that is no choice of sides counts: it places the effect; the others round it off, and an end of
     their grid (a damping too small to matter) is as good an answer as any.
     """
-    for parameter in regressors.model.library.effects[term.effect].shape[:1]:
-        values = axis(regressors, term, parameter, shape)
-        if len(values) < 3:
-            continue
-        logarithmic = parameter.grid is not None and parameter.grid.spacing == "log"
-        ends = np.array([values[0], shape[parameter.name], values[-1]])
-        x = np.log(np.maximum(ends, 1e-300)) if logarithmic else ends
-        return bool(x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]))
-    return False
+    places = (p for p in regressors.model.library.effects[term.effect].shape if p.grid and p.grid.continuous)
+    parameter = next(places, None)
+    if parameter is None or parameter.grid is None:
+        return False
+    values = axis(regressors, term, parameter, shape)
+    ends = np.array([values[0], shape[parameter.name], values[-1]])
+    x = np.log(np.maximum(ends, 1e-300)) if parameter.grid.spacing == "log" else ends
+    return bool(x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]))
 
 
 def within(regressors: Regressors, term: Term, shape: Values) -> bool:

@@ -122,7 +122,7 @@ class Skew:
 
 @dataclass(frozen=True)
 class Solved:
-    """coefficients (K,); shifts of the torque beyond where it was taken, samples; Gram matrix of both; residuals (M,)."""
+    """coefficients (K,); shifts of the torque from where it was taken, samples; Gram matrix of both; residuals (M,)."""
 
     coefficients: Array
     shifts: Array
@@ -374,7 +374,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Te
         return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
 
     z0 = np.clip((np.array(x0) - lo) / scale, 1e-6, 1 - 1e-6)
-    found = least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=1e-4, xtol=1e-5, ftol=1e-7, max_nfev=25)
+    found = least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=1e-4, xtol=1e-4, ftol=1e-6, max_nfev=12)
     return unpack(found.x)
 
 

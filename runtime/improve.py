@@ -9,14 +9,13 @@ from typing import Any
 from runtime.diagnose import Diagnosis, Finding, Search, Step, begin, conclude, finding_json
 from runtime.loader import Model
 from runtime.recording import Recording
+from runtime.search import MOST_FINDINGS
 from runtime.terms import Term, structure
 
 OpenModel = Callable[[str], Model]
 Add = Callable[[str, str, int | None, Mapping[str, float] | None], str]
 Put = Callable[[str, Mapping[str, Any]], str]
 OnStep = Callable[[str], None]
-
-_MOST_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -82,20 +81,16 @@ def improve(
     tell = on_step or (lambda _: None)
     search = begin(open_model(model_text), recordings, held_out)
     tell(_progress(search.steps[-1]))
-    text = model_text
-    while len(search.findings) < _MOST_STEPS and (finding := search.advance()) is not None:
-        text = add(text, finding.term.effect, finding.term.joint, _shape(finding))
-        search.model = _reloaded(open_model, text, search)
+    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
         tell(_progress(search.steps[-1]))
     found = conclude(search)
+    text = model_text
+    for finding in search.findings:
+        text = add(text, finding.term.effect, finding.term.joint, search.steps[-1].shapes[finding.term])
+    search.model = _reloaded(open_model, text, search)
     left = conclude(replace(search, steps=[search.steps[-1]], findings=[]))
     text = put(text, search.steps[-1].identification.to_json())
     return Improvement(text, found, left)
-
-
-def _shape(finding: Finding) -> dict[str, float]:
-    """The shape values found, as a start for whoever fits the file next."""
-    return dict(finding.after.identification.fit.shapes[finding.term])
 
 
 def _reloaded(open_model: OpenModel, text: str, search: Search) -> Model:

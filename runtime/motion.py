@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.band import Band
-from runtime.filters import Differentiator, LowPass, differentiator, low_pass
+from runtime.band import Band, excitation
+from runtime.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
 from runtime.loader import Library
 from runtime.recording import Recording, RecordingError
 
@@ -28,7 +28,8 @@ _WINDOWS = 8
 class Piece:
     """One gap-free stretch of one recording.
 
-    t (N,) s; q, qd, qdd, tau (n, N); warmth (n, N) K; measured (n,) whether a temperature was.
+    t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
+    warmth (n, N) K; measured (n,) whether a temperature was.
     """
 
     recording: int
@@ -38,11 +39,13 @@ class Piece:
     q: Array
     qd: Array
     qdd: Array
+    slow: Array
     tau: Array
     warmth: Array
     measured: Mask
     low_pass: LowPass
     derive: Differentiator
+    excited: tuple[Smoother, ...]
 
     def perturbed(self, band: Band, seed: int) -> Piece:
         """The piece as its encoders might have read it another time: other places of the steps, other noise.
@@ -59,11 +62,12 @@ class Piece:
             noise.append(self.derive(error + np.sqrt(rest) * rng.standard_normal(len(path))))
         parts = np.array(noise)
         q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
-        return replace(self, q=q, qd=qd, qdd=qdd)
+        slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
+        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow)
 
     def cut(self, window: slice) -> Piece:
         """The piece within a window of its samples."""
-        arrays = {name: getattr(self, name)[:, window] for name in ("q", "qd", "qdd", "tau", "warmth")}
+        arrays = {name: getattr(self, name)[:, window] for name in ("q", "qd", "qdd", "slow", "tau", "warmth")}
         return replace(self, t=self.t[window], **{name: np.ascontiguousarray(x) for name, x in arrays.items()})
 
     @cached_property
@@ -179,7 +183,7 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate, library)
         for segment in recording.segments:
             if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
-                pieces.append(_piece(recording, number, segment, derive, band_filter))
+                pieces.append(_piece(recording, number, segment, derive, band_filter, band))
     if not pieces:
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
@@ -194,7 +198,9 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     return motion
 
 
-def _piece(recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass) -> Piece:
+def _piece(
+    recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass, band: Band
+) -> Piece:
     n = len(recording.q)
     parts = [derive(recording.q[i, segment]) for i in range(n)]
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
@@ -209,7 +215,12 @@ def _piece(recording: Recording, number: int, segment: slice, derive: Differenti
     t = recording.t[inner] - recording.t[first]
     tau = recording.tau[:, inner]
     run = int(recording.run[segment.start])
-    return Piece(number, run, recording.dt, t, q, qd, qdd, tau, warmth, measured, band_filter, derive)
+    rate = 1 / recording.dt
+    excited = tuple(
+        smoother(excitation(row, rate, density)) for row, density in zip(qdd, band.position_density, strict=True)
+    )
+    slow = np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)])
+    return Piece(number, run, recording.dt, t, q, qd, qdd, slow, tau, warmth, measured, band_filter, derive, excited)
 
 
 def _smooth_temperature(x: Array, dt: float) -> Array:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from runtime.band import Band
-from runtime.filters import differentiator, low_pass
+from runtime.filters import Smoother, differentiator, low_pass
 from runtime.grids import points
 from runtime.loader import JointInfo, Library, LoaderError, Model, ParameterInfo
 from runtime.motion import Motion, Piece
@@ -144,7 +144,8 @@ def _piece(library: Library, path: Array) -> Piece:
     qd[np.abs(qd) < AT_REST * np.abs(qd).max()] = 0.0
     none = np.zeros((n, count))
     filters = low_pass(CUTOFF, RATE, library), differentiator(CUTOFF, RATE)
-    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, none, none, np.zeros(n, dtype=bool), *filters)
+    exact = (Smoother(np.ones(1)),) * n
+    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, qdd, none, none, np.zeros(n, dtype=bool), *filters, exact)
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:

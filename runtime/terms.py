@@ -106,6 +106,16 @@ class Signals:
         p = self.piece
         return self.model.inverse_dynamics(p.q, p.qd, p.qdd, self._known.lumps)
 
+    @cached_property
+    def _loads(self) -> Array:
+        """(n, N) the same without the rotors, of accelerations that are motion and not noise.
+
+        What is simulated under a load amplifies noise at its resonance, and magnitudes do not average it.
+        """
+        p = self.piece
+        rotors = np.array([joint.rotor_inertia for joint in self.model.joints])
+        return self.model.inverse_dynamics(p.q, p.qd, p.slow, self._known.lumps) - rotors[:, None] * p.slow
+
     @property
     def _known(self) -> Prediction:
         if self.prediction is None:
@@ -127,9 +137,6 @@ class Signals:
     @cached_property
     def moments(self) -> Array:
         return self.model.moment_jacobian(self.piece.q)
-
-    def rotor_torque(self, joint: int) -> Array:
-        return self.model.joints[joint].rotor_inertia * self.piece.qdd[joint]
 
     @cached_property
     def _inertia(self) -> Array:
@@ -182,7 +189,7 @@ _READERS: dict[str, Callable[[Signals, int], Array | float]] = {
     "qd": lambda s, i: s.piece.qd[i],
     "qdd": lambda s, i: s.piece.qdd[i],
     "t": lambda s, _: s.piece.t,
-    "load": lambda s, i: s.rigid[i] - s.rotor_torque(i),
+    "load": lambda s, i: s._loads[i],
     "link_inertia": lambda s, i: s.link_inertia(i),
     "coupling": lambda s, i: s.link_inertia(i),
     "level": lambda s, i: s.level(i),

@@ -81,6 +81,8 @@ class Grid:
     of   "one"              as they are
          "rate"             largest |qd|
          "position"         from the smallest to the largest q (low = 0, high = 1)
+         "end"              from the end of the motion inwards, as parts of its range: from the largest q for a
+                            `side` of +1, from the smallest for -1
          "range"            largest q less smallest: for a length within the motion
          "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
          "load"             largest |load|
@@ -94,7 +96,17 @@ class Grid:
     high: float
     count: int
     of: Literal[
-        "one", "rate", "position", "range", "tip", "load", "duration", "link_inertia", "critical", "level_per_range"
+        "one",
+        "rate",
+        "position",
+        "end",
+        "range",
+        "tip",
+        "load",
+        "duration",
+        "link_inertia",
+        "critical",
+        "level_per_range",
     ] = "one"
     spacing: Literal["log", "linear"] = "log"
 

@@ -81,7 +81,7 @@ PARALLEL_SPRING = Effect(
             u.POSITION,
             "position q_s0 below which the spring is taut",
             "shape",
-            grid=Grid(0, 1, 17, "position", "linear"),
+            grid=Grid(0.25, 1, 13, "position", "linear"),
         ),
         Parameter("pretension", u.NEWTON, "initial tension of the spring, F_s0", bounds=NOT_NEGATIVE),
     ),
@@ -137,11 +137,6 @@ END_STOP = Effect(
     + parameter("damping") * QD * step(_DEPTH, WIDTH_POSITION),
     parameters=(
         Parameter(
-            "position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 1, 25, "position", "linear")
-        ),
-        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
-        Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
-        Parameter(
             "side",
             u.ONE,
             "+1: stops motion to larger q, -1: to smaller q",
@@ -149,6 +144,10 @@ END_STOP = Effect(
             (-1.0, 1.0),
             Grid(-1, 1, 2, spacing="linear"),
         ),
+        # Nearer to the middle of the range it would be a spring on one side, which the law cannot tell from it.
+        Parameter("position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 0.4, 13, "end", "linear")),
+        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
+        Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
     ),
     summary="A soft mechanical stop at one end of the range.",
     equation="k (q - q_e)+ + d qd in contact, mirrored for side = -1",

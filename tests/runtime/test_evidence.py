@@ -4,43 +4,57 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.evidence import FOLDS, Block, Rows, time_folds, vuong
+from runtime.evidence import FOLDS, Block, Ground, Part, Rows, vuong
 
 
 def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Rows:
     use = np.ones(len(y), dtype=bool)
-    free = np.full(len(base), np.inf)
     silent = np.zeros((len(base) + 1, len(y)))
     given = silent if noise is None else noise
-    return Rows.levelled(y, base, given, (-free, free), use, np.zeros(len(y), dtype=int), time_folds(use))
+    return Rows(y, base, given, np.arange(len(base)), use, np.zeros(len(y), dtype=int), 1.0)
 
 
-def block(*columns: np.ndarray) -> Block:
+def ground(*joints: Rows) -> Ground:
+    free = np.full(max(int(r.index.max(initial=-1)) + 1 for r in joints), np.inf)
+    return Ground.levelled(joints, -free, free)
+
+
+def block(*columns: np.ndarray, fixed: np.ndarray | None = None, lower: float = -np.inf, joint: int = 0) -> Block:
     x = np.array(columns)
-    return Block(
-        x, np.zeros(x.shape[1]), np.full(len(x), -np.inf), np.full(len(x), np.inf), np.zeros((len(x) + 1, x.shape[1]))
-    )
+    first = np.zeros(x.shape[1]) if fixed is None else fixed
+    return Block({joint: Part(np.vstack([first, x]))}, np.full(len(x), lower), np.full(len(x), np.inf))
 
 
 def test_quick_and_full_errors_agree() -> None:
     rng = np.random.default_rng(0)
     base, column, fixed = rng.standard_normal((3, 500)), rng.standard_normal(500), rng.standard_normal(500)
-    found = rows(rng.standard_normal(500), base)
-    candidate = Block(column[None], fixed, np.array([0.0]), np.array([np.inf]), np.zeros((2, 500)))
-    assert np.isclose(found.sse(candidate), found.solve(candidate).sse)
+    found = ground(rows(rng.standard_normal(500), base))
+    for lower in (-np.inf, 0.0):
+        candidate = block(column, fixed=fixed, lower=lower)
+        assert np.isclose(found.solve().sse - found.gain(candidate), found.solve(candidate).sse)
     x = np.vstack([base, column])
-    y = found.y - fixed
+    y = found.rows[0].y - fixed
     free = float(np.sum((y - np.linalg.lstsq(x.T, y, rcond=None)[0] @ x) ** 2))
-    assert found.solve(candidate).sse >= free - 1e-9
+    assert np.isclose(found.solve(block(column, fixed=fixed)).sse, free)
+
+
+def test_what_joints_share_counts_once() -> None:
+    """A factor on one joint's torque is hidden by that joint's own inertia, but not by one that another shares."""
+    rng = np.random.default_rng(6)
+    first, second = rng.standard_normal((2, 400))
+    one, two = rows(1.1 * first, first[None]), rows(second, second[None])
+    shared = ground(one, two)
+    assert shared.solve(block(first)).sse < 1e-9 < 1.0 < shared.solve().sse
+    assert ground(one).solve().sse < 1e-9
 
 
 def test_cross_validation_rewards_truth_and_punishes_noise() -> None:
     rng = np.random.default_rng(1)
     truth, noise = rng.standard_normal(2000), rng.standard_normal((30, 2000))
-    found = rows(0.5 * truth + rng.standard_normal(2000), np.ones((1, 2000)))
-    base = found.cross_validate([None])[0].sum()
-    assert found.cross_validate([block(truth)])[0].sum() < 0.85 * base
-    assert found.cross_validate([block(*noise)])[0].sum() > base
+    found = ground(rows(0.5 * truth + rng.standard_normal(2000), np.ones((1, 2000))))
+    base = found.cross_validate(None)[0].sum()
+    assert found.cross_validate(block(truth))[0].sum() < 0.85 * base
+    assert found.cross_validate(block(*noise))[0].sum() > base
 
 
 def test_autoregression_is_recovered() -> None:
@@ -52,7 +66,7 @@ def test_autoregression_is_recovered() -> None:
     ar = found.autoregression(r)
     assert np.allclose(ar[:3], [1.0, -1.2, 0.5], atol=0.04)
     assert np.allclose(ar[3:], 0.0, atol=0.04)
-    assert np.isclose(np.std(found.whiten(r[None], ar)[0]), 1.0, atol=0.02)
+    assert np.isclose(np.std(found.whiten(r, ar)), 1.0, atol=0.02)
 
 
 def test_noise_in_a_regressor_does_not_bias_its_coefficient() -> None:
@@ -62,21 +76,30 @@ def test_noise_in_a_regressor_does_not_bias_its_coefficient() -> None:
     y = 3 * clean + 0.1 * rng.standard_normal(50_000)
     measured = clean + rng.standard_normal(50_000)
     realisation = np.stack([rng.standard_normal(50_000), np.zeros(50_000)])
-    assert abs(rows(y, measured[None]).solve().coefficients[0] - 1.5) < 0.05
-    compensated = rows(y, measured[None], realisation)
+    assert abs(ground(rows(y, measured[None])).solve().coefficients[0] - 1.5) < 0.05
+    compensated = ground(rows(y, measured[None], realisation))
     assert abs(compensated.solve().coefficients[0] - 3.0) < 0.1
     assert np.isclose(compensated.solve().sse, float(np.sum((y - 3 * measured) ** 2)), rtol=0.1)
 
 
+def test_unknowns_left_out_are_as_good_as_never_there() -> None:
+    rng = np.random.default_rng(7)
+    base = rng.standard_normal((3, 300))
+    y = rng.standard_normal(300)
+    assert np.isclose(ground(rows(y, base)).without([1]).solve().sse, ground(rows(y, base[[0, 2]])).solve().sse)
+
+
 def test_vuong_tells_better_from_equal() -> None:
     rng = np.random.default_rng(4)
-    r, use = rng.standard_normal(5000), np.ones(5000, dtype=bool)
-    assert vuong(r, 1.1 * r + 0.3 * rng.standard_normal(5000), use) > 2.33
-    assert abs(vuong(r + 0.05 * rng.standard_normal(5000), r + 0.05 * rng.standard_normal(5000), use)) < 2.33
+    r = rng.standard_normal(5000)
+    assert vuong(r, 1.1 * r + 0.3 * rng.standard_normal(5000)) > 2.33
+    assert abs(vuong(r + 0.05 * rng.standard_normal(5000), r + 0.05 * rng.standard_normal(5000))) < 2.33
 
 
 def test_folds_are_contiguous_and_even() -> None:
     use = np.random.default_rng(5).random(997) > 0.3
-    fold = time_folds(use)
-    assert np.all(np.diff(fold) >= 0)
-    assert np.ptp(np.bincount(fold[use], minlength=FOLDS)) <= 1
+    row = Rows(np.zeros(997), np.zeros((0, 997)), np.zeros((1, 997)), np.zeros(0, int), use, np.zeros(997, int), 1.0)
+    sizes = [f.stop - f.start for f in row.folds]
+    assert len(sizes) == FOLDS
+    assert sum(sizes) == use.sum()
+    assert max(sizes) - min(sizes) <= 1

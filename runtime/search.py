@@ -1,0 +1,298 @@
+"""From a fitted model to named effects: forward, in pairs where one effect stood for two, and backward again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime import pairs
+from runtime.candidates import Candidate, Field
+from runtime.compare import JointSeries, errors, series
+from runtime.evidence import bic
+from runtime.identify import Identification, Problem, identify_motion
+from runtime.judge import BIC_APART, LEAST_DELTA_BIC, Evidence, Verdict, judge, rank
+from runtime.loader import Model
+from runtime.motion import Motion
+from runtime.terms import Structure, Term, Values, joints_of
+
+Array = NDArray[np.float64]
+
+MOST_FINDINGS = 6
+LEAST_MOVING_S = 2.0
+_LEAST_FALL = 0.005
+_MOST_RIVALS = 4
+_CLEARLY_LESS = 0.01
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖."""
+
+    rms: tuple[float, ...]
+    relative: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A fitted structure: after `added` (None: the model as given)."""
+
+    added: Term | None
+    identification: Identification
+    joints: tuple[JointSeries, ...]
+    fitted: Errors
+    held_out: Errors | None
+
+    @property
+    def floors(self) -> list[float]:
+        return [s.floor.value for s in self.joints]
+
+    @property
+    def shapes(self) -> dict[Term, Values]:
+        return self.identification.fit.shapes
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A named effect: what speaks for it, what the data cannot tell from it, and against whom it was chosen."""
+
+    evidence: Evidence
+    rivals: tuple[Term, ...]
+    verdict: Verdict
+    before: Step
+    after: Step
+
+    @property
+    def term(self) -> Term:
+        return self.evidence.term
+
+    @property
+    def joint_index(self) -> int:
+        """Of the joint (0-based) at which it shows: its own, or for one of the whole arm that where it shows most."""
+        if self.term.joint is not None:
+            return self.term.joint - 1
+        falls = [1 - b / a if a else 0.0 for a, b in zip(self.before.fitted.rms, self.after.fitted.rms, strict=True)]
+        return int(np.argmin([-f for f in falls]))
+
+    def share(self) -> float:
+        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1."""
+        i = self.joint_index
+        before, after = self.before.fitted.rms[i], self.after.fitted.rms[i]
+        excess = before**2 - self.before.joints[i].floor.value ** 2
+        return float(np.clip((before**2 - after**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+
+
+@dataclass
+class Search:
+    """A search from one structure; each step refits everything before the next effect is sought.
+
+    steps     the structure as given, then with each finding added
+    findings  in the order in which they were added
+    last      the last comparison of candidates
+    """
+
+    model: Model
+    motion: Motion
+    held_out: Motion | None = None
+    steps: list[Step] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    last: Verdict = field(default_factory=lambda: Verdict((), ()))
+    _field: Field | None = None
+
+    def start(self, known: Structure) -> Step:
+        self.steps.append(self._step(None, known, None))
+        return self.steps[-1]
+
+    def ground(self) -> Field:
+        """The last step as the field on which candidates compete, with what was computed on it."""
+        return self._field_of(self.steps[-1])
+
+    def _field_of(self, step: Step) -> Field:
+        identification = step.identification
+        if self._field is None or self._field.fit is not identification.fit:
+            self._field = Field(identification.problem, identification.fit)
+        return self._field
+
+    def _step(self, added: Term | None, known: Structure, before: Step | None) -> Step:
+        start = before.identification.fit if before else None
+        identification = identify_motion(self.model, self.motion, known, start=start)
+        joints = series(identification)
+        fitted = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
+        held = None if self.held_out is None else errors_elsewhere(identification, self.held_out)
+        return Step(added, identification, joints, fitted, held)
+
+    def _structure(self, added: Sequence[tuple[Term, Values]]) -> Structure:
+        """The structure as given with these terms in place of what they generalise, shapes as last found."""
+        latest = {**self.steps[0].shapes, **self.steps[-1].shapes}
+        known: Structure = {t: dict(latest[t]) for t in self.steps[0].shapes}
+        for term, shape in added:
+            generalises = self.model.library.effects[term.effect].generalises
+            for gone in [t for t in known if t.effect in generalises and t.joint == term.joint]:
+                del known[gone]
+            known[term] = dict(shape)
+        return known
+
+    def _so_far(self) -> list[tuple[Term, Values]]:
+        return [(f.term, self.steps[-1].shapes[f.term]) for f in self.findings]
+
+    def _with(self, step: Step, *candidates: Candidate) -> Step:
+        added = [*self._so_far(), *((c.term, c.shape) for c in candidates)]
+        return self._step(candidates[-1].term, self._structure(added), step)
+
+    def advance(self) -> Finding | None:
+        """Add the best candidate that passes every gate, or a pair that it stood for; None if none does."""
+        step = self.steps[-1]
+        ground = self._field_of(step)
+        self.last = judge(ground, step.floors)
+        finding = self._forward(step)
+        pair = self._pair(step, finding)
+        if pair is not None:
+            self.findings += pair
+            self.steps += [f.after for f in pair]
+        elif finding is not None:
+            self.findings.append(finding)
+            self.steps.append(finding.after)
+            self._reconsider()
+        else:
+            return None
+        return self.findings[-1]
+
+    def _forward(self, step: Step) -> Finding | None:
+        able = [e for e in self.last.ranked if e.passes and self._able(e.term)]
+        able.sort(key=lambda e: -e.delta_bic)
+        for evidence in able:
+            first = evidence is self.last.ranked[0]
+            evidence, after = self._refitted(step, evidence, self.last if first else None)
+            if self._better(step, after, evidence.term):
+                group = (self.last.ranked[0].term, *self.last.rivals) if first else ()
+                rivals = tuple(term for term in group if term != evidence.term)
+                return Finding(evidence, rivals, self.last, step, after)
+        return None
+
+    def _able(self, term: Term) -> bool:
+        """Whether the term's joint moves for long enough to say anything of it."""
+        return any(seconds_moving(self.motion, i) >= LEAST_MOVING_S for i in joints_of(self.model, term)[:1])
+
+    def _refitted(self, step: Step, evidence: Evidence, verdict: Verdict | None) -> tuple[Evidence, Step]:
+        """The candidate and the step that adds it; one of its rivals instead, if that clearly leaves less.
+
+        Candidates are ranked beside a base that was fitted without them; what an effect takes from others
+        (a bristle from dry friction) shows only when everything is refitted.
+        """
+        rivals = verdict.rivals if verdict else ()
+        contenders = [e for e in (verdict.ranked if verdict else ()) if e.term in rivals][:_MOST_RIVALS]
+        best, after = evidence, self._with(step, evidence.candidate)
+        for rival in contenders:
+            other = self._with(step, rival.candidate)
+            joint = joints_of(self.model, rival.term)[0]
+            if other.fitted.rms[joint] < (1 - _CLEARLY_LESS) * after.fitted.rms[joint]:
+                best, after = rival, other
+        return best, after
+
+    def _better(self, before: Step, after: Step, term: Term) -> bool:
+        """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any."""
+        own = joints_of(self.model, term) if term.joint is None else (term.joint - 1,)
+        falls = any(after.fitted.rms[i] < (1 - _LEAST_FALL) * before.fitted.rms[i] for i in own)
+        if before.held_out is None or after.held_out is None:
+            return falls
+        return falls and sum(r**2 for r in after.held_out.relative) < sum(r**2 for r in before.held_out.relative)
+
+    def _pair(self, step: Step, single: Finding | None) -> tuple[Finding, Finding] | None:
+        """Two effects that together explain clearly more than the best one with any second beside it."""
+        if single is None and not any(e.delta_bic > LEAST_DELTA_BIC for e in self.last.ranked):
+            return None
+        ground = self._field_of(step)
+        taken = None if single is None else single.term
+        found = pairs.search(ground, [e.candidate for e in self.last.ranked])
+        others = [p for p in found if taken not in (p.first.term, p.second.term)]
+        own = [p for p in found if taken in (p.first.term, p.second.term)]
+        if not others or (own and others[0].gain <= own[0].gain):
+            return None
+        best = others[0]
+        together = self._with(step, best.first, best.second)
+        steps = [single.after if single else step, together]
+        if own:
+            steps.append(self._with(step, own[0].first, own[0].second))
+        plain, paired, *beside = self._whitened_bic(ground, steps)
+        if plain - paired < LEAST_DELTA_BIC or any(b - paired < BIC_APART for b in beside):
+            return None
+        alone = [self._with(step, c) for c in (best.first, best.second)]
+        evidence = [
+            rank(self._field_of(alone[1 - k]), [c.term], alone[1 - k].floors).best
+            for k, c in enumerate((best.first, best.second))
+        ]
+        if evidence[0] is None or evidence[1] is None or not self._better(step, together, best.first.term):
+            return None
+        order = (0, 1) if evidence[0].delta_bic >= evidence[1].delta_bic else (1, 0)
+        middle, (first, second) = alone[order[0]], (evidence[order[0]], evidence[order[1]])
+        last = replace(together, added=second.term)
+        return (
+            Finding(first, (), Verdict((first,), ()), step, middle),
+            Finding(second, (), Verdict((second,), ()), middle, last),
+        )
+
+    def _whitened_bic(self, ground: Field, steps: Sequence[Step]) -> list[float]:
+        """BIC of refitted structures under one noise model, that of the best of them."""
+        fits = [s.identification for s in steps]
+        rows = ground.ground.rows
+        weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(rows, f.fit.residual, strict=True)) for f in fits]
+        best = fits[int(np.argmin(weighted))].fit.residual
+        noise = [r.autoregression(e) for r, e in zip(rows, best, strict=True)]
+        total = sum(r.count for r in rows)
+        found = []
+        for f in fits:
+            white = [r.whiten(e, ar) for r, e, ar in zip(rows, f.fit.residual, noise, strict=True)]
+            fit = sum(bic(float(e @ e), r.count, 0) for r, e in zip(rows, white, strict=True) if r.count)
+            found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
+        return found
+
+    def _reconsider(self) -> None:
+        """Take back or exchange findings that the later ones have made superfluous or less likely than another."""
+        for k, finding in enumerate(self.findings[:-1]):
+            rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
+            without = self._step(None, self._structure(rest), self.steps[-1])
+            verdict = judge(self._field_of(without), without.floors)
+            own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
+            if verdict.best is None:
+                self._rebuild([f for f in self.findings if f is not finding], {})
+            elif verdict.best.delta_bic - own >= BIC_APART:
+                evidence = verdict.best
+                other = replace(finding, evidence=evidence, rivals=verdict.rivals, verdict=verdict)
+                kept = [*self.findings[:k], other, *self.findings[k + 1 :]]
+                self._rebuild(kept, {evidence.term: evidence.candidate.shape})
+            else:
+                continue
+            return
+
+    def _rebuild(self, kept: Sequence[Finding], shapes: Mapping[Term, Values]) -> None:
+        known = {**dict(self._so_far()), **shapes}
+        steps, findings = self.steps[:1], []
+        for k, finding in enumerate(kept):
+            added = [(f.term, known[f.term]) for f in kept[: k + 1]]
+            steps.append(self._step(finding.term, self._structure(added), self.steps[-1]))
+            findings.append(replace(finding, before=steps[-2], after=steps[-1]))
+        self.steps, self.findings = steps, findings
+
+
+def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
+    return problem.layout.size + sum(len(s) for s in shapes.values())
+
+
+def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:
+    """Error of a fit, all its values as they are, on another motion."""
+    fit, model = identification.fit, identification.model
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
+    found = []
+    for i in range(model.n):
+        x, fixed = problem.rows(i, fit.shapes)
+        use = motion.moving(i)
+        tau = motion.torque(i, fit.skew)[use]
+        found.append(errors(tau - (fixed + fit.coefficients @ x)[use], tau))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
+
+
+def seconds_moving(motion: Motion, joint: int) -> float:
+    """For how long a joint (0-based) moves faster than its encoder's noise."""
+    return float(motion.moving(joint).sum()) / motion.row_rate
