@@ -189,7 +189,8 @@ class Field:
         beside: another ground of this field's excerpt on which to search.
         """
         regressors, ground = self.excerpt
-        ground = self.without(beside or ground, self.replaced(term))
+        whole = beside or ground
+        ground = self.without(whole, self.replaced(term))
         choices = self._choices(term)
         scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
         if not scored or not np.isfinite(scored[0][0]):
@@ -198,7 +199,9 @@ class Field:
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
         others = tuple(choices[k] for _, k in scored[1 : 1 + _ALTERNATIVES])
         edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
-        return Candidate(term, shape, searched, scored[0][0], others, edge)
+        # What it replaces would have explained something, too.
+        gain = scored[0][0] - (ground.solve().sse - whole.solve().sse if ground is not whole else 0.0)
+        return Candidate(term, shape, searched, gain, others, edge)
 
     def _choices(self, term: Term) -> list[Values]:
         choices = grids.points(self.excerpt[0], term)
@@ -219,7 +222,8 @@ class Field:
         start = np.array([candidate.shape[name] for name in moving])
         scale = np.array([self.grid_step(candidate, name) for name in moving])
         logarithmic = self.logarithmic(term)
-        best = (candidate.gain, candidate.shape)
+        found = self._gain(ground, term, candidate.shape)
+        best = (found, candidate.shape)
 
         def error(z: Array) -> float:
             nonlocal best
@@ -235,7 +239,7 @@ class Field:
         options = {"maxfev": _REFINE_STEPS * len(moving), "initial_simplex": simplex, "xatol": 0.02, "fatol": 0.0}
         minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
         edge = grids.at_edge(self.excerpt[0], term, best[1])
-        return replace(candidate, shape=best[1], gain=best[0], at_edge=edge)
+        return replace(candidate, shape=best[1], gain=candidate.gain + best[0] - found, at_edge=edge)
 
     def moving(self, term: Term) -> list[str]:
         """Shape parameters between whose grid values there are others."""

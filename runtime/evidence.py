@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 
 FOLDS = 10
 _MOST_LAGS = 12
-_OWN = 1e-5
+LEAST_OWN = 1e-3
 """Part of a column's square that the base must leave of it for the column to count as the candidate's own."""
 
 
@@ -281,8 +281,9 @@ class Ground:
             square += x @ x.T
             cross[:, row.index] += x @ row.stack[:-1].T
         own = square - cross @ projection @ cross.T
-        seen = np.diagonal(own) > _OWN * np.diagonal(square)
-        seen[0] = True
+        seen = np.diagonal(own) > LEAST_OWN * np.diagonal(square)
+        if not seen[0]:
+            moment[0] = own[0] = own[:, 0] = 0.0
         fall = 2 * moment[0] - own[0, 0]
         columns = np.flatnonzero(seen[1:]) + 1
         if len(columns):
@@ -292,15 +293,13 @@ class Ground:
             fall += float(theta @ (2 * target - inner @ theta))
         return float(fall)
 
-    def own(self, block: Block) -> tuple[float, float]:
-        """Squares of what the base cannot take over of the block's first column (the torque without coefficients
-        where it has none), and of that column whole, weighted."""
+    def own(self, torques: Mapping[int, Array]) -> tuple[float, float]:
+        """Weighted squares of what the base cannot take over of torques (M,) by joint, and of them whole."""
         projection, _ = self._projection
-        first = 1 if len(block.lower) else 0
         square, cross = 0.0, np.zeros(self.size)
-        for joint, part in block.parts.items():
+        for joint, torque in torques.items():
             row = self.rows[joint]
-            x = row.used(part.columns[first])
+            x = row.used(torque)
             square += float(x @ x)
             cross[row.index] += row.stack[:-1] @ x
         return max(square - float(cross @ projection @ cross), 0.0), square

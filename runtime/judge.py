@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.candidates import Candidate, Field
-from runtime.evidence import Block, Ground, bic, log_likelihood, vuong
+from runtime.evidence import LEAST_OWN, Block, Ground, bic, log_likelihood, vuong
 from runtime.terms import Term, joints_of
 from runtime.wording import whole
 
@@ -27,6 +27,8 @@ LEAST_LIKELIHOOD_GAIN = 15.0
 LEAST_ERROR_FALL = 0.01
 LEAST_EFFECT = 0.15
 LEAST_SHARE = 0.25
+MOST_NOISE = 0.4
+"""Part of its own torque (of the square) that a second reading of the encoders may change."""
 VUONG_APART = 2.33
 BIC_APART = 10.0
 _FINALISTS = 8
@@ -132,7 +134,8 @@ class Bench:
         after = white.solve(whitened)
         delta = self.base_bic - bic(after.sse, white.count, white.rank(whitened) + candidate.searched)
         gain = log_likelihood(*white.cross_validate(whitened), white.fold_sizes) - self.base_likelihood
-        fall = max(self.base_error - plain.solve(block).sse, 0.0)
+        solution = plain.solve(block)
+        fall = max(self.base_error - solution.sse, 0.0)
         cv_gain = 1 - float(plain.cross_validate(block)[0].sum()) / self.base_held
         joints = joints_of(field.model, candidate.term)
         own = joints[0]
@@ -141,6 +144,7 @@ class Bench:
         over = sum(max(1 - (self.floors[i] / r) ** 2, 0.0) for i in joints if (r := field.rms(i)) > 0)
         share = eff**2 / max(scale**2 * over, eff**2, 1e-300)
         failed = _failed(delta, gain, cv_gain, eff / self.floors[own], share, candidate.at_edge)
+        failed += _doubts(plain, block, np.append(1.0, solution.coefficients[plain.size :]))
         residual = np.concatenate([row.used(r) for row, r in zip(white.rows, after.residual, strict=True)])
         return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, residual)
 
@@ -193,6 +197,18 @@ def _failed(delta: float, gain: float, cv_gain: float, effect: float, share: flo
         (not at_edge, "its shape lies at the edge of what was searched"),
     )
     return tuple(text for ok, text in gates if not ok)
+
+
+def _doubts(ground: Ground, block: Block, theta: Array) -> tuple[str, ...]:
+    """What speaks against a candidate's torque itself, (1 + k,) `theta` of its columns."""
+    own, whole = ground.own({i: theta @ p.columns for i, p in block.parts.items()})
+    noise, _ = ground.own({i: theta @ p.noise for i, p in block.parts.items() if p.noise is not None})
+    found = []
+    if own < LEAST_OWN * whole:
+        found.append(f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque")
+    if noise > MOST_NOISE * own:
+        found.append("another reading of the encoders would give another torque")
+    return tuple(found)
 
 
 def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:

@@ -63,7 +63,8 @@ def _limit(field: Field, term: Term, own: int, floor: float) -> Limit | None:
     rms = field.rms(own) / float(np.sqrt(max(1, ground.rows[own].count)))
     if not info.coefficients:
         return _stiffness_limit(field, term, shapes, ground, least / rms)
-    kept, whole = ground.own(field.trial(term, shapes[len(shapes) // 2]))
+    block = field.trial(term, shapes[len(shapes) // 2])
+    kept, whole = ground.own({i: part.columns[1] for i, part in block.parts.items()})
     if kept <= _SEPARATE**2 * whole:
         return None
     coefficient = info.coefficients[0]
@@ -80,6 +81,9 @@ def _stiffness_limit(
     for value in sorted({shape[name] for shape in shapes}):
         choices = [s for s in shapes if s[name] == value]
         block = field.trial(term, choices[len(choices) // 2])
-        if all(np.isfinite(p.columns).all() for p in block.parts.values()) and ground.own(block)[0] > least**2:
+        if (
+            all(np.isfinite(p.columns).all() for p in block.parts.values())
+            and ground.own({i: p.columns[0] for i, p in block.parts.items()})[0] > least**2
+        ):
             seen = value
     return None if seen is None else Limit(term, name, "below", seen, unit_of(field.model, term, name))

@@ -30,6 +30,10 @@ class Pair:
     second: Candidate
     gain: float
 
+    @property
+    def terms(self) -> tuple[Term, Term]:
+        return self.first.term, self.second.term
+
 
 def search(field: Field, candidates: Sequence[Candidate]) -> list[Pair]:
     """The best partner for each of the best candidates, the best pair first."""
@@ -37,7 +41,7 @@ def search(field: Field, candidates: Sequence[Candidate]) -> list[Pair]:
     for first in sorted(candidates, key=lambda c: -c.gain)[:_BEAM]:
         pair = _partner(field, first)
         if pair is not None:
-            key = frozenset((pair.first.term, pair.second.term))
+            key = frozenset(pair.terms)
             if key not in found or pair.gain > found[key].gain:
                 found[key] = pair
     return sorted(found.values(), key=lambda p: -p.gain)
@@ -74,7 +78,7 @@ def _beside(field: Field, first: Candidate) -> tuple[Ground, float]:
         shape = {**first.shape, name: at * float(np.exp(step)) if logarithmic else at + step}
         moved = field.trial(first.term, shape)
         moves.append({j: theta @ (moved.parts[j].columns - p.columns) for j, p in block.parts.items()})
-    return _extended(ground, block, moves), ground.gain(block)
+    return _extended(ground, block, moves), first.gain
 
 
 def _extended(ground: Ground, block: Block, moves: Sequence[dict[int, Array]]) -> Ground:

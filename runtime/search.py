@@ -16,6 +16,7 @@ from runtime.identify import Identification, Problem, identify_motion
 from runtime.judge import BIC_APART, LEAST_DELTA_BIC, Evidence, Verdict, judge, rank
 from runtime.loader import Model
 from runtime.motion import Motion
+from runtime.pairs import Pair
 from runtime.terms import Structure, Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -25,6 +26,8 @@ LEAST_MOVING_S = 2.0
 _LEAST_FALL = 0.005
 _MOST_RIVALS = 4
 _CLEARLY_LESS = 0.01
+_WORTH_FITTING = 0.97
+_MOST_PAIRS = 2
 
 
 @dataclass(frozen=True)
@@ -206,31 +209,41 @@ class Search:
         ground = self._field_of(step)
         taken = None if single is None else single.term
         found = pairs.search(ground, [e.candidate for e in self.last.ranked])
-        others = [p for p in found if taken not in (p.first.term, p.second.term)]
-        own = [p for p in found if taken in (p.first.term, p.second.term)]
-        if not others or (own and others[0].gain <= own[0].gain):
+        own = [p for p in found if taken in p.terms]
+        least = _WORTH_FITTING * own[0].gain if own else 0.0
+        others = [p for p in found if taken not in p.terms and p.gain > least][:_MOST_PAIRS]
+        if not others:
             return None
-        best = others[0]
-        together = self._with(step, best.first, best.second)
-        steps = [single.after if single else step, together]
-        if own:
-            steps.append(self._with(step, own[0].first, own[0].second))
-        plain, paired, *beside = self._whitened_bic(ground, steps)
-        if plain - paired < LEAST_DELTA_BIC or any(b - paired < BIC_APART for b in beside):
+        steps = [self._with(step, p.first, p.second) for p in others]
+        beside = [self._with(step, own[0].first, own[0].second)] if own else []
+        scores = self._whitened_bic(ground, [single.after if single else step, *steps, *beside])
+        plain, scores, alternatives = scores[0], scores[1 : 1 + len(steps)], scores[1 + len(steps) :]
+        best = int(np.argmin(scores))
+        if plain - scores[best] < LEAST_DELTA_BIC or any(b - scores[best] < BIC_APART for b in alternatives):
             return None
-        alone = [self._with(step, c) for c in (best.first, best.second)]
+        near = [p for p, score in zip(others, scores, strict=True) if 0 < score - scores[best] < BIC_APART]
+        return self._both(step, others[best], steps[best], near)
+
+    def _both(self, step: Step, pair: Pair, together: Step, near: Sequence[Pair]) -> tuple[Finding, Finding] | None:
+        """The findings of a pair, if each passes every gate beside the other; near: pairs that are about as likely."""
+        alone = [self._with(step, c) for c in (pair.first, pair.second)]
         evidence = [
-            rank(self._field_of(alone[1 - k]), [c.term], alone[1 - k].floors).best
-            for k, c in enumerate((best.first, best.second))
+            rank(self._field_of(beside), [c.term], beside.floors).best
+            for c, beside in ((pair.first, alone[1]), (pair.second, alone[0]))
         ]
-        if evidence[0] is None or evidence[1] is None or not self._better(step, together, best.first.term):
+        passed = [(e, a) for e, a in zip(evidence, alone, strict=True) if e is not None]
+        if len(passed) < 2 or not self._better(step, together, pair.first.term):
             return None
-        order = (0, 1) if evidence[0].delta_bic >= evidence[1].delta_bic else (1, 0)
-        middle, (first, second) = alone[order[0]], (evidence[order[0]], evidence[order[1]])
-        last = replace(together, added=second.term)
+        (first, middle), (second, _) = sorted(passed, key=lambda item: -item[0].delta_bic)
         return (
-            Finding(first, (), Verdict((first,), ()), step, middle),
-            Finding(second, (), Verdict((second,), ()), middle, last),
+            Finding(first, _instead(first.term, second.term, near), Verdict((first,), ()), step, middle),
+            Finding(
+                second,
+                _instead(second.term, first.term, near),
+                Verdict((second,), ()),
+                middle,
+                replace(together, added=second.term),
+            ),
         )
 
     def _whitened_bic(self, ground: Field, steps: Sequence[Step]) -> list[float]:
@@ -274,6 +287,11 @@ class Search:
             steps.append(self._step(finding.term, self._structure(added), self.steps[-1]))
             findings.append(replace(finding, before=steps[-2], after=steps[-1]))
         self.steps, self.findings = steps, findings
+
+
+def _instead(term: Term, beside: Term, near: Sequence[Pair]) -> tuple[Term, ...]:
+    """What could stand for a term beside the other of its pair."""
+    return tuple(t for p in near if beside in p.terms for t in p.terms if t not in (beside, term))
 
 
 def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
