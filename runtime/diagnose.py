@@ -17,10 +17,8 @@ from runtime.judge import Verdict
 from runtime.loader import Model
 from runtime.motion import prepare
 from runtime.recording import Recording
-from runtime.search import LEAST_MOVING_S, MOST_FINDINGS, Errors, Finding, Search, Step, seconds_moving
+from runtime.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
 from runtime.terms import structure
-
-__all__ = ["Diagnosis", "Errors", "Finding", "Search", "Step", "begin", "conclude", "diagnose", "finding_json"]
 
 Array = NDArray[np.float64]
 

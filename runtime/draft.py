@@ -15,10 +15,11 @@ from typing import Any
 
 from runtime.candidates import Field
 from runtime.compare import series, structure_json
-from runtime.diagnose import Diagnosis, Errors, Finding, Step, remainder
+from runtime.diagnose import Diagnosis, remainder
 from runtime.identify import Problem, identify_motion
 from runtime.judge import Evidence, Verdict, rank
 from runtime.loader import Model
+from runtime.search import Errors, Finding, Step
 from runtime.terms import Structure, Term
 
 _FINALISTS = 3
@@ -134,7 +135,7 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
     floors = [s.floor.value for s in step.joints]
     passing = []
     for joint in joints:
-        terms = [t for t in found.terms(joint) if t.effect in guesses and _has_neighbours(model, t)]
+        terms = [t for t in found.terms() if _at(t, joint) and t.effect in guesses and _has_neighbours(model, t)]
         verdict = _rank(found, terms, floors)
         if verdict.best is not None:
             passing.append((_nearly_best(verdict), verdict, joint))
@@ -151,6 +152,11 @@ def _field(step: Step, model: Model) -> Field:
     problem = Problem(model, found.motion, found.problem.layout.terms, found.fit.prediction)
     problem.weights = found.fit.weights
     return Field(problem, found.fit)
+
+
+def _at(term: Term, joint: int) -> bool:
+    """Whether a joint (0-based) is the term's own; what acts on the whole arm counts at the first."""
+    return (term.joint or 1) - 1 == joint
 
 
 def _has_neighbours(model: Model, term: Term) -> bool:
@@ -173,7 +179,7 @@ def _nearly_best(verdict: Verdict) -> list[Evidence]:
     """Those within reach of the best, the one with the fewest parameters first."""
     least = _REACH * verdict.ranked[0].delta_bic
     near = [e for e in verdict.ranked if e.passes and e.delta_bic >= least]
-    return sorted(near, key=lambda e: (e.candidate.parameters, -e.delta_bic))
+    return sorted(near, key=lambda e: (e.parameters, -e.delta_bic))
 
 
 def _added(step: Step, model: Model, evidence: Evidence) -> Step:

@@ -71,7 +71,9 @@ def points(regressors: Regressors, term: Term) -> list[Values]:
     Empty if the data give the grid no scale (no link inertia for an elasticity, no friction for bristles).
     """
     found: list[Values] = [{}]
-    for parameter in regressors.model.library.effects[term.effect].shape:
+    # Sides first: where a place is looked for depends on them.
+    shape = regressors.model.library.effects[term.effect].shape
+    for parameter in sorted(shape, key=lambda p: p.grid is not None and p.grid.continuous):
         found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
     usable = [v for v in found if all(np.isfinite(x) for x in v.values())]
     return [v for v in usable if v.get("start", 0.0) <= v.get("end", np.inf) and v.get("stiffness", 1.0) > 0]

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from runtime.diagnose import Diagnosis, Finding, Search, Step, begin, conclude, finding_json
+from runtime.diagnose import Diagnosis, begin, conclude, finding_json
 from runtime.loader import Model
 from runtime.recording import Recording
-from runtime.search import MOST_FINDINGS
+from runtime.search import MOST_FINDINGS, Finding, Search, Step
 from runtime.terms import Term, structure
 
 OpenModel = Callable[[str], Model]

@@ -44,6 +44,7 @@ class Evidence:
     delta_bic         fall of BIC on whitened rows
     likelihood_gain   cross-validated log-likelihood, whitened
     cv_gain           fall of the cross-validated squared error, relative
+    parameters        number of unknowns of base and candidate
     residual          whitened, all joints' rows that count
     """
 
@@ -54,6 +55,7 @@ class Evidence:
     likelihood_gain: float
     cv_gain: float
     failed: tuple[str, ...]
+    parameters: int
     residual: Array
 
     @property
@@ -132,7 +134,8 @@ class Bench:
         plain, white = field.without(field.ground, replaced), field.without(self.white, replaced)
         whitened = white.whiten_block(block, self.autoregression)
         after = white.solve(whitened)
-        delta = self.base_bic - bic(after.sse, white.count, white.rank(whitened) + candidate.searched)
+        parameters = white.rank(whitened) + candidate.searched
+        delta = self.base_bic - bic(after.sse, white.count, parameters)
         gain = log_likelihood(*white.cross_validate(whitened), white.fold_sizes) - self.base_likelihood
         solution = plain.solve(block)
         fall = max(self.base_error - solution.sse, 0.0)
@@ -146,7 +149,7 @@ class Bench:
         failed = _failed(delta, gain, cv_gain, eff / self.floors[own], share, candidate.at_edge)
         failed += _doubts(plain, block, np.append(1.0, solution.coefficients[plain.size :]))
         residual = np.concatenate([row.used(r) for row, r in zip(white.rows, after.residual, strict=True)])
-        return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, residual)
+        return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, parameters, residual)
 
 
 def judge(field: Field, floors: Sequence[float]) -> Verdict:

@@ -67,8 +67,20 @@ class Piece:
 
     def cut(self, window: slice) -> Piece:
         """The piece within a window of its samples."""
-        arrays = {name: getattr(self, name)[:, window] for name in ("q", "qd", "qdd", "slow", "tau", "warmth")}
-        return replace(self, t=self.t[window], **{name: np.ascontiguousarray(x) for name, x in arrays.items()})
+
+        def part(x: Array) -> Array:
+            return np.ascontiguousarray(x[:, window])
+
+        return replace(
+            self,
+            t=self.t[window],
+            q=part(self.q),
+            qd=part(self.qd),
+            qdd=part(self.qdd),
+            slow=part(self.slow),
+            tau=part(self.tau),
+            warmth=part(self.warmth),
+        )
 
     @cached_property
     def centres(self) -> NDArray[np.intp]:

@@ -14,8 +14,8 @@ from runtime import report_figures as figures
 from runtime import report_findings as found
 from runtime import report_parameters as parameters
 from runtime.compare import JointSeries, as_written, structure_shares
-from runtime.diagnose import Step, seconds_moving
 from runtime.improve import Improvement
+from runtime.search import Step, seconds_moving
 from runtime.story import Result, Story
 from runtime.wording import number, percent, quantity, sentence
 

@@ -16,7 +16,7 @@ from scipy.signal import welch
 from runtime import plot_style, plots, plots_time, spectral
 from runtime.catalogue import EffectInfo
 from runtime.compare import JointSeries, structure_shares
-from runtime.diagnose import Finding, Step
+from runtime.search import Finding, Step
 from runtime.story import relative_floor
 
 Array = NDArray[np.float64]

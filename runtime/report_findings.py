@@ -10,10 +10,11 @@ from runtime import reasons, spectral
 from runtime import report_figures as figures
 from runtime import report_parameters as parameters
 from runtime.compare import structure_shares
-from runtime.diagnose import Finding, finding_json, remainder
+from runtime.diagnose import finding_json, remainder
 from runtime.judge import Evidence
 from runtime.limits import Limit
 from runtime.loader import Model
+from runtime.search import Finding
 from runtime.story import Story
 from runtime.terms import Term
 from runtime.wording import at, number, percent, quantity, whole
@@ -100,13 +101,13 @@ def ruled_out(story: Story) -> Row:
     if story.diagnosis is None:
         return {"rows": rows, "nothing": nothing}
     held_out = story.last.held_out is not None
-    for series, verdict in zip(story.last.joints, story.diagnosis.last, strict=False):
+    for evidence in story.diagnosis.last.ranked:
+        series = story.last.joints[(evidence.term.joint or 1) - 1]
         floor = series.floor.value
-        for evidence in verdict.ranked:
-            if reasons.next_to_nothing(evidence, floor):
-                nothing.append(name(evidence.term))
-            else:
-                rows.append(_row(evidence, "", reasons.not_named(evidence, floor, held_out), floor, series.force_unit))
+        if reasons.next_to_nothing(evidence, floor):
+            nothing.append(name(evidence.term))
+        else:
+            rows.append(_row(evidence, "", reasons.not_named(evidence, floor, held_out), floor, series.force_unit))
     return {"rows": rows, "nothing": list(dict.fromkeys(nothing))}
 
 

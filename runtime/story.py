@@ -9,11 +9,12 @@ from typing import Any
 
 from runtime.boundary import plain
 from runtime.compare import Comparison, JointSeries
-from runtime.diagnose import Diagnosis, Errors, Finding, Step
+from runtime.diagnose import Diagnosis
 from runtime.draft import described
 from runtime.floor import Floor
 from runtime.improve import Improvement
 from runtime.origin import Origin, unknown
+from runtime.search import Errors, Finding, Step
 from runtime.wording import at
 
 Result = Comparison | Diagnosis | Improvement

@@ -437,7 +437,7 @@ def end_stop_torque():
       side = -1
     in   q [rad]: joint position
     in   qd [rad/s]: joint rate
-    in   p [as declared]: side, position, stiffness, damping
+    in   p [as declared]: position, stiffness, damping, side
     in   x [as declared]: none
     out  torque [N m]: added to the motor torque
     Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
@@ -449,13 +449,13 @@ def end_stop_torque():
     p = ca.SX.sym("p", 4)
     x = ca.SX.sym("x", 0)
     width = ca.SX.sym("width", 4)
-    v1 = p[0] * (q - p[1])
+    v1 = p[3] * (q - p[0])
     v2 = ca.fmax(-1.0, ca.fmin(1.0, v1 / width[1]))
     v3 = v2 * v2
     v4 = v3 * v3
     v5 = v2 * v3
     v6 = 0.03125 * (width[1] * (15.0 * v3 + (5.0 + v5 * v5 - 5.0 * v4))) + (0.5 * v1 + (0.5 * ca.fmax(0.0, v1 - width[1]) + 0.5 * ca.fmax(0.0, -(width[1] + v1))))
-    torque = ca.SX((0.5 + 0.0625 * (v2 * (3.0 * v4 + (15.0 - 10.0 * v3)))) * (p[3] * qd) + v6 * (p[0] * p[2]))
+    torque = ca.SX((0.5 + 0.0625 * (v2 * (3.0 * v4 + (15.0 - 10.0 * v3)))) * (p[2] * qd) + v6 * (p[3] * p[1]))
     inputs, outputs = [q, qd, p, x, width], [torque]
     return ca.Function("end_stop_torque", inputs, outputs, ["q", "qd", "p", "x", "width"], ["torque"])
 

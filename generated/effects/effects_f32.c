@@ -267,7 +267,7 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  *   side = -1
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (4) [as declared]: side, position, stiffness, damping
+ * in   p (4) [as declared]: position, stiffness, damping, side
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
@@ -276,8 +276,8 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
 float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    const float v1 = p[0] * (s->q - p[1]);
-    return tendon_step_f32(v1) * (p[3] * s->qd) + tendon_ramp_f32(v1) * (p[0] * p[2]);
+    const float v1 = p[3] * (s->q - p[0]);
+    return tendon_step_f32(v1) * (p[2] * s->qd) + tendon_ramp_f32(v1) * (p[3] * p[1]);
 }
 
 /* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt

@@ -217,7 +217,7 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  *   side = -1
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (4) [as declared]: side, position, stiffness, damping
+ * in   p (4) [as declared]: position, stiffness, damping, side
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism

@@ -815,7 +815,7 @@ void tendon_cable_torque_batch_f64(
  *   side = -1
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (4) [as declared]: side, position, stiffness, damping
+ * in   p (4) [as declared]: position, stiffness, damping, side
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
@@ -824,8 +824,8 @@ void tendon_cable_torque_batch_f64(
 double tendon_end_stop_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    const double v1 = p[0] * (s->q - p[1]);
-    return tendon_step_f64(v1) * (p[3] * s->qd) + tendon_ramp_f64(v1) * (p[0] * p[2]);
+    const double v1 = p[3] * (s->q - p[0]);
+    return tendon_step_f64(v1) * (p[2] * s->qd) + tendon_ramp_f64(v1) * (p[3] * p[1]);
 }
 
 /* end_stop_columns along `count` samples, 3 rows in `out`. */
@@ -841,9 +841,9 @@ void tendon_end_stop_columns_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[0] * (q[k] - p[1]);
+        const double v1 = p[3] * (q[k] - p[0]);
         out[k] = 0.0;
-        out[count + k] = p[0] * tendon_ramp_f64(v1);
+        out[count + k] = p[3] * tendon_ramp_f64(v1);
         out[2 * count + k] = qd[k] * tendon_step_f64(v1);
     }
 }
@@ -861,8 +861,8 @@ void tendon_end_stop_torque_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[0] * (q[k] - p[1]);
-        out[k] = tendon_step_f64(v1) * (p[3] * qd[k]) + tendon_ramp_f64(v1) * (p[0] * p[2]);
+        const double v1 = p[3] * (q[k] - p[0]);
+        out[k] = tendon_step_f64(v1) * (p[2] * qd[k]) + tendon_ramp_f64(v1) * (p[3] * p[1]);
     }
 }
 

@@ -136,6 +136,10 @@ END_STOP = Effect(
     torque=parameter("stiffness") * _SIDE * ramp(_DEPTH, WIDTH_POSITION)
     + parameter("damping") * QD * step(_DEPTH, WIDTH_POSITION),
     parameters=(
+        # Nearer to the middle of the range it would be a spring on one side, which the law cannot tell from it.
+        Parameter("position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 0.4, 13, "end", "linear")),
+        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
+        Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
         Parameter(
             "side",
             u.ONE,
@@ -144,10 +148,6 @@ END_STOP = Effect(
             (-1.0, 1.0),
             Grid(-1, 1, 2, spacing="linear"),
         ),
-        # Nearer to the middle of the range it would be a spring on one side, which the law cannot tell from it.
-        Parameter("position", u.POSITION, "where the stop is touched", "shape", grid=Grid(0, 0.4, 13, "end", "linear")),
-        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
-        Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
     ),
     summary="A soft mechanical stop at one end of the range.",
     equation="k (q - q_e)+ + d qd in contact, mirrored for side = -1",

@@ -10,8 +10,9 @@ import pytest
 
 from runtime import boundary, draft, recording
 from runtime.cli import Source, app
-from runtime.diagnose import begin, errors_elsewhere
+from runtime.diagnose import begin
 from runtime.motion import prepare
+from runtime.search import errors_elsewhere
 from runtime.terms import Term
 from symbolic.effects import load_user_effects
 from symbolic.effects.source import BANNER

@@ -34,12 +34,13 @@ from runtime import (
 from runtime.candidates import Candidate
 from runtime.compare import Comparison, as_written, series, structure_shares
 from runtime.covariance import Estimate
-from runtime.diagnose import Diagnosis, Errors, Finding, Step
+from runtime.diagnose import Diagnosis
 from runtime.identify import identify_motion, prepared
 from runtime.improve import Improvement
 from runtime.judge import Evidence, Verdict
 from runtime.origin import Origin, about
 from runtime.recording import Recording
+from runtime.search import Errors, Finding, Step
 from runtime.story import Story
 from runtime.terms import Term, structure
 
@@ -91,7 +92,7 @@ def improvement(drive, one) -> Improvement:
         held_out = Errors(tuple(1.1 * r for r in errors.rms), tuple(1.1 * r for r in errors.relative))
         steps.append(Step(added, identification, joints, errors, held_out))
     finding = Finding(evidence(STRIBECK), (ELASTICITY,), Verdict((), ()), *steps)
-    last = (Verdict((evidence(ELASTICITY, "its shape lies at the edge of what was searched"),), ()),)
+    last = Verdict((evidence(ELASTICITY, "its shape lies at the edge of what was searched"),), ())
     seen = (limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
     found = Diagnosis("effect", "the model lacks stribeck", tuple(steps), (finding,), last, seen)
     left = Diagnosis("clean", "the residual is noise", (steps[-1],), (), last, seen)
@@ -99,8 +100,8 @@ def improvement(drive, one) -> Improvement:
 
 
 def evidence(term: Term, *failed: str) -> Evidence:
-    candidate = Candidate(term, None, {}, 0, None, (), None, False)  # type: ignore[arg-type]
-    return Evidence(candidate, 0.123, 0.9, 456.0, 234.0, 0.5, failed, np.zeros(3))
+    candidate = Candidate(term, {}, 0, 1.0, (), False)
+    return Evidence(candidate, 0.123, 0.9, 456.0, 234.0, 0.5, failed, 9, np.zeros(3))
 
 
 @pytest.fixture(scope="module")
@@ -381,7 +382,9 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     last = improvement.steps[-1]
     inference = last.identification.inference
     values = {**inference.values, STRIBECK: {"speed": Estimate(float("nan"), None, "rad/s")}}
-    step = replace(last, identification=replace(last.identification, inference=replace(inference, values=values)))
+    identification = replace(last.identification)
+    identification.__dict__["inference"] = replace(inference, values=values)
+    step = replace(last, identification=identification)
     found = replace(improvement.found, steps=(improvement.steps[0], step))
     document = json.loads(json.dumps(Story(found).document, allow_nan=False))
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
