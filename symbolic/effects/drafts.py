@@ -115,6 +115,15 @@ PARABOLA = Modulation(
         Part("curvature", "part in proportion to its square", "q^2", Q**2, u.POSITION**2),
     ),
 )
+CUBIC = Modulation(
+    "cubic",
+    "position",
+    "in a cubic over the position",
+    (
+        *PARABOLA.parts,
+        Part("bend", "part in proportion to its cube", "q^3", Q**3, u.POSITION**3),
+    ),
+)
 BUMP = Modulation(
     "bump",
     "position",
@@ -146,7 +155,7 @@ BELOW = Modulation(
     (_PLACE,),
     smooth=False,
 )
-POSITIONS = (WAVE, SLOPE, PARABOLA, BUMP, SIDE, ABOVE, BELOW)
+POSITIONS = (WAVE, SLOPE, PARABOLA, CUBIC, BUMP, SIDE, ABOVE, BELOW)
 
 _RELATIVE = QD / parameter("speed")
 SLOW = Modulation("slow", "speed", "at low speed only", _sole("exp(-(qd/speed)^2)", sp.exp(-(_RELATIVE**2))), (_SPEED,))
@@ -201,6 +210,12 @@ TORQUE = Carrier("torque", "A torque whatever the motion", "", sp.S.One, u.ONE)
 DRY = Carrier("dry", "Dry friction", "sgn(qd)", sgn(QD, WIDTH_RATE), u.ONE)
 FORWARDS = Carrier("forwards", "A torque in forward motion", "[qd > 0]", step(QD, WIDTH_RATE), u.ONE)
 BACKWARDS = Carrier("backwards", "A torque in backward motion", "[qd < 0]", step(-QD, WIDTH_RATE), u.ONE)
+FORWARDS_VISCOUS = Carrier(
+    "forwards_viscous", "Viscous friction in forward motion", "qd+", ramp(QD, WIDTH_RATE), u.RATE
+)
+BACKWARDS_VISCOUS = Carrier(
+    "backwards_viscous", "Viscous friction in backward motion", "(-qd)+", ramp(-QD, WIDTH_RATE), u.RATE
+)
 VISCOUS = Carrier("viscous", "Viscous friction", "qd", QD, u.RATE)
 EVEN = Carrier("even", "A torque with the speed, whatever its direction", "|qd|", SPEED, u.RATE)
 DRAG = Carrier("drag", "Drag with the square of the speed", "|qd| qd", SPEED * QD, u.RATE**2)
@@ -265,6 +280,8 @@ GRAMMAR: tuple[tuple[Carrier, tuple[Modulation, ...]], ...] = (
     (FORWARDS, (*POSITIONS, *SPEEDS)),
     (BACKWARDS, (*POSITIONS, *SPEEDS)),
     (VISCOUS, (*POSITIONS, *SPEEDS, *TIMES, LATE)),
+    (FORWARDS_VISCOUS, POSITIONS),
+    (BACKWARDS_VISCOUS, POSITIONS),
     (EVEN, (NONE, *POSITIONS)),
     (DRAG, (NONE, *POSITIONS)),
     (INERTIA, (*POSITIONS, *SPEEDS, *TIMES)),
