@@ -236,8 +236,10 @@ def _report(directory: Path | None, story: Story) -> str | None:
     if directory is None:
         return None
     from runtime.report import write_report
+    from runtime.terminal import working
 
-    return str(write_report(directory, story))
+    with working("drawing the report"):
+        return str(write_report(directory, story))
 
 
 def _name_page(page: str | None, json: str | None) -> None:
