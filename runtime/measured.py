@@ -81,7 +81,7 @@ def compare(
     json: Json = None,
 ) -> None:
     """Where does the model fail. The residual of each joint, its noise floor, and what it follows."""
-    from runtime import terminal
+    from runtime import terminal, terminal_results
 
     boundary.check_writable(json)
     boundary.check_directory(report)
@@ -94,7 +94,7 @@ def compare(
 
     story = Story(result, _origin(source, model, recordings, effects, maps, allow_gaps))
     page = _report(report, story)
-    emit(json, story.document, terminal.compare)
+    emit(json, story.document, terminal_results.compare)
     _name_page(page, json)
 
 
@@ -113,7 +113,7 @@ def diagnose(
     json: Json = None,
 ) -> None:
     """Which physical effect is missing? Exit 1 if the answer is "unexplained" or "refused"."""
-    from runtime import terminal
+    from runtime import terminal, terminal_results
     from runtime.cli import check_draft
 
     boundary.check_writable(json)
@@ -132,7 +132,7 @@ def diagnose(
     if draft is not None:
         reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
         document = document | _drafted(source, result, draft, effects, recordings, reading)
-    emit(json, document, terminal.diagnosis)
+    emit(json, document, terminal_results.diagnosis)
     _name_page(page, json)
     if result.verdict in ("unexplained", "refused"):
         raise typer.Exit(boundary.NO)
@@ -177,7 +177,7 @@ def improve(
     json: Json = None,
 ) -> None:
     """Add what is missing, as long as it helps. Fits, diagnoses and adds; on a copy unless told to write."""
-    from runtime import terminal
+    from runtime import terminal_results
 
     if write and out:
         raise UsageError("--write and --out exclude each other: the model is written to one place")
@@ -197,7 +197,7 @@ def improve(
         from runtime import files
 
         files.replace(out, result.model_text.encode())
-    emit(json, story.document, terminal.improvement)
+    emit(json, story.document, terminal_results.improvement)
     _name_page(page, json)
 
 
@@ -336,7 +336,7 @@ def demo(
     json: Json = None,
 ) -> None:
     """The main job on a simulated drive. Compare, diagnose, add the hidden effect, refit, report."""
-    from runtime import files, terminal
+    from runtime import files, terminal, terminal_results
     from runtime.cli import Source
     from runtime.demo import record_files
 
@@ -352,5 +352,5 @@ def demo(
     result, story = _improved(source, data[:1], data[1:], origin)
     page = _report(out, story)
     files.replace(source.path, result.model_text.encode())
-    emit(json, story.document, terminal.improvement)
+    emit(json, story.document, terminal_results.improvement)
     _name_page(page, json)

@@ -28,7 +28,7 @@ from runtime import (
     report_figures,
     report_findings,
     spectral,
-    terminal,
+    terminal_results,
     wording,
 )
 from runtime.candidates import Candidate
@@ -391,7 +391,7 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
 
 
 def test_terminal_is_short_and_says_the_same(story, unexplained, capsys):
-    terminal.improvement(story.document)
+    terminal_results.improvement(story.document)
     out = capsys.readouterr().out
     assert "stribeck on joint 1" in out
     assert "What is left: CLEAN: the residual is noise" in out
@@ -399,7 +399,7 @@ def test_terminal_is_short_and_says_the_same(story, unexplained, capsys):
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out
     assert "stiffness < 4.2e+04 N m/rad" in out
     assert len(out.splitlines()) < 70
-    terminal.diagnosis(Story(unexplained, ORIGIN).document)
+    terminal_results.diagnosis(Story(unexplained, ORIGIN).document)
     out = capsys.readouterr().out
     assert out.startswith("UNEXPLAINED: ")
     assert "--draft guess.py" in out

@@ -1,0 +1,89 @@
+"""What the pages of the terminal are made of: lines, tables and the numbers in their cells."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+Document = Mapping[str, Any]
+
+
+def say(*lines: str) -> None:
+    """Plain lines on standard output."""
+    for line in lines:
+        console().print(line, soft_wrap=True)
+
+
+def fit_table(document: Document) -> None:
+    """Parameters of an identification with their 95 % intervals."""
+    table = empty_table("joint", "parameter", "file", "fit", "95 % interval", "unit")
+    for p in document["inertial"]:
+        table.add_row(joint_cell(p["joint"]), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p))
+    for entry in document["effects"]:
+        for name, p in entry["parameters"].items():
+            label = f"{entry['effect']}: {name}"
+            table.add_row(joint_cell(entry["joint"]), label, "", figure(p["value"]), interval(p, ""), unit(p))
+    console().print(table)
+
+
+def console() -> Console:
+    """Where tables go."""
+    # Off a terminal, a fixed width keeps tables whole in files and pipes.
+    width = None if sys.stdout.isatty() else 140
+    return Console(markup=False, highlight=False, width=width)
+
+
+def empty_table(*headings: str) -> Table:
+    """A table with these headings."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, overflow="fold", no_wrap=k == 0)
+    return table
+
+
+def figure(value: float | None) -> str:
+    """A number, a few digits."""
+    return "–" if value is None else f"{value:.4g}"
+
+
+def percent(value: float | None) -> str:
+    """A ratio as a percentage."""
+    return "–" if value is None else f"{100 * value:.2f} %" if abs(value) < 0.1 else f"{100 * value:.1f} %"
+
+
+def interval(p: Document, before: str = ", 95 % in ") -> str:
+    """A 95 % interval, and with which others a parameter can only be told."""
+    known = p.get("interval")
+    text = f"{before}[{figure(known[0])}, {figure(known[1])}]" if known else ""
+    tangled = p.get("inseparable_from")
+    return f"{text} only together with {', '.join(tangled)}".strip() if tangled else text
+
+
+def unit(p: Document) -> str:
+    """Nothing for 1."""
+    return "" if p["unit"] == "1" else str(p["unit"])
+
+
+def several(values: Sequence[float] | None, show: Any) -> str:
+    """A number a joint."""
+    return "–" if values is None else ", ".join(show(v) for v in values)
+
+
+def joint_cell(joint: int | None) -> str:
+    """In a column of joints."""
+    return "arm" if joint is None else str(joint)
+
+
+def place(joint: int | None) -> str:
+    """As a heading."""
+    return "arm" if joint is None else f"joint {joint}"
+
+
+def at(joint: int | None) -> str:
+    """After an effect's name."""
+    return "" if joint is None else f" on joint {joint}"
