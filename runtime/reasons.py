@@ -12,8 +12,16 @@ _NOTHING = 0.05
 """Below this part of the noise floor a candidate's own torque is next to nothing, and no other figure matters."""
 
 
-def in_place_of(other: Evidence, named: Evidence, rivals: Collection[Term], floor: float) -> str:
-    """Why `named` was chosen and not `other`, both weighed on the same residual; `floor`: of their first joint."""
+def in_place_of(
+    other: Evidence, named: Evidence, rivals: Collection[Term], floor: float, also: Collection[Term] = ()
+) -> str:
+    """Why `named` was chosen and not `other`, both weighed on the same residual.
+
+    floor   of the other's joint
+    also    what else was named, before or after
+    """
+    if other.term in also:
+        return f"Named too: beside {named.term.effect}, it is a finding of its own."
     if other.term in rivals:
         return (
             f"Not ruled out: it passes every gate too and explains {_share(other)} of what is missing, "
@@ -22,6 +30,11 @@ def in_place_of(other: Evidence, named: Evidence, rivals: Collection[Term], floo
         )
     if not other.passes:
         return _failing(other, floor)
+    if None not in (other.term.joint, named.term.joint) and other.term.joint != named.term.joint:
+        return (
+            f"Set aside: it acts at another joint, and was weighed again once {named.term.effect}{at(named.term)} was "
+            "in the model."
+        )
     if other.delta_bic > named.delta_bic:
         return (
             f"Ruled out: weighed by itself it passes every gate, but with it added and everything fitted again, "
@@ -30,6 +43,14 @@ def in_place_of(other: Evidence, named: Evidence, rivals: Collection[Term], floo
     return (
         f"Ruled out: it passes every gate by itself, but explains {_share(other)} of what is missing, "
         f"{named.term.effect} {_share(named)}. {_bic(other, named)}, and Vuong's test of the likelihoods agrees."
+    )
+
+
+def unweighed_rival(named: Evidence) -> str:
+    """Why a rival that was found together with another effect, in a pair, could not be ruled out."""
+    return (
+        f"Not ruled out: in the place of {named.term.effect}, beside what else was named, it fits about as well; "
+        "BIC does not tell the two apart."
     )
 
 

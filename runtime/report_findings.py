@@ -9,7 +9,7 @@ from typing import Any
 from runtime import reasons, spectral
 from runtime import report_figures as figures
 from runtime import report_parameters as parameters
-from runtime.compare import structure_shares
+from runtime.compare import JointSeries, structure_shares
 from runtime.diagnose import finding_json, remainder
 from runtime.judge import Evidence
 from runtime.limits import Limit
@@ -50,7 +50,7 @@ def _finding(story: Story, number_: int) -> Row:
         "share": percent(finding.share(), 0),
         "parameters": parameters.estimates(values, info),
         "rivals": [name(t) for t in finding.rivals],
-        "candidates": _candidates(finding, series.floor.value, series.force_unit),
+        "candidates": _candidates(story, finding),
         "remainder": finding_json(diagnosis, number_)["remainder"],
         "command": story.adding()[number_].line,
         "figures": figures.of_finding(finding, info, f"finding{number_ + 1}", len(story.findings_at(i)) == 1),
@@ -77,17 +77,37 @@ def _evidence(evidence: Evidence, floor: float, unit: str) -> Row:
     }
 
 
-def _candidates(finding: Finding, floor: float, unit: str) -> Row:
+def _candidates(story: Story, finding: Finding) -> Row:
     """All that were weighed for a finding's place, itself first, and why it was chosen and not they."""
     named = finding.evidence
-    rows = [_row(named, "named", "Named: it passes every gate, and the error falls as shown.", floor, unit)]
-    others = [e for e in finding.verdict.ranked if e.term != named.term]
-    for other in others:
-        kind = "rival" if other.term in finding.rivals else ""
-        if not reasons.next_to_nothing(other, floor):
-            why = reasons.in_place_of(other, named, finding.rivals, floor)
-            rows.append(_row(other, kind, why, floor, unit))
-    return {"rows": rows, "nothing": [name(e.term) for e in others if reasons.next_to_nothing(e, floor)]}
+    rows = [_weighed(finding, named, "named", "Named: it passes every gate, and the error falls as shown.")]
+    also = [f.term for f in story.findings if f is not finding]
+    nothing = []
+    for other in finding.verdict.ranked:
+        floor = _shown_at(finding, other.term).floor.value
+        if other.term == named.term:
+            continue
+        if reasons.next_to_nothing(other, floor):
+            nothing.append(name(other.term))
+        else:
+            kind = "rival" if other.term in finding.rivals else ""
+            rows.append(_weighed(finding, other, kind, reasons.in_place_of(other, named, finding.rivals, floor, also)))
+    weighed = {e.term for e in finding.verdict.ranked}
+    blank = dict.fromkeys(("eff", "share", "cv", "bic"), "–")
+    for rival in finding.rivals:
+        if rival not in weighed:
+            rows.append({"name": name(rival), "kind": "rival", "why": reasons.unweighed_rival(named), **blank})
+    return {"rows": rows, "nothing": nothing}
+
+
+def _shown_at(finding: Finding, term: Term) -> JointSeries:
+    """The joint at which a candidate for a finding's place shows: its own, or else the finding's."""
+    return finding.before.joints[finding.joint_index if term.joint is None else term.joint - 1]
+
+
+def _weighed(finding: Finding, evidence: Evidence, kind: str, why: str) -> Row:
+    series = _shown_at(finding, evidence.term)
+    return _row(evidence, kind, why, series.floor.value, series.force_unit)
 
 
 def _row(evidence: Evidence, kind: str, why: str, floor: float, unit: str) -> Row:

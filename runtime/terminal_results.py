@@ -122,8 +122,9 @@ def _finding(finding: Document, document: Document) -> None:
         f"the squared error on unseen stretches by {percent(evidence['cv_gain'])}"
     )
     rivals = [(r["effect"], r["joint"]) for r in finding["rivals"]]
-    here = (finding["effect"], finding["joint"])
-    behind = [e for e in finding["ranking"] if (e["effect"], e["joint"]) not in [here, *rivals]]
+    named = [(f["effect"], f["joint"]) for f in _found(document)]
+    behind = [e for e in finding["ranking"] if (e["effect"], e["joint"]) not in [*named, *rivals]]
+    behind = [e for e in behind if e["joint"] in (None, finding["joint"]) or finding["joint"] is None]
     behind = [e for e in behind if e["evidence"]["share_of_excess"] > _WORTH_A_LINE][:_MOST_CLOSE]
     if behind:
         names = (f"{e['effect']}{at(e['joint'])} ({percent(e['evidence']['share_of_excess'])})" for e in behind)
@@ -134,6 +135,13 @@ def _finding(finding: Document, document: Document) -> None:
     if finding["remainder"]:
         say(f"  left over: {finding['remainder']}")
     say("")
+
+
+def _found(document: Document) -> list[Document]:
+    """All findings of a diagnosis, or of every step of a loop."""
+    if "history" in document:
+        return [entry["finding"] for entry in document["history"] if entry.get("finding")]
+    return list(document["findings"])
 
 
 def _draft(document: Document) -> None:
@@ -177,9 +185,8 @@ def improvement(document: Document) -> None:
     if document.get("held_out_floors"):
         say(f"  held out: {_floors(document['held_out_floors'])}.")
     say("")
-    for entry in history:
-        if entry.get("finding"):
-            _finding(entry["finding"], document)
+    for finding in _found(document):
+        _finding(finding, document)
     _refit(document["identification"]["before"], document["identification"]["after"])
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)

@@ -312,6 +312,9 @@ def test_why_a_candidate_was_not_named():
     assert reasons.in_place_of(behind, named, (), 0.1).startswith("Ruled out: it passes every gate by itself, but")
     ahead = replace(other, delta_bic=1000.0)
     assert "the error falls less than with stribeck" in reasons.in_place_of(ahead, named, (), 0.1)
+    elsewhere = evidence(Term("elasticity", 2))
+    assert reasons.in_place_of(elsewhere, named, (), 0.1).startswith("Set aside: it acts at another joint")
+    assert reasons.in_place_of(elsewhere, named, (), 0.1, [elsewhere.term]).startswith("Named too")
     failing = evidence(ELASTICITY, "too little", "too wide")
     assert reasons.in_place_of(failing, named, (), 0.1) == "Ruled out: too little; too wide."
     assert "next to nothing" in reasons.not_named(failing, 100.0, held_out=False)
@@ -322,9 +325,12 @@ def test_every_finalist_has_its_reason(improvement):
     finding = improvement.findings[0]
     weak, rival = Term("cable", 1), evidence(ELASTICITY)
     verdict = Verdict((finding.evidence, rival, evidence(weak, "it explains 3 % only")), (ELASTICITY,))
-    found = replace(improvement.found, findings=(replace(finding, verdict=verdict),))
+    paired = (ELASTICITY, Term("gravity"))  # a pair leaves a rival that was not weighed by itself
+    found = replace(improvement.found, findings=(replace(finding, verdict=verdict, rivals=paired),))
     (row,) = report_findings.findings(Story(found))
-    first, second, third = row["candidates"]["rows"]
+    first, second, third, fourth = row["candidates"]["rows"]
+    assert fourth["name"] == "gravity"
+    assert "it fits about as well" in fourth["why"]
     assert (first["name"], first["kind"]) == ("stribeck at joint 1", "named")
     assert (second["name"], second["kind"]) == ("elasticity at joint 1", "rival")
     assert second["why"].startswith("Not ruled out: it passes every gate too")
