@@ -10,7 +10,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.repertoire import PAUSE, Envelope, in_sequence, pieces
+from runtime.repertoire import PAUSE, Envelope, Piece, in_sequence, pieces
 from runtime.separation import Bench, Ground, Pair, Separation
 from runtime.simulate import MARGIN, RATE, SimulationError, excitation
 from runtime.terms import joints_of
@@ -179,12 +179,25 @@ def _within(bench: Bench, joints: Sequence[Envelope], limit: TorqueLimit, factor
     for part in _SMALLER:
         envelopes = [replace(joint, reach=part * joint.reach) for joint in joints]
         for piece in pieces(envelopes, subject, lambda: _ordinary(bench)):
-            for k in range(_SLOWINGS if piece.name not in found else 0):
-                made = piece.make(_SLOWER**k)
-                if limit.allows(bench, in_sequence([made], joints)[0], factor):
-                    found[piece.name] = made
-                    break
+            made = _slowed(bench, joints, piece, limit, factor) if piece.name not in found else None
+            if made is not None:
+                found[piece.name] = made
     return found
+
+
+def _slowed(bench: Bench, joints: Sequence[Envelope], piece: Piece, limit: TorqueLimit, factor: float) -> Array | None:
+    """The piece as fast as the torques allow; None if they do not allow even the slowest."""
+    # The slowest comes second: if it asks for too much, those between need not be tried.
+    for k in (0, _SLOWINGS, *range(1, _SLOWINGS)):
+        made = piece.make(_SLOWER**k)
+        allowed = limit.allows(bench, in_sequence([made], joints)[0], factor)
+        if k == _SLOWINGS:
+            slowest = made
+            if not allowed:
+                return None
+        elif allowed:
+            return made
+    return slowest
 
 
 def plans(choices: Sequence[Choice]) -> Iterator[Choice]:

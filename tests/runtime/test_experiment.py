@@ -1,0 +1,242 @@
+"""Experiments: pieces within the limits, separations that follow the physics, motions that do what they promise."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime import boundary, experiment
+from runtime.cli import app, open_model
+from runtime.composition import Freedom, Repertoire, TorqueLimit, peaks
+from runtime.experiment import ExperimentError, Trial, parse_rivals, propose, separates
+from runtime.loader import Model
+from runtime.repertoire import Envelope, in_sequence, pieces
+from runtime.separation import Bench, Ground, stated
+from runtime.simulate import MARGIN, RATE, SimulationError, read_motion, simulate
+from runtime.terms import Term, structure
+
+DRIVE = Path(__file__).resolve().parents[2] / "symbolic" / "arms" / "drive.toml"
+SMALL = "linear_spring@1:stiffness=0.4,rest=0,gravity:gx=1,gy=0"
+"""Over the range of the ordinary excitation, these two are one."""
+
+
+def _bench(model: Model, between: str) -> Bench:
+    return Bench.of(model, parse_rivals(between, model))
+
+
+def _sine(hertz: float, size: float, seconds: float = 10.0) -> np.ndarray:
+    return size * np.sin(2 * np.pi * hertz * np.arange(round(seconds * RATE)) / RATE)[None]
+
+
+def _two_sines(size: float) -> np.ndarray:
+    """Of one sine, the inertia's torque would be a spring's."""
+    return 0.5 * (_sine(0.2, size, 20.0) + _sine(0.35, size, 20.0))
+
+
+# --- what is asked ---
+
+
+def test_commas_part_rivals_and_their_values(drive: Model) -> None:
+    text = "elasticity@1:stiffness=3000,damping=2, torque_delay@1,gravity:gx=1"
+    found = [(str(r.term), r.values) for r in parse_rivals(text, drive)]
+    assert found == [
+        ("elasticity@1", {"stiffness": 3000.0, "damping": 2.0}),
+        ("torque_delay@1", {}),
+        ("gravity", {"gx": 1.0}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stribek@1", '--between stribek@1: there is no effect "stribek"'),
+        ("stribeck@1,stribeck@1:speed=0.1", "stribeck@1 is named twice"),
+        ("viscous@1", "drive has viscous@1 already"),
+        ("stribeck@2", 'found joint "2", expected 1 to 1'),
+        ("", "--between"),
+    ],
+)
+def test_what_is_no_experiment_is_one_line(drive: Model, text: str, message: str) -> None:
+    with pytest.raises(ExperimentError) as caught:
+        parse_rivals(text, drive)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_verb_has_help_and_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert boundary.run(app, ["experiment", "--help"]) == 0
+    assert "Example: tendon experiment" in capsys.readouterr().out
+    nowhere = tmp_path / "nowhere" / "motion.csv"
+    for more in (["--between", "viscous@1"], ["--between", "stribeck@1", "--out", str(nowhere)], []):
+        assert boundary.run(app, ["experiment", str(DRIVE), *more]) == boundary.BAD_INPUT
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+
+
+def test_without_noise_nothing_is_proposed(drive: Model) -> None:
+    with pytest.raises(ExperimentError, match="give a noise above 0"):
+        propose(drive, parse_rivals("stribeck@1", drive), noise=0.0)
+
+
+# --- pieces of motion ---
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    reach=st.floats(0.2, 3.0),
+    speed=st.floats(0.5, 6.0),
+    middle=st.floats(-2.0, 2.0),
+    ease=st.floats(0.3, 1.0),
+    subject=st.sampled_from([[0], [1], [0, 1]]),
+)
+def test_pieces_keep_to_range_and_speed_from_rest_to_rest(
+    reach: float, speed: float, middle: float, ease: float, subject: list[int]
+) -> None:
+    joints = [Envelope(middle, reach, speed, 1.0), Envelope(-middle, 2 * reach, 0.5 * speed, 1.0)]
+    for piece in pieces(joints, subject, lambda: np.zeros((2, 100))):
+        path, ((start, stop),) = in_sequence([piece.make(ease)], joints)
+        assert path.shape[1] / RATE > stop > start
+        for row, joint in zip(path, joints, strict=True):
+            assert np.abs(row - joint.middle).max() <= joint.reach * (1 + 1e-9), piece.name
+            assert np.abs(np.diff(row)).max() * RATE <= joint.speed * 1.001, piece.name
+            assert row[[0, -1]] == pytest.approx(joint.middle, abs=1e-9), piece.name
+        if len(subject) == 1 and "alone" in piece.name:
+            assert np.ptp(path[1 - subject[0]]) == 0
+
+
+def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
+    text = DRIVE.read_text().replace("gear_ratio = 100", "gear_ratio = 100\nlimits = {torque = 4.0}")
+    (tmp_path / "weak.toml").write_text(text)
+    bench = _bench(open_model(tmp_path / "weak.toml"), "spring_hysteresis@1")
+    limit = TorqueLimit.of(bench)
+    found = Repertoire.of(bench, limit, Freedom())
+    assert len(found.parts) > 5
+    for part in found.parts:
+        assert peaks(bench, in_sequence([part], found.envelopes)[0]).max() <= MARGIN * 4.0
+    with pytest.raises(SimulationError, match="no motion keeps to the torque limits"):
+        Repertoire.of(bench, TorqueLimit(0.01 * limit.largest), Freedom())
+
+
+# --- separations ---
+
+
+def test_known_values_are_stated_in_a_copy(drive: Model) -> None:
+    _, values = simulate(drive, seconds=10.0)
+    known = stated(drive, values)
+    assert structure(known) == values
+    assert structure(drive) == {term: {} for term in values}
+
+
+def test_a_spring_leaves_gravity_over_a_wide_range_only(drive: Model) -> None:
+    bench = _bench(drive, SMALL)
+    narrow, wide = (Ground.of(bench, _two_sines(size)).weigh() for size in (0.4, 1.2))
+    for pair in bench.pairs:
+        # The cubic term of the sine: three times the angle, relative to the torque nine times.
+        relative = [w[pair].rms / w[pair[0], None].rms for w in (narrow, wide)]
+        assert 5 < relative[1] / relative[0] < 15
+
+
+def test_a_special_case_is_explained_in_full_and_does_not_explain(drive: Model) -> None:
+    bench = _bench(drive, "linear_spring@1:stiffness=2,rest=0.1,cable@1:c1=0,c2=1,c3=2,c4=0")
+    found = Ground.of(bench, _two_sines(0.9)).weigh()
+    assert found[0, 1].rms < 1e-3 < 1 < found[1, 0].rms
+    assert found[0, None].rms > 5
+
+
+def test_an_elasticity_passes_for_inertia_at_one_frequency(drive: Model) -> None:
+    bench = _bench(drive, "elasticity@1:stiffness=3000,damping=3")
+    several = sum((_sine(f, 0.5 / f**2, 20.0) for f in (0.7, 2.0, 4.0, 8.0)), np.zeros((1, 20_000)))
+    one, many = (Ground.of(bench, path).weigh()[0, None].rms for path in (_sine(2.0, 0.25, 20.0), several))
+    # What is left of one sine rings from its sudden start.
+    assert many > max(1.0, 5 * one)
+
+
+def test_pieces_add_up_to_the_motion(drive: Model) -> None:
+    bench = _bench(drive, "stribeck@1,lugre@1")
+    joints = [Envelope.of(joint) for joint in drive.joints]
+    parts = [_sine(0.2, 0.5, 8.0), _sine(1.0, 0.2, 8.0)]
+    path, spans = in_sequence(parts, joints)
+    apart, whole = Ground.of(bench, path, spans), Ground.of(bench, path)
+    for pair, separation in whole.weigh().items():
+        # The pauses, where nothing moves, are in no piece; rounding of the band's rows at their edges remains.
+        assert apart.weigh().get(pair).strength == pytest.approx(separation.strength, rel=0.02)  # type: ignore[union-attr]
+    assert apart.weigh([0], 4)[0, 1].strength == pytest.approx(2 * apart.weigh([0])[0, 1].strength)
+
+
+# --- what the diagnosis makes of it ---
+
+
+@pytest.mark.parametrize(
+    ("hidden", "named", "rivals", "problem"),
+    [
+        ("stribeck", ["stribeck"], [], None),
+        ("stribeck", ["stribeck"], ["cable"], None),
+        ("stribeck", ["stribeck"], ["lugre"], "stribeck@1 is named, but not told from lugre@1"),
+        ("stribeck", ["stribeck", "lugre"], [], "stribeck@1 is named, but not told from lugre@1"),
+        ("stribeck", ["lugre"], ["stribeck"], "with stribeck@1 hidden, lugre@1 is named"),
+        ("stribeck", [], [], "with stribeck@1 hidden, nothing is named (clean)"),
+        (None, [], [], None),
+        (None, ["cable"], [], "with nothing hidden, cable@1 is named"),
+    ],
+)
+def test_an_answer_is_right_if_it_rules_the_rival_out(
+    hidden: str | None, named: list[str], rivals: list[str], problem: str | None
+) -> None:
+    answer = Trial(
+        None if hidden is None else Term(hidden, 1),
+        (Term("lugre", 1),),
+        0,
+        "clean",
+        tuple(Term(t, 1) for t in named),
+        tuple(Term(t, 1) for t in rivals),
+    )
+    assert (answer.problem, answer.right) == (problem, problem is None)
+
+
+def test_one_oscillation_does_not_separate_what_two_radians_would(drive: Model) -> None:
+    a, b = parse_rivals(SMALL, drive)
+    answer = separates(drive, _two_sines(0.3), a, b, seed=3)
+    assert not answer
+    assert answer.problem
+
+
+def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
+    drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "motion.csv"
+    status = boundary.run(app, ["experiment", str(DRIVE), "--between", SMALL, "--out", str(out), "--json", "-"])
+    found = json.loads(capsys.readouterr().out)
+    assert (status, found["separated"], found["out"]) == (0, True, str(out))
+    assert any(not t["right"] for t in found["ordinary_trials"])
+    assert {t["hidden"]["effect"] for t in found["trials"]} == {"linear_spring", "gravity"}
+    assert all(s["after"] > 3 * s["before"] for s in found["separations"] if s["explained_by"])
+    path = read_motion(out, drive.n)
+    # read_motion leaves the last sample out.
+    assert path.shape[1] == pytest.approx(found["motion"]["seconds"] * RATE, abs=1)
+    (joint,) = found["motion"]["joints"]
+    assert joint["position_limits"][0] < path.min()
+    assert path.max() < joint["position_limits"][1]
+    assert np.abs(np.diff(path)).max() * RATE < joint["speed_limit"]
+
+
+def test_where_no_motion_separates_it_says_what_would(
+    drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Over a radian to either side, the polynomial is the sine; a diagnosis that sees nothing does not matter here.
+    monkeypatch.setattr(experiment, "diagnose", lambda *_: SimpleNamespace(verdict="clean", findings=()))
+    between, out = "gravity:gx=3,gy=0,cable@1:c1=2,c2=0,c3=1,c4=0", tmp_path / "motion.csv"
+    status = boundary.run(app, ["experiment", str(DRIVE), "--between", between, "--out", str(out)])
+    verdict = capsys.readouterr().out.splitlines()[0]
+    assert status == boundary.NO
+    assert verdict.startswith("NOT SEPARATED: No motion within the limits was found: with gravity hidden, nothing")
+    assert "with twice the range" in verdict
+    assert "twice the speed" not in verdict
+    assert not out.exists()
+    found = Repertoire.of(_bench(drive, between), TorqueLimit.of(_bench(drive, between)), Freedom())
+    assert not any(choice.enough for choice in found.choices())
