@@ -70,6 +70,8 @@ def next_to_nothing(evidence: Evidence, floor: float) -> bool:
 def _failing(other: Evidence, floor: float) -> str:
     if next_to_nothing(other, floor):
         return "Ruled out: it explains next to nothing that the fitted model does not explain already."
+    if other.delta_bic <= 0:
+        return f"Ruled out: it does not earn its parameters; with it, BIC rises by {whole(-other.delta_bic)}."
     return f"Ruled out: {'; '.join(other.failed)}."
 
 

@@ -317,6 +317,8 @@ def test_why_a_candidate_was_not_named():
     assert reasons.in_place_of(elsewhere, named, (), 0.1, [elsewhere.term]).startswith("Named too")
     failing = evidence(ELASTICITY, "too little", "too wide")
     assert reasons.in_place_of(failing, named, (), 0.1) == "Ruled out: too little; too wide."
+    useless = replace(failing, delta_bic=-12.3)
+    assert reasons.not_named(useless, 0.1, held_out=False).endswith("with it, BIC rises by 12.")
     assert "next to nothing" in reasons.not_named(failing, 100.0, held_out=False)
     assert "on the held-out recording" in reasons.not_named(other, 0.1, held_out=True)
 
