@@ -115,12 +115,20 @@ class Rows:
 
     def autoregression(self, residual: Array) -> Array:
         """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
+        return _levinson(self._covariance(residual), self.count)[0]
+
+    def predictability(self, residual: Array) -> float:
+        """Variance of a residual (M,) over that of what its own past does not tell of it."""
+        covariance = self._covariance(residual)
+        return float(covariance[0] / max(_levinson(covariance, self.count)[1], 1e-300))
+
+    def _covariance(self, residual: Array) -> Array:
         covariance = np.zeros(_MOST_LAGS + 1)
         r = np.where(self.use, residual, 0.0)
         for lag in range(min(_MOST_LAGS, len(r) - 1) + 1):
             pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
             covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
-        return _levinson(covariance, self.count)
+        return covariance
 
 
 @dataclass(frozen=True)
@@ -305,9 +313,17 @@ class Ground:
         return max(square - float(cross @ projection @ cross), 0.0), square
 
 
-def _levinson(covariance: Array, count: int) -> Array:
-    ar, error = np.array([1.0]), covariance[0]
-    best, best_score = ar, count * np.log(max(error, 1e-300))
+def filtered_white(kernel: Array, factor: int, count: int) -> float:
+    """Predictability of white noise after a filter (taps,) and decimation, as of `count` rows."""
+    lags = [m * factor for m in range(_MOST_LAGS + 1)]
+    covariance = np.array([float(kernel[lag:] @ kernel[: max(len(kernel) - lag, 0)]) for lag in lags])
+    return float(covariance[0] / _levinson(covariance, count)[1])
+
+
+def _levinson(covariance: Array, count: int) -> tuple[Array, float]:
+    """Autoregressive filter of the order that BIC chooses, and the variance that it leaves."""
+    ar, error = np.array([1.0]), float(covariance[0])
+    best, best_score = (ar, error), count * np.log(max(error, 1e-300))
     for order in range(1, len(covariance)):
         if error <= 0:
             break
@@ -318,7 +334,7 @@ def _levinson(covariance: Array, count: int) -> Array:
             break
         score = count * np.log(error) + order * np.log(count)
         if score < best_score:
-            best, best_score = ar, score
+            best, best_score = (ar, error), score
     return best
 
 

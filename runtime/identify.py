@@ -33,7 +33,7 @@ HOLD = (-0.25, 1.0)
 NOMINAL_SKEW = 0.5
 _SKEW_RANGE = (-3.5, 3.5)
 _SKEWS_APART = 0.25
-_SKEW_SIGMAS = 6.0
+_SKEW_SIGMAS = 4.0
 _PASSES = 3
 _CONFIGURATIONS = 60
 _KEPT_SYSTEMS = 8
@@ -332,19 +332,16 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     for _ in range(2):
         shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
         common = Skew(float(np.clip(common.at + shift, *_SKEW_RANGE)), "shared")
-    own = np.full(1, common.at)
-    if problem.model.n > 1:
-        solved = problem.solve(shapes, Skew(common.at, "each"))
-        size = problem.layout.size
-        spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[size:], 0.0))
-        known = (spread > 0) & (_SKEW_SIGMAS * spread < _SKEWS_APART)
-        own = (common.at + solved.shifts)[known] if known.any() else own
-    if HOLD[0] <= common.at <= HOLD[1] and np.ptp(own) < _SKEWS_APART:
-        return common, True
-    if problem.model.n == 1:
-        return Skew(NOMINAL_SKEW), False
+    solved = problem.solve(shapes, Skew(common.at, "each"))
+    spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
+    seen = spread > 0
+    own, margin = (common.at + solved.shifts)[seen], _SKEW_SIGMAS * spread[seen]
+    low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
+    if low - high < _SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]:
+        return replace(common, at=float(np.clip(common.at, *HOLD))), True
     nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
-    return Skew(nearest if HOLD[0] <= nearest <= HOLD[1] else NOMINAL_SKEW), False
+    held = problem.model.n > 1 and HOLD[0] <= nearest <= HOLD[1]
+    return Skew(nearest if held else NOMINAL_SKEW), False
 
 
 def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Term, Values]:

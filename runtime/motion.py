@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from runtime.band import Band, excitation
 from runtime.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
@@ -18,10 +19,14 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STANDSTILL_S = 0.004
-"""Samples this close to standstill are left out: there the sign of the rate is noise."""
+_STANDSTILL_PERIODS = 0.4
+"""Rows this close to standstill are left out, in s and in periods of the cut-off, which blurs when it was: there the
+sign of the rate is noise."""
 _NOISE_MULTIPLE = 4.0
 _OF_TOP_SPEED = 0.002
 _WINDOWS = 8
+_EVEN = 0.02
+"""Of a period: instants that depart less from an even grid count as on it."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +182,8 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
 
 def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
     still = np.abs(piece.qd[joint]) < standstill
-    reach = max(1, round(_STANDSTILL_S / piece.dt))
+    near = max(_STANDSTILL_S, _STANDSTILL_PERIODS / piece.low_pass.cutoff)
+    reach = max(1, round(near / piece.dt))
     count = np.concatenate([[0], np.cumsum(still)])
     lo = np.clip(piece.centres - reach, 0, len(still))
     hi = np.clip(piece.centres + reach + 1, 0, len(still))
@@ -214,7 +220,8 @@ def _piece(
     recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass, band: Band
 ) -> Piece:
     n = len(recording.q)
-    parts = [derive(recording.q[i, segment]) for i in range(n)]
+    recorded = evenly(recording, segment)
+    parts = [derive(row) for row in recorded[0]]
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
     inner = slice(segment.start + derive.half, segment.stop - derive.half)
     first = int(np.argmax(recording.run == recording.run[segment.start]))
@@ -224,15 +231,27 @@ def _piece(
         if temperature is not None:
             measured[i] = True
             warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - np.median(temperature[:200])
-    t = recording.t[inner] - recording.t[first]
-    tau = recording.tau[:, inner]
+    times = recording.t[segment] - recording.t[first]
+    dt = float(times[-1] - times[0]) / (len(times) - 1)
+    t = times[0] + dt * (derive.half + np.arange(parts[0][0].size))
+    tau = np.ascontiguousarray(recorded[1][:, derive.half : recorded[1].shape[1] - derive.half])
     run = int(recording.run[segment.start])
-    rate = 1 / recording.dt
+    rate = 1 / dt
     excited = tuple(
         smoother(excitation(row, rate, density)) for row, density in zip(qdd, band.position_density, strict=True)
     )
     slow = np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)])
-    return Piece(number, run, recording.dt, t, q, qd, qdd, slow, tau, warmth, measured, band_filter, derive, excited)
+    return Piece(number, run, dt, t, q, qd, qdd, slow, tau, warmth, measured, band_filter, derive, excited)
+
+
+def evenly(recording: Recording, segment: slice) -> tuple[Array, Array]:
+    """Positions and torques (n, N) of a segment at even instants; as recorded where these are even already."""
+    t = recording.t[segment]
+    even = np.linspace(t[0], t[-1], len(t))
+    q, tau = recording.q[:, segment], recording.tau[:, segment]
+    if np.abs(t - even).max() < _EVEN * recording.dt:
+        return q, tau
+    return make_interp_spline(t, q, k=3, axis=1)(even), np.array([np.interp(even, t, row) for row in tau])
 
 
 def _smooth_temperature(x: Array, dt: float) -> Array:
