@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from runtime import limits
 from runtime.compare import warnings
 from runtime.covariance import Inference
 from runtime.identify import prepared
 from runtime.judge import Verdict
+from runtime.leftover import physics, remainder
 from runtime.loader import Model
 from runtime.motion import prepare
 from runtime.recording import Recording
 from runtime.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
 from runtime.terms import structure
 
-Array = NDArray[np.float64]
-
-_OUTSIDE = 1.5
-"""A residual above this multiple of the instruments' own noise has a source, even if nothing explains it."""
-_ABOVE_NOISE = 1.15
-_STANDS_OUT = 0.2
+_LEAST_EXPLAINED = 0.5
+"""Part of what is above the noise floor that findings must explain where physics is left after them."""
 _DISAGREES = 0.05
 
 
@@ -116,13 +110,26 @@ def conclude(search: Search) -> Diagnosis:
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
     seen = tuple(limits.of(ground, step.floors, able))
-    findings = tuple(search.findings)
+    named = {f.term for f in search.findings}
+    findings = tuple(
+        replace(f, rivals=tuple(t for t in f.rivals if t not in named))
+        for f in (search.findings if verdict == "effect" else ())
+    )
     return Diagnosis(verdict, reason, tuple(search.steps), findings, search.last, seen)
 
 
 def _verdict(search: Search) -> tuple[Literal["effect", "clean", "unexplained", "refused"], str]:
     first, last = search.steps[0], search.steps[-1]
     preface = _disagreement(search.model, last.identification.inference)
+    for i in {f.joint_index for f in search.findings}:
+        rest = physics(last, i)
+        if rest and _explained(first, last, i) < _LEAST_EXPLAINED:
+            near = ", ".join(str(f.term) for f in search.findings if f.joint_index == i)
+            share = 100 * _explained(first, last, i)
+            return "unexplained", (
+                f"{preface}joint {i + 1}: {near} comes nearest, but explains only {share:.0f} % of what is above the "
+                f"noise: {rest}"
+            )
     if search.findings:
         found = "; ".join(_sentence(f) for f in search.findings)
         return "effect", f"{preface}the model lacks {found}"
@@ -137,6 +144,12 @@ def _verdict(search: Search) -> tuple[Literal["effect", "clean", "unexplained", 
     return "clean", f"{preface}the residual is noise ({text}): the recordings show no missing effect"
 
 
+def _explained(first: Step, last: Step, joint: int) -> float:
+    """Part of a joint's squared error above the noise floor that is gone."""
+    before, after, floor = first.fitted.rms[joint], last.fitted.rms[joint], first.joints[joint].floor.value
+    return (before**2 - after**2) / max(before**2 - floor**2, before**2 - after**2, 1e-300)
+
+
 def _sentence(finding: Finding) -> str:
     i = finding.joint_index
     where = f" at joint {finding.term.joint}" if finding.term.joint is not None else ""
@@ -145,41 +158,6 @@ def _sentence(finding: Finding) -> str:
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
-
-
-def remainder(step: Step, joint: int) -> str | None:
-    """What a joint's residual holds beyond noise, in words; None if it is noise."""
-    s = step.joints[joint]
-    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
-    if s.floor.repeatable(s.rms) and s.rms > _ABOVE_NOISE * s.floor.spectrum:
-        part = min(1.0, ((s.floor.repeating or 0.0) / s.rms) ** 2)
-        return (
-            f"{100 * part:.0f} % of its variance comes back with the motion, so physics is left: "
-            "an effect that is not in the library, or one in another form"
-        )
-    if s.rms > _OUTSIDE * s.floor.spectrum:
-        return (
-            f"it is {s.rms / s.floor.spectrum:.1f} times the noise of the instruments and does not come back with the "
-            "motion"
-            + ("" if s.floor.repeating is not None else " as far as these data tell, which repeat none")
-            + f"{_line(step, joint)}: a disturbance from outside, or noise that is not white"
-        )
-    return None
-
-
-def _line(step: Step, joint: int) -> str:
-    """The strongest line in the residual's spectrum, if one stands out."""
-    motion, residual = step.identification.motion, step.identification.fit.residual[joint]
-    windowed = residual * np.hanning(len(residual))
-    power = np.abs(np.fft.rfft(windowed)) ** 2
-    frequency = np.fft.rfftfreq(len(residual), 1 / motion.row_rate)
-    peak = int(np.argmax(power[3:])) + 3
-    near = power[max(3, peak - 3) : peak + 4].sum()
-    return (
-        f"; {100 * near / power.sum():.0f} % of it is at {frequency[peak]:.2f} Hz"
-        if near > _STANDS_OUT * power.sum()
-        else ""
-    )
 
 
 def _refusal(step: Step) -> str | None:

@@ -15,9 +15,10 @@ from typing import Any
 
 from runtime.candidates import Field
 from runtime.compare import series, structure_json
-from runtime.diagnose import Diagnosis, remainder
+from runtime.diagnose import Diagnosis
 from runtime.identify import Problem, identify_motion
 from runtime.judge import Evidence, Verdict, rank
+from runtime.leftover import remainder
 from runtime.loader import Model
 from runtime.search import Errors, Finding, Step
 from runtime.terms import Structure, Term

@@ -10,8 +10,9 @@ from runtime import reasons, spectral
 from runtime import report_figures as figures
 from runtime import report_parameters as parameters
 from runtime.compare import JointSeries, structure_shares
-from runtime.diagnose import finding_json, remainder
+from runtime.diagnose import finding_json
 from runtime.judge import Evidence
+from runtime.leftover import remainder
 from runtime.limits import Limit
 from runtime.loader import Model
 from runtime.search import Finding

@@ -1,0 +1,63 @@
+"""What a residual holds beyond noise: physics that comes back with the motion, or a disturbance from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime import spectral
+from runtime.search import Step
+
+_ABOVE_NOISE = 1.15
+_SLOW = 2.5
+_BURST = 3.6
+_MOST_TIMES = 5
+
+
+def remainder(step: Step, joint: int) -> str | None:
+    """What a joint's residual (0-based) holds beyond noise, in words; None if it is noise, white or evenly coloured."""
+    return physics(step, joint) or outside(step, joint)
+
+
+def physics(step: Step, joint: int) -> str | None:
+    """That something comes back with the motion, in words."""
+    s = step.joints[joint]
+    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
+    if s.floor.repeatable(s.rms) and s.rms > _ABOVE_NOISE * s.floor.spectrum:
+        part = min(1.0, ((s.floor.repeating or 0.0) / s.rms) ** 2)
+        return (
+            f"{100 * part:.0f} % of its variance comes back with the motion, so physics is left: "
+            "an effect that is not in the library, or one in another form"
+        )
+    return None
+
+
+def outside(step: Step, joint: int) -> str | None:
+    """That a line, a slow part or bursts stand out of the noise, in words."""
+    found = step.identification
+    motion, residual, use = found.motion, found.fit.residual[joint], found.motion.moving(joint)
+    s = step.joints[joint]
+    signs = []
+    line = spectral.strongest_line(residual, motion.row_rate)
+    if line is not None:
+        signs.append(f"{100 * line.share:.0f} % of it is at {line.frequency:.2f} Hz")
+    slow = spectral.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
+    if slow > _SLOW and line is None:
+        signs.append(f"it is {slow:.1f} times as dense at low frequencies as in the rest of the band")
+    noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
+    read = found.fit.coefficients @ noise + fixed_noise
+    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
+    worst, rows = spectral.bursts(residual, use, white + _smooth(read**2, motion.row_rate), motion.row_rate)
+    if worst > _BURST:
+        times = ", ".join(f"{t:.0f}" for t in motion.row_time[rows][:_MOST_TIMES])
+        signs.append(f"it comes in bursts, at {times} s")
+    if not signs:
+        return None
+    back = "does not come back with the motion" + (
+        "" if s.floor.repeating is not None else " as far as these data tell, which repeat none"
+    )
+    return f"{'; '.join(signs)}, and it {back}: a disturbance from outside, or noise that is not white"
+
+
+def _smooth(x: np.ndarray, rate: float) -> np.ndarray:
+    width = max(1, round(rate))
+    return np.convolve(x, np.full(width, 1 / width), "same")
