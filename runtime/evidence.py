@@ -115,20 +115,12 @@ class Rows:
 
     def autoregression(self, residual: Array) -> Array:
         """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
-        return _levinson(self._covariance(residual), self.count)[0]
-
-    def predictability(self, residual: Array) -> float:
-        """Variance of a residual (M,) over that of what its own past does not tell of it."""
-        covariance = self._covariance(residual)
-        return float(covariance[0] / max(_levinson(covariance, self.count)[1], 1e-300))
-
-    def _covariance(self, residual: Array) -> Array:
         covariance = np.zeros(_MOST_LAGS + 1)
         r = np.where(self.use, residual, 0.0)
         for lag in range(min(_MOST_LAGS, len(r) - 1) + 1):
             pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
             covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
-        return covariance
+        return _levinson(covariance, self.count)
 
 
 @dataclass(frozen=True)
@@ -313,28 +305,22 @@ class Ground:
         return max(square - float(cross @ projection @ cross), 0.0), square
 
 
-def filtered_white(kernel: Array, factor: int, count: int) -> float:
-    """Predictability of white noise after a filter (taps,) and decimation, as of `count` rows."""
-    lags = [m * factor for m in range(_MOST_LAGS + 1)]
-    covariance = np.array([float(kernel[lag:] @ kernel[: max(len(kernel) - lag, 0)]) for lag in lags])
-    return float(covariance[0] / _levinson(covariance, count)[1])
-
-
-def _levinson(covariance: Array, count: int) -> tuple[Array, float]:
-    """Autoregressive filter of the order that BIC chooses, and the variance that it leaves."""
-    ar, error = np.array([1.0]), float(covariance[0])
-    best, best_score = (ar, error), count * np.log(max(error, 1e-300))
+def _levinson(covariance: Array, count: int) -> Array:
+    """Autoregressive filter of the order that BIC chooses."""
+    ar: Array = np.array([1.0])
+    error = float(covariance[0])
+    best, best_score = ar, count * np.log(max(error, 1e-300))
     for order in range(1, len(covariance)):
         if error <= 0:
             break
-        reflection = -(ar @ covariance[order:0:-1]) / error
+        reflection = -float(ar @ covariance[order:0:-1]) / error
         ar = np.append(ar, 0.0) + reflection * np.append(ar, 0.0)[::-1]
         error *= 1 - reflection**2
         if error <= 0:
             break
         score = count * np.log(error) + order * np.log(count)
         if score < best_score:
-            best, best_score = (ar, error), score
+            best, best_score = ar, score
     return best
 
 

@@ -8,8 +8,10 @@ from runtime import spectral
 from runtime.search import Step
 
 _ABOVE_NOISE = 1.15
-_SLOW = 2.5
-_BURST = 3.6
+_SLOW = 3.2
+_BURST = 5.0
+_BOTH = (2.3, 3.0)
+"""Slow parts and bursts that together are no chance, though neither would be enough."""
 _MOST_TIMES = 5
 
 
@@ -37,17 +39,18 @@ def outside(step: Step, joint: int) -> str | None:
     motion, residual, use = found.motion, found.fit.residual[joint], found.motion.moving(joint)
     s = step.joints[joint]
     signs = []
+    noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
+    read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
+    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
+    worst, rows = spectral.bursts(residual, use, white + _smooth(read**2, motion.row_rate), motion.row_rate)
+    slow = spectral.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
+    both = slow > _BOTH[0] and worst > _BOTH[1]
     line = spectral.strongest_line(residual, motion.row_rate)
     if line is not None:
         signs.append(f"{100 * line.share:.0f} % of it is at {line.frequency:.2f} Hz")
-    slow = spectral.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
-    if slow > _SLOW and line is None:
+    if (slow > _SLOW or both) and line is None:
         signs.append(f"it is {slow:.1f} times as dense at low frequencies as in the rest of the band")
-    noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
-    read = found.fit.coefficients @ noise + fixed_noise
-    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
-    worst, rows = spectral.bursts(residual, use, white + _smooth(read**2, motion.row_rate), motion.row_rate)
-    if worst > _BURST:
+    if worst > _BURST or both:
         times = ", ".join(f"{t:.0f}" for t in motion.row_time[rows][:_MOST_TIMES])
         signs.append(f"it comes in bursts, at {times} s")
     if not signs:
