@@ -18,7 +18,7 @@ from runtime.recording import Recording
 from runtime.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
 from runtime.terms import structure
 
-_LEAST_EXPLAINED = 0.5
+_LEAST_EXPLAINED = 0.6
 """Part of what is above the noise floor that findings must explain where physics is left after them."""
 _DISAGREES = 0.05
 
