@@ -23,6 +23,8 @@ _HIGHEST = 100.0
 _LOWEST = 8.0
 _OF_SAMPLING = 0.2
 _SEGMENT = 1024
+_ENOUGH = 200_000
+"""Samples from which the instruments' noise is known well enough."""
 _WINDOW_S = 1.0
 _CAUTION = 2.0
 _ENCODER_SHARE = 0.25
@@ -50,14 +52,14 @@ def white_density(x: Array, rate: float, low: float = 0.3, high: float = 0.45) -
 
     Medians over time and frequency, so that shocks and single lines do not count as noise.
     """
-    f, density = welch(x, rate, nperseg=min(_SEGMENT, len(x)), average="median")
+    f, density = welch(x[:_ENOUGH], rate, nperseg=min(_SEGMENT, len(x)), average="median")
     inside = (f > low * rate) & (f < high * rate)
     return float(np.median(density[inside]))
 
 
 def resolution(q: Array) -> float:
     """The step of which nearly all differences of q (N,) are multiples; 0 if there is none."""
-    steps = np.abs(np.diff(q))
+    steps = np.abs(np.diff(q[:_ENOUGH]))
     steps = steps[steps > 1e-12 * (np.ptp(q) + 1e-300)]
     if not len(steps):
         return 0.0
@@ -72,7 +74,7 @@ def resolution(q: Array) -> float:
 def excitation(qdd: Array, rate: float, density: float) -> Array:
     """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
     the rest is noise of positions of this density."""
-    f, power = welch(qdd, rate, nperseg=min(len(qdd), round(_WINDOW_S * rate)) // 2 * 2)
+    f, power = welch(qdd[:_ENOUGH], rate, nperseg=min(len(qdd), round(_WINDOW_S * rate)) // 2 * 2)
     noise = density * (2 * np.pi * f) ** 4
     part = np.clip(1 - _CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
     return np.where(f < _LOWEST, 1.0, part)

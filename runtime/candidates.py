@@ -25,7 +25,7 @@ from runtime.terms import Regressors, Term, Values, joints_of
 Array = NDArray[np.float64]
 
 _EXCERPT = 60_000
-"""Samples on which shapes are searched."""
+"""Samples on which shapes are searched, for one joint; fewer for more, as the root of their number."""
 _REFINE_STEPS = 14
 _ALTERNATIVES = 3
 
@@ -129,7 +129,7 @@ class Field:
     @cached_property
     def excerpt(self) -> tuple[Regressors, Ground]:
         """Regressors and ground on the excerpt on which shapes are searched."""
-        motion, rows = self.motion.excerpt(_EXCERPT)
+        motion, rows = self.motion.excerpt(round(_EXCERPT / self.model.n**0.5))
         if motion is self.motion:
             return self.regressors, self.ground
         parts = tuple(

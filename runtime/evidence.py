@@ -108,9 +108,10 @@ class Rows:
         """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
         x = np.where(self.use, x, 0.0)
         out = ar[0] * x
-        for lag in range(1, len(ar)):
-            same = self.piece[lag:] == self.piece[:-lag]
-            out[..., lag:] += ar[lag] * np.where(same, x[..., :-lag], 0.0)
+        edges = [0, *(np.flatnonzero(np.diff(self.piece)) + 1), len(self.piece)]
+        for start, stop in pairwise(edges):
+            for lag in range(1, len(ar)):
+                out[..., start + lag : stop] += ar[lag] * x[..., start : max(start, stop - lag)]
         return np.where(self.use, out, 0.0)
 
     def autoregression(self, residual: Array) -> Array:

@@ -16,6 +16,8 @@ _WINDOW_S = 2.0
 _SEARCH_HZ = 50.0
 _ALIKE = 0.003
 _LEAST_S = 4.0
+_MOST_WINDOWS = 60
+"""Of a long recording, how many windows are looked for in the rest of it."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], N
     coarse = q[:, ::stride]
     width = round(_WINDOW_S / (piece.dt * factor * stride))
     found = []
-    for begin in range(0, coarse.shape[1] - 2 * width, width):
+    for begin in range(0, coarse.shape[1] - 2 * width, width * max(1, coarse.shape[1] // (width * _MOST_WINDOWS))):
         window = coarse[:, begin : begin + width]
         if not np.any(np.ptp(window, axis=1) > 0.02 * np.ptp(q, axis=1)):
             continue
