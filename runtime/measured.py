@@ -315,7 +315,7 @@ def experiment(
     with terminal.working("deriving and compiling the model"):
         loaded = source.model()
     from runtime import experiment as experiments
-    from runtime import experiment_page
+    from runtime import terminal_experiment
 
     rivals = experiments.parse_rivals(between, loaded)
     with terminal.working("looking for a motion") as tell:
@@ -323,7 +323,7 @@ def experiment(
     document = proposal.to_json()
     if out and proposal.separated:
         experiments.write_motion(out, loaded, proposal.motion)
-    emit(json, {**document, "out": str(out) if out and proposal.separated else None}, experiment_page.show)
+    emit(json, {**document, "out": str(out) if out and proposal.separated else None}, terminal_experiment.show)
     if not proposal.separated:
         raise typer.Exit(boundary.NO)
 

@@ -133,14 +133,14 @@ def _reversals_on_the_way(envelope: Envelope, rng: np.random.Generator, ease: fl
 
 def _under_load(envelope: Envelope, rng: np.random.Generator, ease: float) -> Array:
     """Legs in one direction whose speed swings quickly, so that the load changes and the direction does not."""
-    seconds, part = 4 * envelope.reach / (0.4 * envelope.speed), 0.35 * envelope.speed
-    t = np.arange(round(seconds * RATE)) / RATE
-    slow = legs([envelope.reach * 0.9, -envelope.reach * 0.9], 0.4 * envelope.speed)
-    slow = np.pad(slow, (0, max(0, len(t) - len(slow))))[: len(t)]
+    slow = legs([0.9 * envelope.reach, -0.9 * envelope.reach], 0.4 * envelope.speed)
+    t = np.arange(len(slow)) / RATE
     swing = np.zeros_like(t)
     for frequency in (3.0, 7.0):
-        phase = rng.uniform(0, 2 * np.pi)
-        swing += 0.5 * part / (2 * np.pi * frequency) * np.sin(2 * np.pi * frequency * t + phase)
+        amplitude = 0.175 * envelope.speed / (2 * np.pi * frequency)
+        swing += amplitude * np.sin(2 * np.pi * frequency * t + rng.uniform(0, 2 * np.pi))
+    # Not far from the ends of the range, and not where the legs begin and end.
+    swing *= min(1.0, 0.1 * envelope.reach / np.abs(swing).max())
     fade = np.clip(np.minimum(t, t[::-1]) / 0.5, 0, 1)
     return slow + ease * swing * fade**3 * (10 - 15 * fade + 6 * fade**2)
 

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from runtime.terminal import say
+from runtime.terminal_cells import Document, say
 from runtime.terms import Term
 from runtime.wording import number, sentence
-
-Document = Mapping[str, Any]
 
 
 def show(document: Document) -> None:
