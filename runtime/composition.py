@@ -10,7 +10,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.repertoire import PAUSE, Envelope, Piece, in_sequence, pieces
+from runtime.repertoire import BROAD, PAUSE, Envelope, Piece, in_sequence, pieces
 from runtime.separation import Bench, Ground, Pair, Separation
 from runtime.simulate import MARGIN, RATE, SimulationError, excitation
 from runtime.terms import joints_of
@@ -112,9 +112,12 @@ class Repertoire:
         return Choice(numbers, times, times * once, self.ground.weigh(both, times / 2))
 
     def choices(self) -> list[Choice]:
-        """All single pieces and pairs, and larger choices that grow from the best."""
+        """All single pieces and pairs, and larger choices that grow from the best; the base model is fitted on the
+        same motion, so each holds a piece that allows it."""
         count = range(len(self.parts))
-        found = [self.choice(numbers) for size in (1, 2) for numbers in combinations(count, size)]
+        broad = {k for k in count if self.names[k] in BROAD} or set(count)
+        chosen = [c for size in (1, 2) for c in combinations(count, size) if not broad.isdisjoint(c)]
+        found = [self.choice(numbers) for numbers in chosen]
         for key in ("rms", "strength"):
             best = max(found, key=lambda c: (getattr(c, key), -c.seconds))
             while len(best.numbers) < min(_MOST_PIECES, len(self.parts)):
@@ -201,7 +204,10 @@ def _slowed(bench: Bench, joints: Sequence[Envelope], piece: Piece, limit: Torqu
 
 
 def plans(choices: Sequence[Choice]) -> Iterator[Choice]:
-    """What to try, in this order: the shortest that comes near the best, the best, the surest."""
+    """What to try, in this order: the shortest that comes near the best, the plainest, the best, the surest.
+
+    If none promises to be enough, only the shortest that comes near the surest.
+    """
     able = [c for c in choices if c.enough]
     if not able:
         surest = max((c.visible, c.strength) for c in choices)
@@ -210,8 +216,9 @@ def plans(choices: Sequence[Choice]) -> Iterator[Choice]:
         return
     best = max(able, key=lambda c: (c.rms, -c.seconds))
     near = [c for c in able if c.rms >= _NEAR_BEST * best.rms]
+    plainest = max(able, key=lambda c: (-len(c.numbers), c.rms))
     tried: list[tuple[int, ...]] = []
-    for choice in (min(near, key=lambda c: c.seconds), best, max(able, key=lambda c: c.strength)):
+    for choice in (min(near, key=lambda c: c.seconds), plainest, best, max(able, key=lambda c: c.strength)):
         if choice.numbers not in tried:
             tried.append(choice.numbers)
             yield choice

@@ -165,6 +165,12 @@ _SHAPES: dict[str, Shape] = {
     "sines with large accelerations": sines(2.0, 20.0, 2.0, 9.0),
     "a swelling oscillation": _swelling,
 }
+BROAD = (
+    "the ordinary excitation",
+    "sines of the whole range",
+    "sines over two decades of frequency",
+)
+"""Pieces in which position, speed and acceleration go their own ways: a base model can be fitted on each."""
 _ALONE = (
     "slow legs over the whole range",
     "constant speeds over two decades",
@@ -176,7 +182,7 @@ _ALONE = (
 def pieces(joints: Sequence[Envelope], subject: Sequence[int], ordinary: Callable[[], Array]) -> list[Piece]:
     """All pieces for an arm whose joints `subject` (0-based) are in question; ordinary() is the usual excitation."""
     everyone = range(len(joints))
-    found = [Piece("the ordinary excitation", lambda _: ordinary())]
+    found = [Piece(BROAD[0], lambda _: ordinary())]
     found += [Piece(name, _moved(joints, dict.fromkeys(everyone, shape))) for name, shape in _SHAPES.items()]
     others = [i for i in everyone if i not in subject]
     if not others:
