@@ -82,8 +82,10 @@ def _call(effect: Effect, function: SymbolicFunction, arguments: list[str], prec
 
 
 def batches(effect: Effect, precision: Precision) -> list[Routine]:
-    """`columns` (rows: fixed part, then one a linear parameter) and `torque` along the samples."""
-    return [_batch(effect, ef.columns(effect), precision), _batch(effect, ef.torque(effect), precision)]
+    """Along the samples: `columns` (rows: fixed part, then one a linear parameter), `torque` and, where there are
+    any, `states`."""
+    functions = [ef.columns(effect), ef.torque(effect), *([ef.states(effect)] if effect.states else [])]
+    return [_batch(effect, function, precision) for function in functions]
 
 
 def _batch(effect: Effect, function: SymbolicFunction, precision: Precision) -> Routine:

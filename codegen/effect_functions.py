@@ -52,6 +52,14 @@ def columns(effect: Effect) -> SymbolicFunction:
 
 
 @functools.cache
+def states(effect: Effect) -> SymbolicFunction:
+    """signals, p, x -> x: what the batch gives of the memory along the samples."""
+    output = Output("states", tuple(s.symbol for s in effect.states), (len(effect.states),), "as declared", "states")
+    names = ", ".join(s.name for s in effect.states)
+    return _function(effect, "states", f"States of {effect.name}: {names}.", output)
+
+
+@functools.cache
 def step(effect: Effect) -> SymbolicFunction:
     """signals, dt, p, x -> states of the next sample."""
     output = _states([s.step for s in effect.states], "states of the next sample")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from runtime.filters import differentiator
 from runtime.recording import Recording
 
 Array = NDArray[np.float64]
@@ -78,6 +79,23 @@ def excitation(qdd: Array, rate: float, density: float) -> Array:
     noise = density * (2 * np.pi * f) ** 4
     part = np.clip(1 - _CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
     return np.where(f < _LOWEST, 1.0, part)
+
+
+def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
+    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration; None where not all
+    recordings have that torque."""
+    n = len(recordings[0].q)
+    moment, square = np.zeros(n), np.zeros(n)
+    for r in recordings:
+        if r.tau_rigid is None:
+            return None
+        derive = differentiator(_LOWEST, 1 / r.dt)
+        for s in (s for s in r.segments if s.stop - s.start > 4 * derive.half):
+            qdd = np.array([derive(row)[2] for row in r.q[:, s]])
+            moment += np.sum(qdd * r.tau_rigid[:, s.start + derive.half : s.stop - derive.half], axis=1)
+            square += np.sum(qdd**2, axis=1)
+    inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
+    return np.maximum(inertia, 1e-12)
 
 
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import atan2, inf, nan, prod
-from typing import Any
+from typing import Any, Literal
 
 
 class LoaderError(ValueError):
@@ -46,6 +46,16 @@ class ParameterInfo:
         return self.units[joint_type]
 
 
+_SIDES: dict[str, Literal["motor", "link"]] = {
+    "friction": "motor",
+    "drive": "motor",
+    "spring": "link",
+    "load": "link",
+    "contact": "link",
+    "transmission": "link",
+}
+
+
 @dataclass(frozen=True)
 class EffectInfo:
     """An effect as declared, without its equations in symbols."""
@@ -65,6 +75,15 @@ class EffectInfo:
     coefficients: tuple[ParameterInfo, ...]
     recover: tuple[Any, ...] | None
     states: tuple[str, ...]
+
+    @property
+    def side(self) -> Literal["motor", "link"] | None:
+        """Of a torque sensor at the joint's output, on which the effect acts; None for a family that does not tell.
+
+        What rubs and drives is taken to sit at the motor, what springs, weighs and touches at the link. The
+        transmission lies before the sensor, but the torque that it withholds is missing behind it.
+        """
+        return _SIDES.get(self.family)
 
     @property
     def linear(self) -> tuple[ParameterInfo, ...]:

@@ -43,7 +43,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Inference:
-    """Estimates of everything that a fit has found."""
+    """Estimates of everything that a fit has found.
+
+    lumps   base inertial parameters; NaN where the user's own model takes their place and nothing tells them
+    """
 
     lumps: tuple[Estimate, ...]
     values: dict[Term, dict[str, Estimate]]
@@ -93,7 +96,9 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     tangled = _tangled(names, vector[:, unseen])
     layout = problem.layout
     lumps = tuple(
-        _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
+        Estimate(np.nan, None, info.unit)
+        if problem.motion.rigid_given
+        else _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )
     values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}

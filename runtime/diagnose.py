@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from runtime import limits
+from runtime import limits, missing
 from runtime.compare import warnings
 from runtime.covariance import Inference
 from runtime.identify import prepared
 from runtime.judge import Verdict
 from runtime.leftover import physics, remainder
 from runtime.loader import Model
-from runtime.motion import prepare
-from runtime.recording import Recording
+from runtime.motion import Motion, prepare
+from runtime.recording import Recording, RecordingError
 from runtime.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
 from runtime.terms import structure
 
@@ -76,10 +76,17 @@ def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
         "evidence": finding.evidence.to_json(),
         "parameters": {name: e.to_json() for name, e in values.items()},
         "rivals": [{"effect": t.effect, "joint": t.joint} for t in finding.rivals],
+        "missing_signals": missing.to_json(absent(diagnosis, number)),
         "ranking": _ranking(finding.verdict),
         "experiment": info.experiment,
         "remainder": remainder(diagnosis.steps[-1], i) if number == len(diagnosis.findings) - 1 else None,
     }
+
+
+def absent(diagnosis: Diagnosis, number: int) -> tuple[missing.Missing, ...]:
+    """The signals that are not in the recordings and would tell a finding from its rivals."""
+    finding, motion = diagnosis.findings[number], diagnosis.steps[0].identification.motion
+    return missing.missing(diagnosis.model, motion, finding.term, finding.rivals)
 
 
 def _ranking(verdict: Verdict) -> list[dict[str, Any]]:
@@ -98,9 +105,20 @@ def diagnose(model: Model, recordings: Sequence[Recording], held_out: Sequence[R
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
     """A search on recordings; the held-out ones are judged in the same band and never fitted."""
     motion = prepared(model, recordings)
-    search = Search(model, motion, prepare(held_out, motion.band, model.library) if held_out else None)
+    search = Search(model, motion, _held_out(motion, held_out, model) if held_out else None)
     search.start(structure(model))
     return search
+
+
+def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
+    motion = prepare(recordings, fitted.band, model.library)
+    if motion.rigid_given != fitted.rigid_given:
+        has, lacks = ("has", "do not") if motion.rigid_given else ("has no", "do")
+        raise RecordingError(
+            f"{recordings[0].path}: {has} tau1_rigid and the recordings that are fitted {lacks}; "
+            "give the rigid-body torque in all of them or in none"
+        )
+    return motion
 
 
 def conclude(search: Search) -> Diagnosis:

@@ -294,6 +294,18 @@ class Ground:
             fall += float(theta @ (2 * target - inner @ theta))
         return float(fall)
 
+    def beyond(self, torques: Mapping[int, Array]) -> Array:
+        """(count,) weighted rows of all joints: what the base cannot take over of torques (M,) by joint."""
+        projection, _ = self._projection
+        used = {joint: self.rows[joint].used(torque) for joint, torque in torques.items()}
+        cross = np.zeros(self.size)
+        for joint, x in used.items():
+            cross[self.rows[joint].index] += self.rows[joint].stack[:-1] @ x
+        taken = projection @ cross
+        return np.concatenate(
+            [used.get(joint, 0.0) - taken[row.index] @ row.stack[:-1] for joint, row in enumerate(self.rows)]
+        )
+
     def own(self, torques: Mapping[int, Array]) -> tuple[float, float]:
         """Weighted squares of what the base cannot take over of torques (M,) by joint, and of them whole."""
         projection, _ = self._projection

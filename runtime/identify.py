@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from runtime import grids
-from runtime.band import choose_band
+from runtime.band import choose_band, rigid_inertia
 from runtime.constrained import inverse, minimise
 from runtime.covariance import Inference, infer
 from runtime.loader import Model
@@ -76,9 +76,11 @@ class Layout:
         return len(self.lower)
 
     @classmethod
-    def of(cls, model: Model, terms: Sequence[Term]) -> Layout:
+    def of(cls, model: Model, terms: Sequence[Term], rigid_given: bool) -> Layout:
+        """rigid_given: the inertial parameters act on no torque and stay at the file's values."""
         start, slices = len(model.lumps), {}
-        lower, upper = [-np.inf] * start, [np.inf] * start
+        lower = [*model.lump_values] if rigid_given else [-np.inf] * start
+        upper = [*model.lump_values] if rigid_given else [np.inf] * start
         for term in terms:
             info = model.library.effects[term.effect]
             slices[term] = slice(start, start + len(info.coefficients))
@@ -141,7 +143,7 @@ class Problem:
 
     def __init__(self, model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction | None) -> None:
         self.model, self.motion = model, motion
-        self.layout = Layout.of(model, terms)
+        self.layout = Layout.of(model, terms, motion.rigid_given)
         self.regressors = Regressors(model, motion, prediction)
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._systems: dict[tuple[Any, ...], _System] = {}
@@ -161,7 +163,7 @@ class Problem:
         rigid = regressors.rigid(joint)
         x = np.zeros((self.layout.size, rigid.shape[1]))
         x[self.layout.lumps] = rigid
-        fixed = np.zeros(rigid.shape[1])
+        fixed = regressors.measured(joint).copy()
         for term in self.layout.terms:
             if joint in joints_of(self.model, term):
                 columns = regressors.columns(term, joint, shapes[term])
@@ -212,6 +214,8 @@ class Problem:
 
     def _inertia_cuts(self, theta: Array) -> Array | None:
         """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
+        if self.motion.rigid_given:
+            return None
         q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in self.motion.pieces], axis=1)
         value, vector = np.linalg.eigh(np.moveaxis(self.model.inertia(q, theta[self.layout.lumps]), 2, 0))
         worst = int(np.argmin(value[:, 0]))
@@ -414,7 +418,8 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia."""
-    return prepare(recordings, choose_band(recordings, _diagonal(model)), model.library)
+    given = rigid_inertia(recordings)
+    return prepare(recordings, choose_band(recordings, _diagonal(model) if given is None else given), model.library)
 
 
 def identify_motion(

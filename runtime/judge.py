@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from runtime.candidates import Candidate, Field
 from runtime.evidence import LEAST_OWN, Block, Ground, bic, log_likelihood, vuong
 from runtime.terms import Term, joints_of
+from runtime.witness import Witness
 from runtime.wording import whole
 
 Array = NDArray[np.float64]
@@ -101,6 +102,10 @@ class Bench:
     best: Block | None
 
     @cached_property
+    def witness(self) -> Witness:
+        return Witness(self.field)
+
+    @cached_property
     def autoregression(self) -> list[Array]:
         ground = self.field.ground
         residual = ground.solve(self.best).residual
@@ -147,7 +152,8 @@ class Bench:
         over = sum(max(1 - (self.floors[i] / r) ** 2, 0.0) for i in joints if (r := field.rms(i)) > 0)
         share = eff**2 / max(scale**2 * over, eff**2, 1e-300)
         failed = _failed(delta, gain, cv_gain, eff / self.floors[own], share, candidate.at_edge)
-        failed += _doubts(plain, block, np.append(1.0, solution.coefficients[plain.size :]))
+        theta = np.append(1.0, solution.coefficients[plain.size :])
+        failed += _doubts(plain, block, theta) + self.witness.doubts(plain, candidate, block, theta)
         residual = np.concatenate([row.used(r) for row, r in zip(white.rows, after.residual, strict=True)])
         return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, parameters, residual)
 

@@ -226,6 +226,21 @@ class Library:
         """The effect's part of the motor torque, (N,); all parameters are needed."""
         return self._call(self[effect], "torque", 1, signals, parameters, dt)[0]
 
+    def states(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float,
+    ) -> dict[str, Array]:
+        """The effect's memory along the samples, (N,) a state; none for a static effect. Shape parameters are needed;
+        linear ones that are not given count as zero."""
+        info = self[effect]
+        if not info.states:
+            return {}
+        rows = self._call(info, "states", len(info.states), signals, parameters, dt)
+        return dict(zip(info.states, rows, strict=True))
+
     def recover(self, effect: str, coefficients: ArrayLike, shape: Mapping[str, float]) -> dict[str, float]:
         """All parameters of an effect from its coefficients (k,) and its shape and given parameters."""
         info = self[effect]

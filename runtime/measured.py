@@ -262,6 +262,9 @@ def simulate(
     seconds: Annotated[float, typer.Option(min=2.0, max=3600.0, help="Length of the motion.")] = 40.0,
     repeats: Annotated[int, typer.Option(min=1, max=100, help="Equal parts that it consists of.")] = 2,
     noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Torque noise, part of the torque's rms.")] = 0.03,
+    signals: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Also record these: q_link, tau_link, temperature.")
+    ] = "",
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -276,10 +279,11 @@ def simulate(
     from runtime import recording
     from runtime import simulate as simulation
 
+    extra = simulation.parse_extra(signals)
     hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
     path = None if motion is None else simulation.read_motion(motion, loaded.n)
     with terminal.working("simulating"):
-        made, values = simulation.simulate(loaded, hidden, seed, path, seconds, repeats, noise)
+        made, values = simulation.simulate(loaded, hidden, seed, path, seconds, repeats, noise, extra)
     recording.write(out, made)
     secret = {h.term for h in hidden}
     present = [

@@ -8,12 +8,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
+from runtime import sensors
 from runtime.band import Band, excitation
 from runtime.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
 from runtime.loader import Library
 from runtime.recording import Recording, RecordingError
+from runtime.sensors import NOTHING, Sensors, evenly
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,8 +26,6 @@ sign of the rate is noise."""
 _NOISE_MULTIPLE = 4.0
 _OF_TOP_SPEED = 0.002
 _WINDOWS = 8
-_EVEN = 0.02
-"""Of a period: instants that depart less from an even grid count as on it."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,7 @@ class Piece:
     low_pass: LowPass
     derive: Differentiator
     excited: tuple[Smoother, ...]
+    sensors: Sensors = NOTHING
 
     def perturbed(self, band: Band, seed: int) -> Piece:
         """The piece as its encoders might have read it another time: other places of the steps, other noise.
@@ -68,7 +68,7 @@ class Piece:
         parts = np.array(noise)
         q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
         slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
-        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow)
+        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(parts[:, 0], parts[:, 2]))
 
     def cut(self, window: slice) -> Piece:
         """The piece within a window of its samples."""
@@ -85,6 +85,7 @@ class Piece:
             slow=part(self.slow),
             tau=part(self.tau),
             warmth=part(self.warmth),
+            sensors=self.sensors.cut(window),
         )
 
     @cached_property
@@ -110,6 +111,15 @@ class Motion:
     @property
     def n(self) -> int:
         return len(self.standstill)
+
+    def has(self, name: str, joint: int) -> bool:
+        """Whether a signal of `Sensors` is measured at a joint (0-based), in all recordings."""
+        return all(p.sensors.has(name, joint) for p in self.pieces)
+
+    @property
+    def rigid_given(self) -> bool:
+        """Whether the rigid-body torque comes from the user's own model, at all joints."""
+        return all(p.sensors.tau_rigid is not None for p in self.pieces)
 
     @cached_property
     def columns(self) -> dict[tuple[Hashable, ...], Array]:
@@ -196,12 +206,14 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     Stretches shorter than the filters are dropped. Raises RecordingError if none is left.
     """
     pieces: list[Piece] = []
+    common = sensors.measured_in_all(recordings)
     for number, recording in enumerate(recordings):
         rate = 1 / recording.dt
         derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate, library)
         for segment in recording.segments:
             if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
-                pieces.append(_piece(recording, number, segment, derive, band_filter, band))
+                piece = _piece(recording, number, segment, derive, band_filter, band)
+                pieces.append(replace(piece, sensors=sensors.read(recording, segment, derive, common)))
     if not pieces:
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
@@ -220,8 +232,7 @@ def _piece(
     recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass, band: Band
 ) -> Piece:
     n = len(recording.q)
-    recorded = evenly(recording, segment)
-    parts = [derive(row) for row in recorded[0]]
+    parts = [derive(row) for row in evenly(recording.t[segment], recording.q[:, segment], smooth=True)]
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
     inner = slice(segment.start + derive.half, segment.stop - derive.half)
     first = int(np.argmax(recording.run == recording.run[segment.start]))
@@ -234,7 +245,7 @@ def _piece(
     times = recording.t[segment] - recording.t[first]
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     t = times[0] + dt * (derive.half + np.arange(parts[0][0].size))
-    tau = np.ascontiguousarray(recorded[1][:, derive.half : recorded[1].shape[1] - derive.half])
+    tau = np.ascontiguousarray(evenly(recording.t[segment], recording.tau[:, segment])[:, derive.half : -derive.half])
     run = int(recording.run[segment.start])
     rate = 1 / dt
     excited = tuple(
@@ -242,16 +253,6 @@ def _piece(
     )
     slow = np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)])
     return Piece(number, run, dt, t, q, qd, qdd, slow, tau, warmth, measured, band_filter, derive, excited)
-
-
-def evenly(recording: Recording, segment: slice) -> tuple[Array, Array]:
-    """Positions and torques (n, N) of a segment at even instants; as recorded where these are even already."""
-    t = recording.t[segment]
-    even = np.linspace(t[0], t[-1], len(t))
-    q, tau = recording.q[:, segment], recording.tau[:, segment]
-    if np.abs(t - even).max() < _EVEN * recording.dt:
-        return q, tau
-    return make_interp_spline(t, q, k=3, axis=1)(even), np.array([np.interp(even, t, row) for row in tau])
 
 
 def _smooth_temperature(x: Array, dt: float) -> Array:

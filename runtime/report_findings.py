@@ -10,7 +10,7 @@ from runtime import reasons, spectral
 from runtime import report_figures as figures
 from runtime import report_parameters as parameters
 from runtime.compare import JointSeries, structure_shares
-from runtime.diagnose import finding_json
+from runtime.diagnose import absent, finding_json
 from runtime.judge import Evidence
 from runtime.leftover import remainder
 from runtime.limits import Limit
@@ -51,6 +51,7 @@ def _finding(story: Story, number_: int) -> Row:
         "share": percent(finding.share(), 0),
         "parameters": parameters.estimates(values, info),
         "rivals": [name(t) for t in finding.rivals],
+        "missing": [m.sentence() for m in absent(diagnosis, number_)],
         "candidates": _candidates(story, finding),
         "remainder": finding_json(diagnosis, number_)["remainder"],
         "command": story.adding()[number_].line,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from runtime.catalogue import EffectInfo
@@ -72,7 +73,7 @@ def inertial(identification: Identification) -> list[Row]:
     """Base inertial parameters of the model file beside those of the data."""
     rows = []
     for info, e in zip(identification.model.lumps, identification.inference.lumps, strict=True):
-        off = (e.value - info.value) / abs(info.value) if info.value else None
+        off = (e.value - info.value) / abs(info.value) if info.value and isfinite(e.value) else None
         outside = e.interval is not None and not e.interval[0] <= info.value <= e.interval[1]
         rows.append(
             {

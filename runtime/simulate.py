@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import gzip
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 
@@ -37,6 +37,9 @@ SPEED = {"revolute": 2.5, "prismatic": 0.3}  # where the model file states no li
 RANGE = {"revolute": 1.0, "prismatic": 0.15}  # to either side of the middle
 AT_REST = 1e-9  # of the largest rate: below that it is rounding
 MARGIN = 0.9  # of the limits of speed and range
+WARM, RISE = 24.0, 20.0  # degC at the start, K at the end where temperatures are recorded
+WARMING = 0.35  # of the recording's length
+EXTRA = ("q_link", "tau_link", "temperature")
 SLOW = (0.01, 0.02, 0.04, 0.08, 0.16)  # parts of the largest speed
 
 
@@ -94,11 +97,13 @@ def simulate(
     seconds: float = 40.0,
     repeats: int = 2,
     noise: float = NOISE,
+    extra: Sequence[str] = (),
 ) -> tuple[Recording, Structure]:
     """A recording at 1 kHz, and all effects in it with the values that they had.
 
     motion (n, N) positions at 1 kHz in place of the excitation of `seconds` in `repeats` equal parts;
-    noise: standard deviation of the torque's noise as a part of its root mean square.
+    noise: standard deviation of the torque's noise as a part of its root mean square; extra: further signals that
+    are recorded, of EXTRA.
     Raises SimulationError.
     """
     rng = np.random.default_rng(seed)
@@ -108,7 +113,7 @@ def simulate(
             f"the motion has {path.shape[0]} joints and {path.shape[1]} samples; "
             f"expected {model.n} joints of {model.name} and at least {MIN_SAMPLES} samples"
         )
-    piece = _piece(model.library, path)
+    piece = _piece(model.library, path, warm="temperature" in extra)
     terms = _all_terms(model, hidden)
     values = _complete(model, piece, terms)
     signals = Signals(model, piece, Prediction(model.lump_values, values))
@@ -120,7 +125,44 @@ def simulate(
         raise SimulationError(f"the torque of {model.name} is not finite with these values; choose smaller ones")
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
-    return _recording(model, piece, measured), values
+    made = _recording(model, piece, measured)
+    if "q_link" in extra:
+        made = replace(made, q_link=_link(signals, values))
+    if "tau_link" in extra:
+        output = _output(signals, values)
+        level = np.sqrt(np.mean(output**2, axis=1, keepdims=True))
+        made = replace(made, tau_link=output + noise * level * rng.standard_normal(output.shape))
+    return made, values
+
+
+def parse_extra(text: str) -> tuple[str, ...]:
+    """Names of EXTRA, separated by commas. Raises SimulationError."""
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    for name in names:
+        if name not in EXTRA:
+            raise SimulationError(f'--signals: found "{name}", expected some of {", ".join(EXTRA)}')
+    return names
+
+
+def _link(signals: Signals, values: Structure) -> Array:
+    """(n, N) what encoders on the link side read."""
+    q = signals.piece.q.copy()
+    for term, known in values.items():
+        deflection = signals.deflection(term, known)
+        if deflection is not None:
+            q[(term.joint or 1) - 1] -= deflection
+    count = _counts(signals.model)
+    return np.round(q / count) * count
+
+
+def _output(signals: Signals, values: Structure) -> Array:
+    """(n, N) torque at the joints' output: what moves and holds the link side, without noise."""
+    model = signals.model
+    torque = np.array([np.asarray(signals.get("load", i)) for i in range(model.n)])
+    for term in (t for t in values if model.library.effects[t.effect].side == "link"):
+        for joint in joints_of(model, term):
+            torque[joint] += signals.torque(term, joint)
+    return torque
 
 
 def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
@@ -134,8 +176,8 @@ def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
     return terms
 
 
-def _piece(library: Library, path: Array) -> Piece:
-    """The motion with its derivatives, from a quintic spline through the positions."""
+def _piece(library: Library, path: Array, warm: bool) -> Piece:
+    """The motion with its derivatives, from a quintic spline through the positions; warm: temperatures that rise."""
     n, count = path.shape
     t = np.arange(count) / RATE
     spline = make_interp_spline(t, path, k=5, axis=1)
@@ -143,9 +185,10 @@ def _piece(library: Library, path: Array) -> Piece:
     # Rounding must not decide in which direction a joint at rest has friction.
     qd[np.abs(qd) < AT_REST * np.abs(qd).max()] = 0.0
     none = np.zeros((n, count))
+    warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
     filters = low_pass(CUTOFF, RATE, library), differentiator(CUTOFF, RATE)
     exact = (Smoother(np.ones(1)),) * n
-    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, qdd, none, none, np.zeros(n, dtype=bool), *filters, exact)
+    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
@@ -284,8 +327,12 @@ def read_motion(path: Path, n: int) -> Array:
     return np.ascontiguousarray(make_interp_spline(table[:, 0], table[:, 1:], k=5)(t).T)
 
 
+def _counts(model: Model) -> Array:
+    return np.array([[COUNT[joint.type]] for joint in model.joints])
+
+
 def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
-    count = np.array([[COUNT[joint.type]] for joint in model.joints])
+    count = _counts(model)
     samples = len(piece.t)
     return Recording(
         path=Path("simulation"),
@@ -298,7 +345,9 @@ def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
         q_link=None,
         tau_link=None,
         tau_rigid=None,
-        temperature=(None,) * model.n,
+        temperature=tuple(
+            WARM + rise if there else None for rise, there in zip(piece.warmth, piece.measured, strict=True)
+        ),
         force=None,
         segments=(slice(0, samples),),
         types=tuple(joint.type for joint in model.joints),

@@ -132,6 +132,8 @@ def _finding(finding: Document, document: Document) -> None:
     if rivals:
         say(f"  this data cannot tell it from {', '.join(f'{effect}{at(joint)}' for effect, joint in rivals)}")
         say(f"  what would: {finding['experiment']}")
+        signals = [f"{s['signal']} (from {', '.join(s['rivals'])})" for s in finding["missing_signals"]]
+        say(*(["  so would, if it were recorded: " + ", ".join(signals)] if signals else []))
     if finding["remainder"]:
         say(f"  left over: {finding['remainder']}")
     say("")

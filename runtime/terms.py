@@ -15,6 +15,9 @@ from runtime.motion import Motion, Piece
 Array = NDArray[np.float64]
 Values = dict[str, float]
 
+DEFLECTION = "deflection"
+"""The state of a transmission that a link-side encoder measures: motor less link."""
+
 _LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
 """The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
 
@@ -101,10 +104,25 @@ class Signals:
         return self._cache[key]
 
     @cached_property
+    def measured(self) -> Array | None:
+        """(n, N) the part of the rigid arm's torque that needs no inertial parameter: all of it where the user's own
+        model gives it, else that which holds a measured force f at the end-effector, −Jᵀ f; None without either."""
+        sensors = self.piece.sensors
+        if sensors.tau_rigid is not None:
+            return sensors.tau_rigid
+        if sensors.force is not None:
+            return -np.einsum("cjt,ct->jt", self.tip_jacobian[:2], sensors.force)
+        return None
+
+    @cached_property
     def rigid(self) -> Array:
-        """(n, N) D qdd + C qd + g with the identified inertial parameters."""
+        """(n, N) D qdd + C qd + g with the identified inertial parameters, less Jᵀ f of a measured force; or the
+        user's own model's."""
         p = self.piece
-        return self.model.inverse_dynamics(p.q, p.qd, p.qdd, self._known.lumps)
+        if p.sensors.tau_rigid is not None:
+            return p.sensors.tau_rigid
+        rigid = self.model.inverse_dynamics(p.q, p.qd, p.qdd, self._known.lumps)
+        return rigid if self.measured is None else rigid + self.measured
 
     @cached_property
     def _loads(self) -> Array:
@@ -113,8 +131,12 @@ class Signals:
         What is simulated under a load amplifies noise at its resonance, and magnitudes do not average it.
         """
         p = self.piece
-        rotors = np.array([joint.rotor_inertia for joint in self.model.joints])
-        return self.model.inverse_dynamics(p.q, p.qd, p.slow, self._known.lumps) - rotors[:, None] * p.slow
+        rotors = np.array([[joint.rotor_inertia] for joint in self.model.joints])
+        if p.sensors.tau_rigid is not None:
+            whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
+            return whole - rotors * p.slow
+        loads = self.model.inverse_dynamics(p.q, p.qd, p.slow, self._known.lumps) - rotors * p.slow
+        return loads if self.measured is None else loads + self.measured
 
     @property
     def _known(self) -> Prediction:
@@ -145,7 +167,8 @@ class Signals:
     def link_inertia(self, joint: int) -> Array:
         return self._inertia[joint, joint] - self.model.joints[joint].rotor_inertia
 
-    def _coupling(self, joint: int, own: int) -> Array:
+    def coupling(self, joint: int, own: int) -> Array:
+        """(N,) inertia between two joints (0-based), link side: the signal of that name."""
         return self.link_inertia(own) if joint == own else self._inertia[joint, own]
 
     def plate(self) -> float:
@@ -174,10 +197,17 @@ class Signals:
         values = self._known.values[term]
         return self.model.library.torque(term.effect, self.term_signals(term, joint), values, self.piece.dt)
 
+    def deflection(self, term: Term, shape: Mapping[str, float]) -> Array | None:
+        """(N,) by which a term's link lags behind its motor; None for a term without such a state."""
+        if term.joint is None or DEFLECTION not in self.model.library.effects[term.effect].states:
+            return None
+        read = self.term_signals(term, term.joint - 1)
+        return self.model.library.states(term.effect, read, shape, self.piece.dt)[DEFLECTION]
+
     def term_signals(self, term: Term, joint: int) -> dict[str, Array | float]:
         """As `of`, with the place of the joint in a pair of joints, or its coupling to the term's own."""
         if "coupling" in self.model.library.effects[term.effect].signals and term.joint is not None:
-            return {**self.of(term.effect, term.joint - 1), "coupling": self._coupling(joint, term.joint - 1)}
+            return {**self.of(term.effect, term.joint - 1), "coupling": self.coupling(joint, term.joint - 1)}
         signals = self.of(term.effect, joint)
         if "has_next" in signals:
             signals["has_next"] = 1.0 if term.joint is not None and joint == term.joint - 1 else 0.0
@@ -241,13 +271,28 @@ class Regressors:
         return store[key]
 
     def rigid(self, joint: int) -> Array:
-        """(p, M) derivative of the joint's torque (0-based) by the base inertial parameters."""
+        """(p, M) derivative of the joint's torque (0-based) by the base inertial parameters; zero where the user's own
+        model gives it whole."""
 
         def make() -> Array:
+            if self.motion.rigid_given:
+                return np.zeros((self.model.n, len(self.model.lumps), len(self.motion.row_piece)))
             parts = [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
             return np.concatenate(parts, axis=2)
 
         return self._kept(("rigid", self.model.directory), True, make)[joint]
+
+    def measured(self, joint: int) -> Array:
+        """(M,) the part of the joint's torque (0-based) that measured signals give, whatever the parameters."""
+
+        def make() -> Array:
+            parts = [
+                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band(s.measured)
+                for s, p in zip(self.signals, self.motion.pieces, strict=True)
+            ]
+            return np.concatenate(parts, axis=1)
+
+        return self._kept(("measured", self.model.directory), True, make)[joint]
 
     def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""

@@ -549,6 +549,31 @@ void tendon_lugre_torque_batch_f64(
     }
 }
 
+/* lugre_states along `count` samples, 1 row in `out`. */
+void tendon_lugre_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict qd = s->qd;
+    const double *restrict level = s->level;
+    double x[1];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = 0.0;
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = level[k] * tendon_sgn_f64(qd[k]);
+        const double v2 = tendon_exp_f64(-((tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) * (p[0] * dt) /
+            (level[k] + 1e-09)));
+        out[k] = x[0];
+        const double next0 = v1 + (x[0] - v1) * v2;
+        x[0] = next0;
+    }
+}
+
 /* thermal_friction_torque: Friction that changes as the drive warms up, mostly because grease thins. (a sgn(qd) +
  *   b qd) w,  w the recorded rise of temperature, else 1 - exp(-t/T)
  * in   qd [rad/s]: joint rate
@@ -1046,6 +1071,52 @@ void tendon_spring_hysteresis_torque_batch_f64(
     }
 }
 
+/* spring_hysteresis_states along `count` samples, 5 rows in `out`. */
+void tendon_spring_hysteresis_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    const double *restrict q = s->q;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = 0.0;
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = q[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = 0.14285714285714285 * p[1];
+        const double v2 = x[4] - q[k];
+        const double v3 = x[0] - v2;
+        const double v4 = 0.42857142857142855 * p[1];
+        const double v5 = x[1] - v2;
+        const double v6 = 0.7142857142857143 * p[1];
+        const double v7 = x[2] - v2;
+        const double v8 = x[3] - v2;
+        out[k] = x[0];
+        out[count + k] = x[1];
+        out[2 * count + k] = x[2];
+        out[3 * count + k] = x[3];
+        out[4 * count + k] = x[4];
+        const double next0 = tendon_ramp_f64(-(v1 + v3)) + (v3 - tendon_ramp_f64(x[0] - v1 - v2));
+        const double next1 = tendon_ramp_f64(-(v4 + v5)) + (v5 - tendon_ramp_f64(v5 - v4));
+        const double next2 = tendon_ramp_f64(-(v6 + v7)) + (v7 - tendon_ramp_f64(v7 - v6));
+        const double next3 = tendon_ramp_f64(-(p[1] + v8)) + (v8 - tendon_ramp_f64(x[3] - p[1] - v2));
+        const double next4 = q[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
@@ -1452,6 +1523,65 @@ void tendon_elasticity_torque_batch_f64(
     }
 }
 
+/* elasticity_states along `count` samples, 4 rows in `out`. */
+void tendon_elasticity_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict load = s->load;
+    const double *restrict link_inertia = s->link_inertia;
+    double x[4];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = load[0] / p[0];
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = load[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = 1.0 / link_inertia[k];
+        const double v2 = p[1] * v1;
+        const double v3 = dt * dt;
+        const double v4 = 0.16666666666666666 * v3;
+        const double v5 = 0.6666666666666666 * dt;
+        const double v6 = 0.4166666666666667 * dt;
+        const double v7 = v1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
+        const double v8 = 2.0 * load[k] - x[3];
+        const double v9 = v1 * v8;
+        const double v10 = x[1] + 0.25 * (dt * (3.0 * v7 + v9));
+        const double v11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * v7 - v9))));
+        const double v12 = v1 * p[0];
+        const double v13 = (1.0 + v2 * v6) * v10 - v2 * v11 - 0.3333333333333333 * (v12 * (x[0] * dt));
+        const double v14 = link_inertia[k] * link_inertia[k];
+        const double v15 = 1.0 / v14;
+        const double v16 = v3 * (p[1] * p[1]);
+        const double v17 = 1.0 - v4 * v12;
+        const double v18 = v11 + (x[0] - v6 * v10);
+        const double v19 = 4.0 * p[0];
+        const double v20 = 36.0 * v14;
+        const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (link_inertia[k] * v19) + (6.0 * v16 + p[0] * p[0] * (v3
+            * v3)));
+        const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * link_inertia[k])) + v21));
+        const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
+        const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
+        out[k] = x[0];
+        out[count + k] = x[1];
+        out[2 * count + k] = x[2];
+        out[3 * count + k] = x[3];
+        const double next0 = v23;
+        const double next1 = v24;
+        const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
+        const double next3 = load[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+    }
+}
+
 /* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
  *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
  *   sgn(delta)
@@ -1749,6 +1879,101 @@ void tendon_backlash_torque_batch_f64(
         const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
         const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
         out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
+        const double next0 = v48 * v52;
+        const double next1 = v53;
+        const double next2 = v30 * (v53 - x[1]);
+        const double next3 = x[2];
+        const double next4 = load[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
+/* backlash_states along `count` samples, 5 rows in `out`. */
+void tendon_backlash_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict load = s->load;
+    const double *restrict link_inertia = s->link_inertia;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = load[0];
+    for (size_t k = 0; k < count; ++k) {
+        const double v1 = 0.5 * p[0];
+        const double v2 = v1 - x[0];
+        const double v3 = tendon_step_f64(-v2);
+        const double v4 = x[1] * p[2];
+        const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+        const double v6 = x[0] + v1;
+        const double v7 = tendon_step_f64(-v6);
+        const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+        const double v9 = v5 + v8;
+        const double v10 = dt * v9;
+        const double v11 = 1.0 / link_inertia[k];
+        const double v12 = (1.5 * load[k] - 0.5 * x[4]) * v11;
+        const double v13 = 2.0 * v12;
+        const double v14 = x[1] * x[1];
+        const double v15 = 2.0 * x[0];
+        const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) -
+            x[1]);
+        const double v17 = 0.5 * v12;
+        const double v18 = x[1] * dt + dt * dt * v17;
+        const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+        const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+            1e-07));
+        const double v21 = 1.0 - v3;
+        const double v22 = tendon_step_f64(v18 - v2);
+        const double v23 = 1.0 - v9;
+        const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+        const double v25 = p[2] * v11;
+        const double v26 = v10 + v24;
+        const double v27 = v26 * v26;
+        const double v28 = 0.16666666666666666 * v27;
+        const double v29 = 0.4166666666666667 * v26;
+        const double v30 = 1.0 / dt;
+        const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * load[k] - x[4]);
+        const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double v33 = v11 * v31;
+        const double v34 = dt - v26;
+        const double v35 = x[1] + v12 * v34;
+        const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
+        const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
+        const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
+        const double v39 = p[1] * v11;
+        const double v40 = v26 * v39;
+        const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
+        const double v42 = link_inertia[k] * link_inertia[k];
+        const double v43 = 1.0 / v42;
+        const double v44 = v27 * (p[2] * p[2]);
+        const double v45 = p[2] * v26;
+        const double v46 = 1.0 - v28 * v39;
+        const double v47 = v37 + (v38 - v29 * v36);
+        const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
+            (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
+        const double v49 = 4.0 * p[1];
+        const double v50 = 36.0 * v42;
+        const double v51 = v49 * (link_inertia[k] * v27) + (24.0 * (link_inertia[k] * v45) + (6.0 * v44 + p[1] *
+            p[1] * (v27 * v27)));
+        const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
+        const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+        out[k] = x[0];
+        out[count + k] = x[1];
+        out[2 * count + k] = x[2];
+        out[3 * count + k] = x[3];
+        out[4 * count + k] = x[4];
         const double next0 = v48 * v52;
         const double next1 = v53;
         const double next2 = v30 * (v53 - x[1]);

@@ -348,6 +348,14 @@ void tendon_lugre_torque_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* lugre_states along `count` samples, 1 row in `out`. */
+void tendon_lugre_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* thermal_friction_torque: Friction that changes as the drive warms up, mostly because grease thins. (a sgn(qd) +
  *   b qd) w,  w the recorded rise of temperature, else 1 - exp(-t/T)
  * in   qd [rad/s]: joint rate
@@ -560,6 +568,14 @@ void tendon_spring_hysteresis_torque_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* spring_hysteresis_states along `count` samples, 5 rows in `out`. */
+void tendon_spring_hysteresis_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
@@ -724,6 +740,14 @@ void tendon_elasticity_torque_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* elasticity_states along `count` samples, 4 rows in `out`. */
+void tendon_elasticity_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
  *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
  *   sgn(delta)
@@ -776,6 +800,14 @@ void tendon_backlash_columns_batch_f64(
 
 /* backlash_torque along `count` samples, 1 row in `out`. */
 void tendon_backlash_torque_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* backlash_states along `count` samples, 5 rows in `out`. */
+void tendon_backlash_states_batch_f64(
     size_t count,
     const tendon_signals_f64 *s,
     double dt,
