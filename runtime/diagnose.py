@@ -11,7 +11,7 @@ from runtime.compare import warnings
 from runtime.covariance import Inference
 from runtime.identify import prepared
 from runtime.judge import Verdict
-from runtime.leftover import physics, remainder
+from runtime.leftover import after_effect, physics, remainder
 from runtime.loader import Model
 from runtime.motion import Motion, prepare
 from runtime.recording import Recording, RecordingError
@@ -63,6 +63,7 @@ def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
     finding = diagnosis.findings[number]
     i = finding.joint_index
     info = diagnosis.model.library.effects[finding.term.effect]
+    later = {f.joint_index for f in diagnosis.findings[number + 1 :]}
     values = diagnosis.steps[-1].identification.inference.values.get(finding.term, {})
     held = [None if s.held_out is None else s.held_out.rms[i] for s in (finding.before, finding.after)]
     return {
@@ -79,7 +80,7 @@ def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
         "missing_signals": missing.to_json(absent(diagnosis, number)),
         "ranking": _ranking(finding.verdict),
         "experiment": info.experiment,
-        "remainder": remainder(diagnosis.steps[-1], i) if number == len(diagnosis.findings) - 1 else None,
+        "remainder": after_effect(diagnosis.steps[-1], i, info) if i not in later else None,
     }
 
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from runtime import spectral
+from runtime.compare import structure_shares
+from runtime.loader import EffectInfo
 from runtime.search import Step
 
 _ABOVE_NOISE = 1.15
+_FORM = 0.1
+_FORM_ABOVE_NOISE = 1.03
+"""Part of the variance that comes back, and level over the instruments' noise, from which a named effect leaves
+something that its law should have explained."""
 _SLOW = 3.2
 _BURST = 5.0
 _BOTH = (2.3, 3.0)
@@ -31,6 +37,39 @@ def physics(step: Step, joint: int) -> str | None:
             "an effect that is not in the library, or one in another form"
         )
     return None
+
+
+_SEEN_OVER = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "load": "load",
+    "predicted": "load",
+    "predicted_rate": "acceleration",
+    "level": "velocity",
+    "coupling": "acceleration",
+    "link_inertia": "acceleration",
+    "t": "time",
+    "warmth": "temperature",
+    "tip_load": "load",
+    "moment_x": "position",
+}
+"""Over which of `compare`'s signals an effect shows that reads a signal of the declarations."""
+
+
+def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
+    """What is left at a joint (0-based) once an effect was named and added, in words; None if it is noise."""
+    s = step.joints[joint]
+    part = (s.floor.repeating or 0.0) ** 2 / s.rms**2 if s.rms else 0.0
+    if part < _FORM or s.rms < _FORM_ABOVE_NOISE * s.floor.spectrum:
+        return outside(step, joint)
+    shares = structure_shares(s)
+    strongest = max(shares, key=lambda name: shares[name])
+    own = {_SEEN_OVER[name] for name in effect.signals if name in _SEEN_OVER}
+    share = f"{100 * min(part, 1.0):.0f} % of what is left comes back with the motion, most of it over {strongest}"
+    if strongest in own or (strongest == "direction" and "velocity" in own):
+        return f"{share}: {effect.name} is the right effect in another form than the library's law"
+    return f"{share}: something else is missing beside {effect.name}, or it has another form than the library's law"
 
 
 def outside(step: Step, joint: int) -> str | None:
