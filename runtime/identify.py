@@ -285,10 +285,19 @@ def solve(
     problem, fit = _refine(model, motion, known, shapes, at, free, prediction)
     for _ in range(_PASSES - 1 if needs else 0):
         before = fit.prediction.lumps
+        if not _drivable(model, motion, needs, fit.prediction):
+            break
         problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction)
         if np.allclose(before, fit.prediction.lumps, rtol=1e-3):
             break
     return problem, fit
+
+
+def _drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
+    """Whether what hangs on every transmission has an inertia, without which its motion has no meaning."""
+    regressors = Regressors(model, motion, prediction)
+    own = [t.joint - 1 for t in terms if t.joint and "coupling" in model.library.effects[t.effect].signals]
+    return all(float(np.min(s.get("link_inertia", i))) > 0 for s in regressors.signals for i in own)
 
 
 def _needs_prediction(model: Model, term: Term) -> bool:
