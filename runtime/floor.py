@@ -13,7 +13,7 @@ from runtime.repeats import Repeats
 
 Array = NDArray[np.float64]
 
-_LASTING = 0.25
+_LASTING = 0.33
 """Part of the residual's variance that must come back with the motion to count as repeatable."""
 
 
