@@ -134,7 +134,8 @@ def conclude(search: Search) -> Diagnosis:
         replace(f, rivals=tuple(t for t in f.rivals if t not in named))
         for f in (search.findings if verdict == "effect" else ())
     )
-    return Diagnosis(verdict, reason, tuple(search.steps), findings, search.last, seen)
+    steps = tuple(search.steps if findings else search.steps[:1])
+    return Diagnosis(verdict, reason, steps, findings, search.last, seen)
 
 
 def _verdict(search: Search) -> tuple[Literal["effect", "clean", "unexplained", "refused"], str]:

@@ -9,7 +9,7 @@ from typing import Any
 from runtime.diagnose import Diagnosis, begin, conclude, finding_json
 from runtime.loader import Model
 from runtime.recording import Recording
-from runtime.search import MOST_FINDINGS, Finding, Search, Step
+from runtime.search import MOST_FINDINGS, Finding, Step
 from runtime.terms import Term, structure
 
 OpenModel = Callable[[str], Model]
@@ -84,19 +84,18 @@ def improve(
     while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
         tell(_progress(search.steps[-1]))
     found = conclude(search)
-    text = model_text
-    for finding in search.findings:
-        text = add(text, finding.term.effect, finding.term.joint, search.steps[-1].shapes[finding.term])
-    search.model = _reloaded(open_model, text, search)
-    left = conclude(replace(search, steps=[search.steps[-1]], findings=[]))
-    text = put(text, search.steps[-1].identification.to_json())
-    return Improvement(text, found, left)
+    last, text = found.steps[-1], model_text
+    for finding in found.findings:
+        text = add(text, finding.term.effect, finding.term.joint, last.shapes[finding.term])
+    search.model = _reloaded(open_model, text, last)
+    left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
+    return Improvement(put(text, last.identification.to_json()), found, left)
 
 
-def _reloaded(open_model: OpenModel, text: str, search: Search) -> Model:
+def _reloaded(open_model: OpenModel, text: str, step: Step) -> Model:
     """The model as regenerated from the edited file; it must hold exactly the terms that were fitted."""
     model = open_model(text)
-    fitted = set(search.steps[-1].identification.fit.shapes)
+    fitted = set(step.shapes)
     written: set[Term] = set(structure(model))
     if fitted != written:
         apart = ", ".join(sorted(map(str, fitted ^ written)))

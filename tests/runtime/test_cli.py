@@ -238,7 +238,8 @@ def test_generate_elsewhere(run, here):
 def test_add_keeps_the_layout_and_regenerates(run, here):
     os.chmod(here / "drive.toml", 0o640)
     status, out, err = run("add", "drive.toml", "stribeck", "--joint", "1")
-    assert (status, err) == (0, "")
+    # On a slow machine deriving takes long enough to be said.
+    assert (status, set(err.splitlines()) - {"deriving drive1 …"}) == (0, set())
     assert "stribeck@1" in out
     assert (here / "drive.toml").read_text() == DRIVE + "[joint.effects.stribeck]\n"
     assert (here / "drive.toml").stat().st_mode & 0o777 == 0o640
