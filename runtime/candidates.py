@@ -169,10 +169,17 @@ class Field:
         bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
         return Block(parts, bounds[:, 0], bounds[:, 1])
 
+    def _gives_way(self, term: Term) -> bool:
+        return "coupling" in self.model.library.effects[term.effect].signals
+
+    def watched(self, term: Term) -> bool:
+        """Whether it is a transmission with an encoder on either side."""
+        return self._gives_way(term) and self.motion.has("twist", joints_of(self.model, term)[0])
+
     def trial(self, term: Term, shape: Values) -> Block:
-        """The candidate's columns on the excerpt, on the joint of its own if it has one."""
+        """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
         joints = joints_of(self.model, term)
-        if "coupling" in self.model.library.effects[term.effect].signals:
+        if self._gives_way(term) and not self.watched(term):
             joints = joints[:1]
         regressors = self.excerpt[0]
         return self._bounded(term, {i: Part(regressors.columns(term, i, shape)) for i in joints})

@@ -180,7 +180,8 @@ def rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdic
 
 
 def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
-    """The candidates with the least cross-validated errors on the excerpt, some of every joint among them."""
+    """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
+    transmission that an encoder watches."""
     ground = field.excerpt[1]
     found = [c for c in map(field.search, terms) if c is not None]
 
@@ -193,6 +194,7 @@ def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
     for joint in {c.term.joint for c in scored}:
         of_joint = [c for c in scored if c.term.joint == joint][:_OF_A_JOINT]
         chosen += [c for c in of_joint if c not in chosen]
+    chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
     return chosen
 
 

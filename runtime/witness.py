@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 HALF = 0.5
 """Between all of a candidate's torque and none of it."""
+LEAST_LAG = 0.3
+"""Part of its torque below which the lag contradicts a transmission: inertia that is not well known scales the lag."""
 _SIGMAS = 3.0
 _LOADED = 0.25
 """Part of the largest transmitted torque above which both flanks of a gap are surely touched."""
@@ -36,13 +38,11 @@ class Echo:
     part: float
     spread: float
 
-    @property
-    def there(self) -> bool:
-        return self.part - _SIGMAS * self.spread > HALF
+    def above(self, part: float) -> bool:
+        return self.part - _SIGMAS * self.spread > part
 
-    @property
-    def missing(self) -> bool:
-        return self.part + _SIGMAS * self.spread < HALF
+    def below(self, part: float) -> bool:
+        return self.part + _SIGMAS * self.spread < part
 
     def __str__(self) -> str:
         return f"{100 * self.part:.0f} ± {100 * _SIGMAS * self.spread:.0f} % of its torque".replace("-", "−")
@@ -77,8 +77,8 @@ class Witness:
     def doubts(self, ground: Ground, candidate: Candidate, block: Block, theta: Array) -> tuple[str, ...]:
         """What the sensors hold against a candidate with coefficients (1 + k,) `theta`, in words and figures."""
         term = candidate.term
-        found = self._transmission(ground, term, block, theta), self._play(candidate), self._output(term, block, theta)
-        return tuple(text for texts in found for text in texts)
+        lag = self._transmission(ground, term, block, theta)
+        return (*lag, *self._play(candidate), *self._output(ground, term, block, theta))
 
     # the link-side encoder -------------------------------------------------------------------------------------------
 
@@ -95,9 +95,9 @@ class Witness:
         found = echo(torque, lag, (noise, lag_noise))
         if found is None:
             return ()
-        if gives_way and found.missing:
+        if gives_way and found.below(LEAST_LAG):
             return (f"the link-side encoder does not show it: the link lags by {found}",)
-        if not gives_way and found.there:
+        if not gives_way and found.above(HALF):
             return (f"the link-side encoder shows that the transmission gives way instead: the lag makes up {found}",)
         return ()
 
@@ -109,10 +109,10 @@ class Witness:
             return ()
         twists, loads = [], []
         for signals, piece in zip(self.field.regressors.signals, motion.pieces, strict=True):
-            modelled = signals.deflection(candidate.term, candidate.shape)
-            if modelled is None or piece.sensors.twist is None:
+            deflection = signals.deflection(candidate.term, candidate.shape)
+            if deflection is None or piece.sensors.twist is None:
                 return ()
-            twists.append(piece.in_band(np.array([piece.sensors.twist[own], modelled])))
+            twists.append(piece.in_band(np.array([piece.sensors.twist[own], deflection])))
             loads.append(piece.in_band(np.asarray(signals.get("load", own))))
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
@@ -124,8 +124,10 @@ class Witness:
         there, has = (echo(step, _beyond(base, x[use])) for x in both)
         if there is None or has is None:
             return ()
-        apart, spread = there.part - has.part, _SIGMAS * float(np.hypot(there.spread, has.spread))
-        alike = min(there.part, has.part) > HALF * max(there.part, has.part)
+        # No gap is negative; what comes out below zero is how far a spring's curve departs from a cubic.
+        shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
+        apart, spread = shown - modelled, _SIGMAS * float(np.hypot(there.spread, has.spread))
+        alike = min(shown, modelled) > HALF * max(shown, modelled)
         if alike or abs(apart) < max(spread, _OF_TWIST * float(np.std(both[0, use]))):
             return ()
         unit = model.joints[own].position_unit
@@ -173,7 +175,7 @@ class Witness:
 
     # the torque sensor at the output ---------------------------------------------------------------------------------
 
-    def _output(self, term: Term, block: Block, theta: Array) -> tuple[str, ...]:
+    def _output(self, ground: Ground, term: Term, block: Block, theta: Array) -> tuple[str, ...]:
         side = self.field.model.library.effects[term.effect].side
         sensed = [i for i in block.parts if self.field.motion.has("tau_link", i)]
         if side is None or not sensed:
@@ -181,30 +183,31 @@ class Witness:
         torques, seen = [], []
         for i in sensed:
             base, measured = self._sensed(i)
-            use = self.field.motion.moving(i)
+            use = ground.rows[i].use
+            # What the model of the motor torque takes over of the candidate says nothing of it here either.
+            base = np.vstack([ground.rows[i].base, base])[:, use]
             torque = (theta @ block.parts[i].columns)[use]
             own = _beyond(base, torque)
             if float(own @ own) > LEAST_OWN * float(torque @ torque):
                 torques.append(own)
-                seen.append(measured)
+                seen.append(_beyond(base, measured[use]))
         found = echo(np.concatenate(torques), np.concatenate(seen)) if torques else None
         if found is None:
             return ()
-        if side == "link" and found.missing:
+        if side == "link" and found.below(HALF):
             return (f"the torque sensor at the output does not feel it, as it would on the link: {found}",)
-        if side == "motor" and found.there:
+        if side == "motor" and found.above(HALF):
             return (f"the torque sensor at the output feels it, as it would not on the motor: {found}",)
         return ()
 
     def _sensed(self, joint: int) -> tuple[Array, Array]:
-        """What the arm's own parameters may explain of a torque at the link, (b, m), and what of the sensor's torque
-        they do not, (m,), over the rows that count.
+        """What the arm's own parameters may explain of a torque at the link, (b, M), and the sensor's torque (M,) less
+        what has no free coefficient.
 
         An unknown part of the rotor's inertia and an offset of the sensor are free; what the fitted model holds on
         the link side is, too, but for its shapes.
         """
         field, motion = self.field, self.field.motion
-        use = motion.moving(joint)
         link = np.concatenate([p.in_band(_output_torque(p)[joint]) for p in motion.pieces])
         link = link - field.regressors.measured(joint)
         qdd = np.concatenate([p.in_band(p.qdd[joint]) for p in motion.pieces])
@@ -215,8 +218,7 @@ class Witness:
                 columns = field.regressors.columns(term, joint, field.fit.shapes[term])
                 link = link - columns[0]
                 free += [*columns[1:]]
-        base = np.array(free)[:, use]
-        return base, _beyond(base, link[use])
+        return np.array(free), link
 
 
 def _output_torque(piece: Piece) -> Array:

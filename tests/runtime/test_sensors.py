@@ -1,0 +1,216 @@
+"""Further sensors, as the independent plant would have read them: they name, rule out, and are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from runtime import simulate as simulation
+from runtime.candidates import Candidate, Field
+from runtime.cli import open_model
+from runtime.diagnose import Diagnosis, diagnose
+from runtime.identify import identify
+from runtime.judge import rank
+from runtime.loader import Model
+from runtime.missing import missing
+from runtime.recording import Recording, RecordingError
+from runtime.terms import Term
+from runtime.witness import Witness, echo
+from tests.judge import sensors
+from tests.judge.bench import Hiding
+from tests.judge.bodies import ARMS, BELIEVED, model_text
+from tests.judge.cases import Bench, Setting, bench, specimen
+from tests.judge.hidden import ENTRIES, Hidden, Setup
+from tests.judge.motion import desired
+from tests.judge.plant import Run
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A run of the plant with what was hidden in it."""
+
+    bench: Bench
+    hidden: tuple[Hiding, ...]
+    run: Run
+    plain: Recording
+
+    def with_link(self) -> Recording:
+        return replace(self.plain, q_link=sensors.link_angles(self.run))
+
+    def with_output(self) -> Recording:
+        return replace(self.plain, tau_link=sensors.output_torque(self.bench, self.run, self.hidden, 5))
+
+    def with_rigid(self) -> Recording:
+        return replace(self.plain, tau_rigid=sensors.rigid_torque(self.bench, self.run, self.hidden))
+
+
+def recorded(setting: Setting, *what: tuple[str | Hidden, int, float], seed: int = 7) -> Recorded:
+    """Effects by name, joint (0-based) and amount, hidden in the arm of the setting."""
+    bodies, rng = ARMS[setting.joints], np.random.default_rng(seed)
+    rows = specimen(bodies, BELIEVED, rng)
+    wanted = desired(rng, setting.joints, setting.excitation)
+    where = bench(setting, wanted, rng, False, rows)
+    hidden = tuple(
+        (ENTRIES[name].draw(Setup(bodies, joint, wanted, rng)) if isinstance(name, str) else name, joint, amount)
+        for name, joint, amount in what
+    )
+    run = where.run(hidden)
+    return Recorded(where, hidden, run, where.recording(run))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dict[int, Model]:  # noqa: ARG001
+    folder = tmp_path_factory.mktemp("arms")
+    models = {}
+    for n in (1, 2):
+        path = folder / f"arm{n}.toml"
+        path.write_text(model_text(ARMS[n], BELIEVED))
+        models[n] = open_model(path)
+    return models
+
+
+def named(found: Diagnosis) -> list[tuple[str, list[str]]]:
+    return [(str(f.term), [str(r) for r in f.rivals]) for f in found.findings]
+
+
+def doubts(model: Model, recording: Recording, *terms: Term) -> dict[str, str]:
+    """What speaks against each of these candidates on the model as it is."""
+    fitted = identify(model, [recording])
+    floors = [float(x) for x in fitted.motion.band.torque_floor()]
+    ranked = rank(Field(fitted.problem, fitted.fit), terms, floors).ranked
+    return {str(e.term): "; ".join(e.failed) for e in ranked}
+
+
+ELASTICITY, DELAY = Term("elasticity", 1), Term("torque_delay", 1)
+
+
+def test_a_link_side_encoder_tells_a_spring_from_a_gap(arm: dict[int, Model]) -> None:
+    """One cosine shakes both alike; the encoder sees a line or a dead zone."""
+    poor = Setting(excitation="one_cosine")
+    for name, amount, other in (("elasticity", 1500.0, "backlash"), ("backlash", 3e-3, "elasticity")):
+        made = recorded(poor, (name, 0, amount))
+        found = diagnose(arm[1], [made.plain])
+        assert named(found)[0] == (f"{name}@1", [f"{other}@1"])
+        assert found.to_json()["findings"][0]["missing_signals"] == [{"signal": "q1_link", "rivals": [other]}]
+        assert named(diagnose(arm[1], [made.with_link()]))[0] == (f"{name}@1", [])
+
+
+def test_a_link_side_encoder_says_whether_the_transmission_gives_way(arm: dict[int, Model]) -> None:
+    """A delay and an elasticity without slow motion: each is ruled out where the other is the truth."""
+    quick, shape = Setting(excitation="no_slow"), {"stiffness": 1500.0, "damping": 1.0}
+    fitted = identify(arm[1], [recorded(quick, ("torque_delay", 0, 4e-3)).with_link()])
+    field = Field(fitted.problem, fitted.fit)
+    soft = Candidate(ELASTICITY, shape, 2, 0.0, (), at_edge=False)
+    (doubt,) = Witness(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
+    assert doubt.startswith("the link-side encoder does not show it")
+    found = doubts(arm[1], recorded(quick, ("elasticity", 0, 1500.0)).with_link(), ELASTICITY, DELAY)
+    assert not found["elasticity@1"]
+    assert "the transmission gives way instead" in found["torque_delay@1"]
+
+
+def test_a_link_side_encoder_finds_the_soft_joint(arm: dict[int, Model]) -> None:
+    """Short strokes: what the soft joint 2 does to joint 1 looks like joint 1's own."""
+    made = recorded(Setting(joints=2, excitation="small"), ("elasticity", 1, 600.0), seed=11)
+    both = ELASTICITY, Term("elasticity", 2)
+    without, known = (doubts(arm[2], r, *both) for r in (made.plain, made.with_link()))
+    assert not without["elasticity@1"]
+    assert without["elasticity@2"]
+    assert known["elasticity@1"].startswith("the link-side encoder does not show it")
+    assert not known["elasticity@2"]
+
+
+def test_an_output_sensor_tells_the_motor_side_from_the_link_side(arm: dict[int, Model]) -> None:
+    """Slow strokes: a spring passes for friction of either direction. Full motion: friction of a place for a stop."""
+    bent, spring = Term("viscous_asymmetric", 1), Term("linear_spring", 1)
+    pulls = recorded(Setting(excitation="slow"), ("linear_spring", 0, 0.6))
+    assert doubts(arm[1], pulls.plain, bent, spring) == {"linear_spring@1": "", "viscous_asymmetric@1": ""}
+    found = doubts(arm[1], pulls.with_output(), bent, spring)
+    assert not found["linear_spring@1"]
+    assert found["viscous_asymmetric@1"].startswith("the torque sensor at the output feels it")
+    patch, stop = Term("friction_patch", 1), Term("end_stop", 1)
+    rubs = recorded(Setting(), ("friction_patch", 0, 0.5))
+    assert not doubts(arm[1], rubs.plain, stop)["end_stop@1"]
+    found = doubts(arm[1], rubs.with_output(), patch, stop)
+    assert not found["friction_patch@1"]
+    assert "does not feel it" in found["end_stop@1"]
+
+
+def test_the_users_own_rigid_torque_replaces_an_arm_that_the_file_cannot_say(arm: dict[int, Model]) -> None:
+    """Gravity acts and the file has none, nor could it have; only the friction of joint 2 is missing."""
+    made = recorded(Setting(joints=2), ("gravity", 0, 9.81), ("stribeck", 1, 0.5))
+    found = diagnose(arm[2], [made.with_rigid()])
+    assert named(found) == [("stribeck@2", [])]
+    assert found.findings[0].share() > 0.9
+    assert found.reason.startswith("the model lacks stribeck")
+    assert {p["fit"] for p in found.to_json()["parameters"]} == {None}
+    last = found.steps[-1].identification
+    assert np.array_equal(last.fit.prediction.lumps, arm[2].lump_values)
+    torque = last.inference.values[Term("stribeck", 2)]["torque"]
+    assert torque.interval is not None
+    assert torque.interval[0] < 0.5 < torque.interval[1]
+    with pytest.raises(RecordingError, match=r"judge\.csv: has no tau1_rigid"):
+        diagnose(arm[2], [made.with_rigid()], [made.plain])
+
+
+def test_a_measured_force_is_no_residual(arm: dict[int, Model]) -> None:
+    """A hand that pushes the end-effector: unknown it is named as something, known it is not."""
+    setting = Setting()
+    pushed = Hidden("", 4.0, (0.1, 10.0), push=lambda t, most: most * np.maximum(np.sin(0.9 * t), 0.0) ** 2)
+    made = recorded(setting, (pushed, 0, 4.0))
+    torque = pushed.push(made.plain.t, 4.0) if pushed.push else made.plain.t
+    length, q = ARMS[1][0].length, made.run.link[0]
+    # Across the link, on the arm: its torque about the joint is length times the force.
+    force = torque / length * np.array([-np.sin(q), np.cos(q)])
+    without = diagnose(arm[1], [made.plain])
+    known = diagnose(arm[1], [replace(made.plain, force=force)])
+    assert without.verdict != "clean"
+    assert known.verdict == "clean"
+    assert known.steps[0].fitted.rms[0] < 0.1 * without.steps[0].fitted.rms[0]
+
+
+def test_signals_that_would_tell_rivals_apart(arm: dict[int, Model]) -> None:
+    made = recorded(Setting(temperature=False))
+    motion = identify(arm[1], [made.plain]).motion
+
+    def columns(one: str, other: str) -> list[tuple[str, ...]]:
+        return [m.columns for m in missing(arm[1], motion, Term(one, 1), [Term(other, 1)])]
+
+    assert columns("elasticity", "torque_delay") == [("q1_link",), ("tau1_link",)]
+    assert columns("elasticity", "backlash") == [("q1_link",)]
+    assert columns("stribeck", "thermal_friction") == [("temperature1",)]
+    assert columns("end_stop", "stribeck") == [("tau1_link",)]
+    assert columns("stribeck", "viscous_power") == []
+    (weight,) = missing(arm[1], motion, Term("payload"), [Term("gravity")])
+    assert weight.sentence() == "fx and fy (the force on the end-effector) would tell it from gravity"
+
+
+def test_what_a_simulation_records_is_what_it_hides(drive: Model) -> None:
+    """The deflection carries the torque of the output sensor: T = k delta + d delta_d."""
+    hidden = simulation.parse_hidden("elasticity@1:stiffness=1500,damping=1", drive)
+    made, _ = simulation.simulate(drive, [hidden], noise=0.0, extra=("q_link", "tau_link", "temperature"))
+    assert made.q_link is not None
+    assert made.tau_link is not None
+    assert made.temperature[0] is not None
+    assert made.q_desired is not None
+    deflection = made.q_desired - made.q_link
+    carried = 1500.0 * deflection + np.gradient(deflection, 1e-3, axis=1)
+    step = simulation.COUNT["revolute"]
+    # The link's count makes 1500 and, through the damping, a thousand times half a count.
+    assert np.abs(carried - made.tau_link).max() < 0.01 * np.abs(made.tau_link).max() + 2500 * step
+    with pytest.raises(simulation.SimulationError, match='found "q1_link", expected some of q_link'):
+        simulation.parse_extra("q1_link")
+
+
+@given(part=st.floats(-2.0, 2.0), seed=st.integers(0, 2**16))
+def test_an_echo_is_within_its_error(part: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    torque = rng.standard_normal(2000)
+    found = echo(torque, part * torque + 0.5 * rng.standard_normal(2000))
+    assert found is not None
+    # Six standard errors of ten stretches' estimate of them.
+    assert abs(found.part - part) < 6 * max(found.spread, 0.5 / np.sqrt(2000))
