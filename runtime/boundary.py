@@ -15,7 +15,13 @@ import typer
 NO, BAD_INPUT = 1, 2
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file (TOML).")]
-Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings (CSV, plain or gzip).")]
+Recordings = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECORDING...",
+        help="CSV, plain or gzip: t,q1,tau1,... and, if measured, temperature1,q1_link,tau1_link,tau1_rigid,fx,fy.",
+    ),
+]
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON; - for stdout.")]
 EffectsFile = Annotated[
     Path | None, typer.Option("--effects", metavar="FILE.py", help="Your own effects: Python that is run, so trust it.")

@@ -44,8 +44,9 @@ class Recording:
     q, tau        (n, N) motor encoder / gear ratio, motor torque * gear ratio
     qd, q_desired, q_link, tau_link, tau_rigid
                   (n, N), or None where the file has none of them; a joint without one has a row of NaN
+    tau_rigid     what the user's own model predicts of tau without friction: rotors and contact included
     temperature   °C, (N,) or None for each joint
-    force         (2, N) N along base x and y at the end-effector, or None
+    force         (2, N) N along base x and y that acts on the arm at the end-effector, or None
     segments      gap-free pieces of at least MIN_SEGMENT samples, each within one run
     types         "revolute" or "prismatic" for each joint
     """
