@@ -19,12 +19,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.constrained import bounded, inverse, rank
+from runtime.constrained import bounded, inverse
+from runtime.equations import FOLDS, Equations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FOLDS = 10
 _MOST_LAGS = 12
 LEAST_OWN = 1e-3
 """Part of a column's square that the base must leave of it for the column to count as the candidate's own."""
@@ -156,10 +156,6 @@ class Ground:
         return np.array([sum(r.folds[f].stop - r.folds[f].start for r in self.rows) for f in range(FOLDS)], dtype=float)
 
     @cached_property
-    def count(self) -> int:
-        return int(self.fold_sizes.sum())
-
-    @cached_property
     def _base_grams(self) -> Array:
         """(FOLDS, B + 1, B + 1) of base and torque, compensated."""
         out = np.zeros((FOLDS, self.size + 1, self.size + 1))
@@ -170,48 +166,64 @@ class Ground:
                 out[f][at] += s @ s.T - n @ n.T
         return out
 
-    def grams(self, block: Block | None) -> Array:
-        """(FOLDS, B + k + 1, B + k + 1) of base, block and torque, compensated; the torque last."""
-        if block is None:
-            return self._base_grams
+    def moments(self, block: Block) -> Array:
+        """(FOLDS, B + k + 2, B + k + 2) of base, the block's torque without coefficients, its columns and the torque."""
         b, k = self.size, len(block.lower)
-        own, last = slice(b, b + k), b + k
-        order = [*range(b), last]
-        out = np.zeros((FOLDS, b + k + 1, b + k + 1))
+        own, order = slice(b, b + k + 1), [*range(b), b + k + 1]
+        out = np.zeros((FOLDS, b + k + 2, b + k + 2))
         out[np.ix_(range(FOLDS), order, order)] = self._base_grams
         for joint, part in block.parts.items():
             row = self.rows[joint]
             x = row.used(part.columns)
             noise = None if part.noise is None else row.used(part.noise)
+            index = np.append(row.index, b + k + 1)
             for f, where in enumerate(row.folds):
-                o, s = x[:, where], row.stack[:, where]
-                cross, square = o @ s.T, o @ o.T
+                o = x[:, where]
+                cross, square = o @ row.stack[:, where].T, o @ o.T
                 if noise is not None:
                     cross -= noise[:, where] @ row.stack_noise[:, where].T
                     square -= noise[:, where] @ noise[:, where].T
-                gram = out[f]
-                gram[own, row.index] += cross[1:, :-1]
-                gram[row.index, last] -= cross[0, :-1]
-                gram[own, last] += cross[1:, -1] - square[1:, 0]
-                gram[last, last] += square[0, 0] - 2 * cross[0, -1]
-                gram[own, own] += square[1:, 1:]
+                out[f][own, index] += cross
+                out[f][own, own] += square
         out[:, :b, own] = np.swapaxes(out[:, own, :b], 1, 2)
-        out[:, last, :last] = out[:, :last, last]
+        out[:, -1, own] = out[:, own, -1]
         return out
 
-    def _bounds(self, block: Block | None) -> tuple[Array, Array]:
+    def posed(self, moments: Array, block: Block | None, added: Array | None = None) -> Equations:
+        """Equations of the base with a block (None: without it) out of the moments of a block.
+
+        added   (1 + k,) parts of the block's torque and columns that are put into the measured torque first
+        """
+        b, k = self.size, moments.shape[1] - self.size - 2
+        kept = b if block is None else b + k
+        into = np.zeros((b + k + 2, kept + 1))
+        into[range(b), range(b)] = into[-1, -1] = 1.0
+        if added is not None:
+            into[b:-1, -1] += added
+        if block is not None:
+            into[range(b + 1, b + k + 1), range(b, b + k)] = 1.0
+            into[b, -1] -= 1.0
+        lower = self.lower if block is None else np.append(self.lower, block.lower)
+        upper = self.upper if block is None else np.append(self.upper, block.upper)
+        return Equations(into.T @ moments @ into, lower, upper, self.level, self.fold_sizes)
+
+    def equations(self, block: Block | None = None) -> Equations:
+        """Of the base with a block, or without one."""
         if block is None:
-            return self.lower, self.upper
-        return np.append(self.lower, block.lower), np.append(self.upper, block.upper)
+            return self._base_equations
+        return self.posed(self.moments(block), block)
+
+    @cached_property
+    def _base_equations(self) -> Equations:
+        return Equations(self._base_grams, self.lower, self.upper, self.level, self.fold_sizes)
 
     def solve(self, block: Block | None = None) -> Solution:
         """Least squares on the used rows, every coefficient within its bounds."""
-        gram = self.grams(block).sum(axis=0)
-        theta = bounded(gram[:-1, :-1], gram[:-1, -1], *self._bounds(block))
-        direction = np.append(theta, -1.0)
-        return Solution(float(direction @ gram @ direction + self.level.sum()), theta, self._residual(theta, block))
+        found = self.equations(block)
+        return Solution(found.sse, found.coefficients, self.residual(found.coefficients, block))
 
-    def _residual(self, theta: Array, block: Block | None) -> tuple[Array, ...]:
+    def residual(self, theta: Array, block: Block | None) -> tuple[Array, ...]:
+        """Per joint (M,), unweighted, zero in rows that do not count."""
         found = []
         for joint, row in enumerate(self.rows):
             r = row.y - theta[row.index] @ row.base
@@ -219,21 +231,6 @@ class Ground:
                 r = r - np.append(1.0, theta[self.size :]) @ block.parts[joint].columns
             found.append(np.where(row.use, r, 0.0))
         return tuple(found)
-
-    def rank(self, block: Block | None = None) -> int:
-        """Number of separate linear directions that base and block span on the used rows."""
-        return rank(self.grams(block).sum(axis=0)[:-1, :-1])
-
-    def cross_validate(self, block: Block | None) -> tuple[Array, Array]:
-        """Held-out and training SSE (FOLDS,), every fold left out once."""
-        grams = self.grams(block)
-        held, trained = np.zeros(FOLDS), np.zeros(FOLDS)
-        whole = grams.sum(axis=0)
-        for f in range(FOLDS):
-            rest = whole - grams[f]
-            direction = np.append(bounded(rest[:-1, :-1], rest[:-1, -1], *self._bounds(block)), -1.0)
-            held[f], trained[f] = direction @ grams[f] @ direction, direction @ rest @ direction
-        return held + self.level, trained + self.level.sum() - self.level
 
     def whitened(self, ar: Sequence[Array]) -> Ground:
         """The same ground through an autoregressive filter (1, a1, ...) a joint."""
@@ -335,21 +332,6 @@ def _levinson(covariance: Array, count: int) -> Array:
         if score < best_score:
             best, best_score = ar, score
     return best
-
-
-def bic(sse: float, count: int, parameters: int) -> float:
-    return count * float(np.log(max(sse, 1e-300) / count)) + parameters * float(np.log(count))
-
-
-def log_likelihood(held: Array, trained: Array, sizes: Array) -> float:
-    """Held-out Gaussian log-likelihood, each fold with the variance of its training rows.
-
-    Minus infinity where compensation leaves no variance: such a model explains noise.
-    """
-    if np.any(trained <= 0):
-        return float("-inf")
-    variance = trained / (sizes.sum() - sizes)
-    return float(np.sum(-0.5 * sizes * np.log(2 * np.pi * variance) - held / (2 * variance)))
 
 
 def vuong(better: Array, worse: Array) -> float:

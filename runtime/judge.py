@@ -7,7 +7,7 @@ effect more often than not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.candidates import Candidate, Field
-from runtime.evidence import LEAST_OWN, Block, Ground, bic, log_likelihood, vuong
+from runtime.equations import Equations
+from runtime.evidence import LEAST_OWN, Block, Ground, vuong
 from runtime.terms import Term, joints_of
 from runtime.witness import Witness
 from runtime.wording import whole
@@ -90,14 +91,73 @@ class Verdict:
         return self.ranked[0] if self.ranked and self.ranked[0].passes else None
 
 
+@dataclass(frozen=True)
+class Figures:
+    """What the gates look at: equations without and with a candidate, plain and whitened.
+
+    searched   number of shape parameters that were searched
+    unit       N m (N): RMS at the candidate's own joint of a torque whose weighted square is 1
+    excess     variance above the noise floors, in units of the residual's at the own joint, before anything was added
+    measured   squared error of the model on the measured torque, before anything was added
+    count      rows of the own joint
+    """
+
+    before: Equations
+    after: Equations
+    white_before: Equations
+    white_after: Equations
+    searched: int
+    unit: float
+    excess: float
+    measured: float
+    count: int
+
+    @property
+    def eff(self) -> float:
+        return self.unit * float(np.sqrt(max(self.before.sse - self.after.sse, 0.0)))
+
+    @property
+    def share(self) -> float:
+        more = (self.before.sse - self.measured) / max(1, self.count)
+        return self.eff**2 / max(self.unit**2 * self.count * (self.excess + more), self.eff**2, 1e-300)
+
+    @property
+    def delta_bic(self) -> float:
+        searched = self.searched * float(np.log(self.white_after.count))
+        return self.white_before.bic - self.white_after.bic - searched
+
+    @property
+    def likelihood_gain(self) -> float:
+        return self.white_after.log_likelihood - self.white_before.log_likelihood
+
+    @property
+    def cv_gain(self) -> float:
+        return 1 - float(self.after.held_out[0].sum()) / float(self.before.held_out[0].sum())
+
+    def gates(self, floor: float, at_edge: bool) -> Iterator[tuple[bool, str]]:
+        """Whether each is open and what is to be said if not, those first that cost least to know."""
+        delta, size = self.delta_bic, self.eff / floor
+        yield delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"
+        yield size > LEAST_EFFECT, f"its own torque is {size:.2f} of the noise floor, not {LEAST_EFFECT:g}"
+        part = 100 * self.share
+        yield part > 100 * LEAST_SHARE, f"it explains {part:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"
+        yield not at_edge, "its shape lies at the edge of what was searched"
+        gain = self.likelihood_gain
+        least = LEAST_LIKELIHOOD_GAIN
+        yield gain > least, f"held-out log-likelihood gains {whole(gain)}, not {least:g}"
+        fall = 1 - np.sqrt(max(1 - self.cv_gain, 0.0))
+        yield bool(fall > LEAST_ERROR_FALL), "held-out error does not fall by 1 %"
+
+
 @dataclass
 class Bench:
-    """A field's ground before and after whitening by the noise model of its best candidate.
+    """A ground of a field before and after whitening by the noise model of its best candidate.
 
-    floors (n,): every joint's noise floor
+    ground: the field's own, or that of its excerpt; floors (n,): every joint's noise floor
     """
 
     field: Field
+    ground: Ground
     floors: Sequence[float]
     best: Block | None
 
@@ -107,55 +167,92 @@ class Bench:
 
     @cached_property
     def autoregression(self) -> list[Array]:
-        ground = self.field.ground
-        residual = ground.solve(self.best).residual
-        return [row.autoregression(r) for row, r in zip(ground.rows, residual, strict=True)]
+        residual = self.ground.solve(self.best).residual
+        return [row.autoregression(r) for row, r in zip(self.ground.rows, residual, strict=True)]
 
     @cached_property
     def white(self) -> Ground:
-        return self.field.ground.whitened(self.autoregression)
-
-    @cached_property
-    def base_error(self) -> float:
-        """Squared error without a candidate, and cross-validated; of the plain rows."""
-        return self.field.ground.solve().sse
-
-    @cached_property
-    def base_held(self) -> float:
-        return float(self.field.ground.cross_validate(None)[0].sum())
-
-    @cached_property
-    def base_bic(self) -> float:
-        return bic(self.white.solve().sse, self.white.count, self.white.rank())
-
-    @cached_property
-    def base_likelihood(self) -> float:
-        return log_likelihood(*self.white.cross_validate(None), self.white.fold_sizes)
+        return self.ground.whitened(self.autoregression)
 
     def weigh(self, candidate: Candidate, block: Block) -> Evidence:
-        """All evidence for a candidate with its columns on the field's whole motion."""
-        field = self.field
-        replaced = field.replaced(candidate.term)
-        plain, white = field.without(field.ground, replaced), field.without(self.white, replaced)
-        whitened = white.whiten_block(block, self.autoregression)
-        after = white.solve(whitened)
-        parameters = white.rank(whitened) + candidate.searched
-        delta = self.base_bic - bic(after.sse, white.count, parameters)
-        gain = log_likelihood(*white.cross_validate(whitened), white.fold_sizes) - self.base_likelihood
-        solution = plain.solve(block)
-        fall = max(self.base_error - solution.sse, 0.0)
-        cv_gain = 1 - float(plain.cross_validate(block)[0].sum()) / self.base_held
-        joints = joints_of(field.model, candidate.term)
-        own = joints[0]
-        scale = field.rms(own)
-        eff = scale * float(np.sqrt(fall / max(1, field.ground.rows[own].count)))
-        over = sum(max(1 - (self.floors[i] / r) ** 2, 0.0) for i in joints if (r := field.rms(i)) > 0)
-        share = eff**2 / max(scale**2 * over, eff**2, 1e-300)
-        failed = _failed(delta, gain, cv_gain, eff / self.floors[own], share, candidate.at_edge)
-        theta = np.append(1.0, solution.coefficients[plain.size :])
-        failed += _doubts(plain, block, theta) + self.witness.doubts(plain, candidate, block, theta)
-        residual = np.concatenate([row.used(r) for row, r in zip(white.rows, after.residual, strict=True)])
-        return Evidence(candidate, eff, share, delta, gain, cv_gain, failed, parameters, residual)
+        """All evidence for a candidate with its columns on the bench's ground."""
+        weighing = Weighing(self, candidate.term, candidate.searched, block)
+        figures = weighing.figures()
+        failed = tuple(text for ok, text in figures.gates(weighing.floor, candidate.at_edge) if not ok)
+        theta = np.append(1.0, figures.after.coefficients[self.ground.size :])
+        failed += weighing.doubts(theta) + self.witness.doubts(weighing.plain, candidate, block, theta)
+        return Evidence(
+            candidate,
+            figures.eff,
+            figures.share,
+            figures.delta_bic,
+            figures.likelihood_gain,
+            figures.cv_gain,
+            failed,
+            figures.white_after.rank + candidate.searched,
+            weighing.residual(figures),
+        )
+
+
+@dataclass
+class Weighing:
+    """A term's block on a bench, weighed as things are or with a torque of the term put into what was measured.
+
+    searched: number of shape parameters that were searched
+    """
+
+    bench: Bench
+    term: Term
+    searched: int
+    block: Block
+
+    def __post_init__(self) -> None:
+        field, ground = self.bench.field, self.bench.ground
+        replaced = field.replaced(self.term)
+        self.plain, self.white = field.without(ground, replaced), field.without(self.bench.white, replaced)
+        self.whitened = self.white.whiten_block(self.block, self.bench.autoregression)
+        self.joints = joints_of(field.model, self.term)
+        self.floor = self.bench.floors[self.joints[0]]
+
+    @cached_property
+    def _moments(self) -> tuple[Array, Array]:
+        return self.plain.moments(self.block), self.white.moments(self.whitened)
+
+    def figures(self, added: Array | None = None) -> Figures:
+        """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
+        bench, (plain, white) = self.bench, self._moments
+        count = max(1, bench.ground.rows[self.joints[0]].count)
+        rms = [bench.field.rms(i) for i in self.joints]
+        floors = [bench.floors[i] for i in self.joints]
+        as_measured = added is None
+        return Figures(
+            bench.ground.equations() if as_measured else bench.ground.posed(plain, None, added),
+            self.plain.posed(plain, self.block, added),
+            bench.white.equations() if as_measured else bench.white.posed(white, None, added),
+            self.white.posed(white, self.whitened, added),
+            self.searched,
+            rms[0] / float(np.sqrt(count)),
+            sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
+            bench.ground.equations().sse,
+            count,
+        )
+
+    def residual(self, figures: Figures) -> Array:
+        """Whitened, all joints' rows that count, one after another."""
+        found = self.white.residual(figures.white_after.coefficients, self.whitened)
+        return np.concatenate([row.used(r) for row, r in zip(self.white.rows, found, strict=True)])
+
+    def doubts(self, theta: Array) -> tuple[str, ...]:
+        """What speaks against a candidate's torque itself, (1 + k,) `theta` of its columns."""
+        parts = self.block.parts
+        own, whole = self.plain.own({i: theta @ p.columns for i, p in parts.items()})
+        noise, _ = self.plain.own({i: theta @ p.noise for i, p in parts.items() if p.noise is not None})
+        found = []
+        if own < LEAST_OWN * whole:
+            found.append(f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque")
+        if noise > MOST_NOISE * own:
+            found.append("another reading of the encoders would give another torque")
+        return tuple(found)
 
 
 def judge(field: Field, floors: Sequence[float]) -> Verdict:
@@ -170,10 +267,10 @@ def rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdic
         return Verdict((), ())
     blocks = [field.block(c.term, c.shape) for c in finalists]
     held = [
-        field.without(field.ground, field.replaced(c.term)).cross_validate(b)[0].sum()
+        field.without(field.ground, field.replaced(c.term)).equations(b).held_out[0].sum()
         for c, b in zip(finalists, blocks, strict=True)
     ]
-    bench = Bench(field, floors, blocks[int(np.argmin(held))])
+    bench = Bench(field, field.ground, floors, blocks[int(np.argmin(held))])
     evidence = [bench.weigh(c, b) for c, b in zip(finalists, blocks, strict=True)]
     evidence.sort(key=lambda e: (not e.passes, -e.delta_bic))
     return Verdict(tuple(evidence), _rivals(evidence))
@@ -187,7 +284,7 @@ def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
 
     def held(c: Candidate) -> float:
         block = field.trial(c.term, c.shape)
-        return float(field.without(ground, field.replaced(c.term)).cross_validate(block)[0].sum())
+        return float(field.without(ground, field.replaced(c.term)).equations(block).held_out[0].sum())
 
     scored = sorted(found, key=held)
     chosen = scored[:_FINALISTS]
@@ -196,30 +293,6 @@ def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
         chosen += [c for c in of_joint if c not in chosen]
     chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
     return chosen
-
-
-def _failed(delta: float, gain: float, cv_gain: float, effect: float, share: float, at_edge: bool) -> tuple[str, ...]:
-    gates = (
-        (delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"),
-        (gain > LEAST_LIKELIHOOD_GAIN, f"held-out log-likelihood gains {whole(gain)}, not {LEAST_LIKELIHOOD_GAIN:g}"),
-        (1 - np.sqrt(max(1 - cv_gain, 0.0)) > LEAST_ERROR_FALL, "held-out error does not fall by 1 %"),
-        (effect > LEAST_EFFECT, f"its own torque is {effect:.2f} of the noise floor, not {LEAST_EFFECT:g}"),
-        (share > LEAST_SHARE, f"it explains {100 * share:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"),
-        (not at_edge, "its shape lies at the edge of what was searched"),
-    )
-    return tuple(text for ok, text in gates if not ok)
-
-
-def _doubts(ground: Ground, block: Block, theta: Array) -> tuple[str, ...]:
-    """What speaks against a candidate's torque itself, (1 + k,) `theta` of its columns."""
-    own, whole = ground.own({i: theta @ p.columns for i, p in block.parts.items()})
-    noise, _ = ground.own({i: theta @ p.noise for i, p in block.parts.items() if p.noise is not None})
-    found = []
-    if own < LEAST_OWN * whole:
-        found.append(f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque")
-    if noise > MOST_NOISE * own:
-        found.append("another reading of the encoders would give another torque")
-    return tuple(found)
 
 
 def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from runtime import pairs
 from runtime.candidates import Candidate, Field
 from runtime.compare import JointSeries, errors, series
-from runtime.evidence import bic
+from runtime.equations import bic
 from runtime.identify import Identification, Problem, identify_motion
 from runtime.judge import BIC_APART, LEAST_DELTA_BIC, Evidence, Verdict, judge, rank
 from runtime.loader import Model

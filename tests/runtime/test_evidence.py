@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.evidence import FOLDS, Block, Ground, Part, Rows, vuong
+from runtime.equations import FOLDS
+from runtime.evidence import Block, Ground, Part, Rows, vuong
 
 
 def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Rows:
@@ -52,9 +53,9 @@ def test_cross_validation_rewards_truth_and_punishes_noise() -> None:
     rng = np.random.default_rng(1)
     truth, noise = rng.standard_normal(2000), rng.standard_normal((30, 2000))
     found = ground(rows(0.5 * truth + rng.standard_normal(2000), np.ones((1, 2000))))
-    base = found.cross_validate(None)[0].sum()
-    assert found.cross_validate(block(truth))[0].sum() < 0.85 * base
-    assert found.cross_validate(block(*noise))[0].sum() > base
+    base = found.equations().held_out[0].sum()
+    assert found.equations(block(truth)).held_out[0].sum() < 0.85 * base
+    assert found.equations(block(*noise)).held_out[0].sum() > base
 
 
 def test_autoregression_is_recovered() -> None:
