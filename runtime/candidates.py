@@ -184,6 +184,21 @@ class Field:
         regressors = self.excerpt[0]
         return self._bounded(term, {i: Part(regressors.columns(term, i, shape)) for i in joints})
 
+    @cached_property
+    def _reread(self) -> Regressors:
+        """Regressors on the excerpt as the encoders might have read it another time."""
+        if self.excerpt[0] is self.regressors:
+            return self.regressors.perturbed
+        return Regressors(self.model, self.motion.perturbed.excerpt(_EXCERPT)[0], self.fit.prediction)
+
+    def sample(self, term: Term, shape: Values) -> Block:
+        """As `block`, on the excerpt."""
+        parts = {}
+        for i in joints_of(self.model, term):
+            columns = self.excerpt[0].columns(term, i, shape)
+            parts[i] = Part(columns, self._reread.columns(term, i, shape) - columns)
+        return self._bounded(term, parts)
+
     def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
         block = self.trial(term, shape)
         if not all(np.isfinite(part.columns).all() for part in block.parts.values()):
@@ -198,7 +213,7 @@ class Field:
         regressors, ground = self.excerpt
         whole = beside or ground
         ground = self.without(whole, self.replaced(term))
-        choices = self._choices(term)
+        choices = self.choices(term)
         scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
         if not scored or not np.isfinite(scored[0][0]):
             return None
@@ -210,7 +225,8 @@ class Field:
         gain = scored[0][0] - (ground.solve().sse - whole.solve().sse if ground is not whole else 0.0)
         return Candidate(term, shape, searched, gain, others, edge)
 
-    def _choices(self, term: Term) -> list[Values]:
+    def choices(self, term: Term) -> list[Values]:
+        """Shapes at which the term is tried."""
         choices = grids.points(self.excerpt[0], term)
         signals = self.model.library.effects[term.effect].signals
         if "warmth" in signals and all(bool(p.measured.all()) for p in self.motion.pieces):

@@ -167,7 +167,7 @@ class Ground:
         return out
 
     def moments(self, block: Block) -> Array:
-        """(FOLDS, B + k + 2, B + k + 2) of base, the block's torque without coefficients, its columns and the torque."""
+        """(FOLDS, B + k + 2, B + k + 2) of base, the block's fixed part, its columns and the torque."""
         b, k = self.size, len(block.lower)
         own, order = slice(b, b + k + 1), [*range(b), b + k + 1]
         out = np.zeros((FOLDS, b + k + 2, b + k + 2))
@@ -313,6 +313,15 @@ class Ground:
             square += float(x @ x)
             cross[row.index] += row.stack[:-1] @ x
         return max(square - float(cross @ projection @ cross), 0.0), square
+
+    def held(self, torques: Mapping[int, Array]) -> tuple[float, float]:
+        """How much of torques (M,) by joint the measurement holds beside the base, and its standard deviation if rows
+        are white."""
+        kept, _ = self.own(torques)
+        left = self._projection[1]
+        cross = sum(float(self.rows[joint].used(torque) @ left[joint]) for joint, torque in torques.items())
+        variance = self.equations().sse / self.equations().count
+        return cross / kept, float(np.sqrt(max(variance, 0.0) / kept))
 
 
 def _levinson(covariance: Array, count: int) -> Array:

@@ -237,6 +237,18 @@ class Weighing:
             count,
         )
 
+    def own(self, theta: Array) -> float:
+        """RMS at its own joint of what the model cannot take over of a torque, (1 + k,) `theta` of the columns."""
+        kept, _ = self.bench.ground.own({i: theta @ p.columns for i, p in self.block.parts.items()})
+        row = self.bench.ground.rows[self.joints[0]]
+        return float(np.sqrt(kept / max(1, row.count))) * self.bench.field.rms(self.joints[0])
+
+    def luck(self, theta: Array) -> tuple[float, float]:
+        """How much of a torque, (1 + k,) `theta` of the columns, the noise alone holds, and its standard deviation."""
+        held, _ = self.bench.ground.held({i: theta @ p.columns for i, p in self.block.parts.items()})
+        _, spread = self.bench.white.held({i: theta @ p.columns for i, p in self.whitened.parts.items()})
+        return held, spread
+
     def residual(self, figures: Figures) -> Array:
         """Whitened, all joints' rows that count, one after another."""
         found = self.white.residual(figures.white_after.coefficients, self.whitened)

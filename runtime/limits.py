@@ -1,9 +1,17 @@
-"""Detection limits: how large an effect would have had to be for these recordings to show it."""
+"""Detection limits: how large an effect would have had to be for these recordings to show it.
+
+Each effect's own torque along the recorded motion is put into the measured torque, and the gates through which
+every candidate must pass decide. The smallest amount that opens them all, and a margin for noise of another draw,
+is the limit. It holds for the shape that is stated with it. What is approximated: an effect would also have changed
+the motion a little, and that is left out; a long recording is represented by the excerpt on which shapes are
+searched, which shows less than the whole does, so that its limits are cautious; rivals of the effect are not asked,
+so that beyond its limit an effect is seen, by its name or by that of another that does the same along this motion.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -11,25 +19,33 @@ from numpy.typing import NDArray
 
 from runtime import grids
 from runtime.candidates import Field
-from runtime.evidence import Ground
-from runtime.judge import LEAST_DELTA_BIC, LEAST_EFFECT
-from runtime.terms import Term, joints_of, unit_of
+from runtime.evidence import Block
+from runtime.judge import LEAST_EFFECT, Bench, Weighing
+from runtime.loader import Model
+from runtime.terms import Term, Values, joints_of, unit_of
+from runtime.wording import quantity
 
 Array = NDArray[np.float64]
 
-_SEPARATE = 1e-3
-"""Part of a candidate's torque that must not be the base model's too, for a limit to mean anything."""
+_FINE = 1.2
+"""Ratio of an amount that is seen to one that is not, at which a search for the limit ends."""
+_SIGMAS = 1.645
+"""With noise of another draw, 95 % of recordings would still show the effect."""
+_DOUBLINGS = 11
+_STRONGER = 5
+_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A parameter above (or below) which the effect would have been seen."""
+    """A parameter above (or below) which the effect would have been seen, its other parameters as assumed."""
 
     term: Term
     parameter: str
     side: Literal["above", "below"]
     value: float
     unit: str
+    assumed: Values = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -38,52 +54,153 @@ class Limit:
             "parameter": self.parameter,
             self.side: self.value,
             "unit": self.unit,
+            "with": self.assumed,
         }
 
+    def words(self, model: Model) -> str:
+        """What would have been seen, without the effect's name: `torque more than 0.05 N m, with speed 0.2 rad/s`."""
+        than = "more than" if self.side == "above" else "less than"
+        others = [
+            f"{name.replace('_', ' ')} {quantity(value, unit_of(model, self.term, name), 2)}"
+            for name, value in self.assumed.items()
+        ]
+        text = f"{self.parameter.replace('_', ' ')} {than} {quantity(self.value, self.unit, 3)}"
+        return text + (f", with {', '.join(others)}" if others else "")
 
-def of(field: Field, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
-    """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any."""
-    found = []
-    for term in field.terms():
-        own = joints_of(field.model, term)[0]
-        limit = _limit(field, term, own, floors[own]) if own in joints else None
-        if limit is not None:
-            found.append(limit)
-    return found
+
+def of(ground: Field, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
+    """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any.
+
+    floors   (n,) every joint's noise floor
+    """
+    bench = Bench(ground, ground.excerpt[1], floors, None)
+    own = [term for term in ground.terms() if joints_of(ground.model, term)[0] in joints]
+    found = (_limit(bench, term) for term in own)
+    return [limit for limit in found if limit is not None]
 
 
-def _limit(field: Field, term: Term, own: int, floor: float) -> Limit | None:
-    info = field.model.library.effects[term.effect]
-    shapes = grids.points(field.excerpt[0], term)
+def _limit(bench: Bench, term: Term) -> Limit | None:
+    shapes = bench.field.choices(term)
     if not shapes:
         return None
-    ground = field.without(field.excerpt[1], field.replaced(term))
-    count = field.ground.rows[own].count
-    least = float(max(LEAST_EFFECT * floor, floor * np.sqrt((LEAST_DELTA_BIC + np.log(count)) / count)))
-    rms = field.rms(own) / float(np.sqrt(max(1, ground.rows[own].count)))
-    if not info.coefficients:
-        return _stiffness_limit(field, term, shapes, ground, least / rms)
-    block = field.trial(term, shapes[len(shapes) // 2])
-    kept, whole = ground.own({i: part.columns[1] for i, part in block.parts.items()})
-    if kept <= _SEPARATE**2 * whole:
+    shape = _typical(shapes)
+    neutral = _neutral(bench.field.trial(term, shape))
+    return _of_shape(bench, term, shapes) if neutral is None else _of_amount(bench, term, shape, len(shapes), neutral)
+
+
+def _neutral(block: Block) -> Array | None:
+    """(k,) coefficients with which a block has no torque: 0 for most, 1 for a scale; None if it always has one."""
+    columns = np.concatenate([part.columns for part in block.parts.values()], axis=1)
+    if not columns[0].any():
+        return np.zeros(len(columns) - 1)
+    found = np.linalg.lstsq(columns[1:].T, -columns[0], rcond=None)[0]
+    return found if np.allclose(found @ columns[1:], -columns[0], atol=_NOTHING * np.abs(columns[0]).max()) else None
+
+
+def _typical(shapes: Sequence[Values]) -> Values:
+    """The choice in the middle of all, by rank of each parameter."""
+    ranks = np.array([np.unique([s[name] for s in shapes], return_inverse=True)[1] for name in shapes[0]], dtype=float)
+    if not len(ranks):
+        return shapes[0]
+    spread = np.maximum(np.ptp(ranks, axis=1, keepdims=True), 1.0)
+    away = np.sum(((ranks - ranks.mean(axis=1, keepdims=True)) / spread) ** 2, axis=0)
+    return shapes[int(np.argmin(away))]
+
+
+def _weighing(bench: Bench, term: Term, shape: Values, choices: int) -> Weighing:
+    searched = len(shape) if choices > 1 else 0
+    return Weighing(bench, term, searched, bench.field.sample(term, shape))
+
+
+def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
+    return all(ok for ok, _ in weighing.figures(added).gates(weighing.floor, at_edge))
+
+
+def _of_amount(bench: Bench, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
+    """By the first of the effect's coefficients, the others as without it."""
+    field, library = bench.field, bench.field.model.library
+    weighing = _weighing(bench, term, shape, choices)
+    one = np.zeros(1 + len(weighing.block.lower))
+    one[1] = 1.0
+    own = weighing.own(one)
+    if own == 0.0 or weighing.doubts(one):
         return None
-    coefficient = info.coefficients[0]
-    unit = coefficient.unit(field.model.joints[(term.joint or 1) - 1].type)
-    return Limit(term, coefficient.name, "above", least / (rms * float(np.sqrt(kept))), unit)
+    start = 0.5 * LEAST_EFFECT * weighing.floor / own
+    # What the noise holds of the torque by chance may only make it harder to see.
+    held, spread = weighing.luck(one)
+    if weighing.block.lower[0] < 0 < held:
+        one, held = -one, -held
+    least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one), start)
+    if least is None:
+        return None
+    values = library.recover(term.effect, neutral + (least + _SIGMAS * spread) * np.abs(one[1:]), shape)
+    name = library.effects[term.effect].linear[0].name
+    rest = {k: v for k, v in values.items() if k != name and np.isfinite(v)}
+    return Limit(term, name, "above", values[name], unit_of(field.model, term, name), rest)
 
 
-def _stiffness_limit(
-    field: Field, term: Term, shapes: list[dict[str, float]], ground: Ground, least: float
-) -> Limit | None:
-    """For an effect that vanishes as its first shape parameter grows: the largest value that still shows."""
+def _least(seen: Callable[[float], bool], start: float) -> float | None:
+    """The smallest amount that is seen, to a factor of _FINE; None if none is."""
+    high = next((a for a in start * 2.0 ** np.arange(_DOUBLINGS) if seen(float(a))), None)
+    if high is None:
+        return None
+    low, high = 0.5 * float(high), float(high)
+    while high > _FINE * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if seen(middle) else (middle, high)
+    return high
+
+
+def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | None:
+    """For an effect whose torque grows or vanishes with its first shape parameter: by that parameter."""
+    field = bench.field
     name = next(iter(shapes[0]))
-    seen = None
-    for value in sorted({shape[name] for shape in shapes}):
-        choices = [s for s in shapes if s[name] == value]
-        block = field.trial(term, choices[len(choices) // 2])
-        if (
-            all(np.isfinite(p.columns).all() for p in block.parts.values())
-            and ground.own({i: p.columns[0] for i, p in block.parts.items()})[0] > least**2
-        ):
-            seen = value
-    return None if seen is None else Limit(term, name, "below", seen, unit_of(field.model, term, name))
+    by_value = {v: _typical([s for s in shapes if s[name] == v]) for v in sorted({s[name] for s in shapes})}
+    sizes = np.array([_size(bench, term, shape) for shape in by_value.values()])
+    finite = np.flatnonzero(np.isfinite(sizes))
+    if len(finite) < 2:
+        return None
+    rising = bool(sizes[finite[-1]] > sizes[finite[0]])
+    weakest_first = list(zip(by_value.values(), sizes, strict=True))
+    weakest_first = weakest_first if rising else weakest_first[::-1]
+    least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
+
+    def seen(shape: Values) -> bool:
+        weighing = _weighing(bench, term, shape, len(shapes))
+        whole = np.zeros(1 + len(weighing.block.lower))
+        whole[0] = 1.0
+        if weighing.doubts(whole):
+            return False
+        held, spread = weighing.luck(whole)
+        whole[0] -= max(held, 0.0) + _SIGMAS * spread
+        return _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
+
+    strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
+    first = next((k for k in strong[:_STRONGER] if seen(weakest_first[k][0])), None)
+    if first is None:
+        return None
+    shape = weakest_first[first][0]
+    if first > 0:
+        shape = _between(seen, weakest_first[first - 1][0], shape, name)
+    rest = {k: v for k, v in shape.items() if k != name}
+    side: Literal["above", "below"] = "above" if rising else "below"
+    return Limit(term, name, side, shape[name], unit_of(field.model, term, name), rest)
+
+
+def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
+    """The weakest shape that is seen between one that is not and one that is, to a factor of _FINE."""
+    while max(shape[name], unseen[name]) > _FINE * min(shape[name], unseen[name]):
+        middle = {k: float(np.sqrt(shape[k] * unseen[k])) for k in shape}
+        shape, unseen = (middle, unseen) if seen(middle) else (shape, middle)
+    return shape
+
+
+def _size(bench: Bench, term: Term, shape: Values) -> float:
+    """RMS at its own joint of what the base cannot take over of an effect's torque without free coefficients."""
+    field, ground = bench.field, bench.ground
+    own = joints_of(field.model, term)[0]
+    parts = {i: part.columns[0] for i, part in field.trial(term, shape).parts.items()}
+    if not all(np.isfinite(torque).all() for torque in parts.values()):
+        return float("nan")
+    kept, _ = field.without(ground, field.replaced(term)).own(parts)
+    return field.rms(own) * float(np.sqrt(kept / max(1, ground.rows[own].count)))

@@ -173,10 +173,9 @@ def limits(story: Story) -> list[Row]:
 def _limit(limit: Limit, model: Model) -> Row:
     info = model.library.effects[limit.term.effect]
     known = {p.name: p.meaning for p in (*info.parameters, *info.coefficients)}
-    than = "more than" if limit.side == "above" else "less than"
     return {
         "effect": limit.term.effect,
-        "limit": f"{limit.parameter.replace('_', ' ')} {than} {quantity(limit.value, limit.unit, 2)}",
+        "limit": limit.words(model),
         "parameter": known.get(limit.parameter, ""),
         "what": info.summary,
     }

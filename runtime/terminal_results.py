@@ -84,13 +84,22 @@ def _seen(document: Document) -> None:
         found = {s["joint"]: s for s in seen if s["effect"] == effect}
         table.add_row(effect, *(_limit(found.get(joint)) for joint in joints))
     console().print(table)
+    say(f"That is: a {_sentence(seen[0])} would have been seen. Less may be there, unseen.")
+
+
+def _sentence(seen: Document) -> str:
+    side, value = ("less", seen["below"]) if "below" in seen else ("more", seen["above"])
+    text = f"{seen['effect']}{at(seen['joint'])} whose {seen['parameter']} is {side} than {value:.2g} {unit(seen)}"
+    assumed = ", ".join(f"{name} {figure(x)}" for name, x in seen["with"].items())
+    return text.rstrip() + (f" (with {assumed} in SI)" if assumed else "")
 
 
 def _limit(seen: Document | None) -> str:
     if seen is None:
         return "–"
     side, value = ("<", seen["below"]) if "below" in seen else (">", seen["above"])
-    return f"{seen['parameter']} {side} {value:.2g} {unit(seen)}".rstrip()
+    assumed = ", ".join(f"{name} {x:.2g}" for name, x in seen["with"].items() if x)
+    return f"{seen['parameter']} {side} {value:.2g} {unit(seen)}".rstrip() + (f" ({assumed})" if assumed else "")
 
 
 def _warnings(document: Document) -> None:

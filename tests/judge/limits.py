@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .hidden import Hidden, Put, Rows, at, more, same
+
 BEYOND = 1.5
 """How far beyond its limit an effect is hidden."""
 
@@ -44,3 +46,35 @@ def beyond(seen: Sequence[Mapping[str, Any]], effect: str, joint: int | None) ->
             value = limit["above"] * BEYOND if "above" in limit else limit["below"] / BEYOND
             return AMOUNTS[effect][limit["parameter"]](value)
     return None
+
+
+def put(limit: Mapping[str, Any]) -> Put | None:
+    """How the plant is given an effect of the shape that its limit assumes, by its parameter; None: not told."""
+    joint, shape = (limit["joint"] or 1) - 1, limit["with"]
+    put = {
+        "stribeck": lambda: at(joint, CREEP=same, CREEP_SPEED=shape["speed"]),
+        "load_friction": lambda: at(joint, LOAD=same),
+        "viscous_asymmetric": lambda: more(joint, VISCOUS_POSITIVE=1.0),
+        "linear_spring": lambda: at(joint, SPRING=same, SPRING_REST=shape["rest"]),
+        "torque_ripple": lambda: at(joint, RIPPLE=same, RIPPLE_ORDER=100 * shape["order"], RIPPLE_PHASE=shape["phase"]),
+        "spring_hysteresis": lambda: at(joint, HYSTERESIS=same, HYSTERESIS_WIDTH=shape["width"]),
+        "elasticity": lambda: at(joint, STIFFNESS=same, STIFFNESS_DAMPING=shape["damping"]),
+        "payload": lambda: _payload(shape["time"]),
+    }.get(limit["effect"])
+    return None if put is None else put()
+
+
+def _payload(time: float) -> Put:
+    def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
+        arm.update(PAYLOAD=amount, PAYLOAD_TIME=time)
+
+    return put
+
+
+def hidden(limit: Mapping[str, Any], times: float) -> tuple[Hidden, int, float] | None:
+    """What to hide for an effect `times` as strong as its limit, for Bench.run; None for effects that `put` lacks."""
+    how = put(limit)
+    if how is None:
+        return None
+    amount = limit["above"] * times if "above" in limit else limit["below"] / times
+    return Hidden(limit["effect"], amount, (0.0, np.inf), how), (limit["joint"] or 1) - 1, amount
