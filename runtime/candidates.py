@@ -126,10 +126,14 @@ class Field:
         use = self.motion.moving(joint)
         return float(np.sqrt(np.mean(self.fit.residual[joint][use] ** 2))) if use.any() else 0.0
 
+    @property
+    def _excerpt_samples(self) -> int:
+        return round(_EXCERPT / self.model.n**0.5)
+
     @cached_property
     def excerpt(self) -> tuple[Regressors, Ground]:
         """Regressors and ground on the excerpt on which shapes are searched."""
-        motion, rows = self.motion.excerpt(round(_EXCERPT / self.model.n**0.5))
+        motion, rows = self.motion.excerpt(self._excerpt_samples)
         if motion is self.motion:
             return self.regressors, self.ground
         parts = tuple(
@@ -189,7 +193,7 @@ class Field:
         """Regressors on the excerpt as the encoders might have read it another time."""
         if self.excerpt[0] is self.regressors:
             return self.regressors.perturbed
-        return Regressors(self.model, self.motion.perturbed.excerpt(_EXCERPT)[0], self.fit.prediction)
+        return Regressors(self.model, self.motion.perturbed.excerpt(self._excerpt_samples)[0], self.fit.prediction)
 
     def sample(self, term: Term, shape: Values) -> Block:
         """As `block`, on the excerpt."""

@@ -314,14 +314,19 @@ class Ground:
             cross[row.index] += row.stack[:-1] @ x
         return max(square - float(cross @ projection @ cross), 0.0), square
 
-    def held(self, torques: Mapping[int, Array]) -> tuple[float, float]:
-        """How much of torques (M,) by joint the measurement holds beside the base, and its standard deviation if rows
-        are white."""
-        kept, _ = self.own(torques)
-        left = self._projection[1]
-        cross = sum(float(self.rows[joint].used(torque) @ left[joint]) for joint, torque in torques.items())
-        variance = self.equations().sse / self.equations().count
-        return cross / kept, float(np.sqrt(max(variance, 0.0) / kept))
+    def held(self, moments: Array, theta: Array) -> tuple[float, float]:
+        """How much of a torque the measurement holds beside the base, and its standard deviation if rows are white.
+
+        moments of a block; theta (1 + k,) parts of its fixed part and columns in that torque
+        """
+        whole, b = moments.sum(axis=0), self.size
+        projection, _ = self._projection
+        left = whole[b:-1] - whole[b:-1, :b] @ projection @ whole[:b]
+        kept, cross = float(theta @ left[:, b:-1] @ theta), float(theta @ left[:, -1])
+        if kept <= 0:
+            return 0.0, float("inf")
+        equations = self.equations()
+        return cross / kept, float(np.sqrt(max(equations.sse, 0.0) / equations.count / kept))
 
 
 def _levinson(covariance: Array, count: int) -> Array:

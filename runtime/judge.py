@@ -245,9 +245,8 @@ class Weighing:
 
     def luck(self, theta: Array) -> tuple[float, float]:
         """How much of a torque, (1 + k,) `theta` of the columns, the noise alone holds, and its standard deviation."""
-        held, _ = self.bench.ground.held({i: theta @ p.columns for i, p in self.block.parts.items()})
-        _, spread = self.bench.white.held({i: theta @ p.columns for i, p in self.whitened.parts.items()})
-        return held, spread
+        plain, white = self._moments
+        return self.bench.ground.held(plain, theta)[0], self.bench.white.held(white, theta)[1]
 
     def residual(self, figures: Figures) -> Array:
         """Whitened, all joints' rows that count, one after another."""

@@ -11,7 +11,7 @@ so that beyond its limit an effect is seen, by its name or by that of another th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from runtime import grids
 from runtime.candidates import Field
-from runtime.evidence import Block
+from runtime.evidence import Block, Part
 from runtime.judge import LEAST_EFFECT, Bench, Weighing
 from runtime.loader import Model
 from runtime.terms import Term, Values, joints_of, unit_of
@@ -34,6 +34,7 @@ _SIGMAS = 1.645
 _DOUBLINGS = 11
 _STRONGER = 5
 _NOTHING = 1e-9
+_OF_A_SPRING = ("stiffness", "damping")
 
 
 @dataclass(frozen=True)
@@ -107,11 +108,6 @@ def _typical(shapes: Sequence[Values]) -> Values:
     return shapes[int(np.argmin(away))]
 
 
-def _weighing(bench: Bench, term: Term, shape: Values, choices: int) -> Weighing:
-    searched = len(shape) if choices > 1 else 0
-    return Weighing(bench, term, searched, bench.field.sample(term, shape))
-
-
 def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
     return all(ok for ok, _ in weighing.figures(added).gates(weighing.floor, at_edge))
 
@@ -119,7 +115,7 @@ def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
 def _of_amount(bench: Bench, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
     """By the first of the effect's coefficients, the others as without it."""
     field, library = bench.field, bench.field.model.library
-    weighing = _weighing(bench, term, shape, choices)
+    weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, field.sample(term, shape))
     one = np.zeros(1 + len(weighing.block.lower))
     one[1] = 1.0
     own = weighing.own(one)
@@ -154,9 +150,9 @@ def _least(seen: Callable[[float], bool], start: float) -> float | None:
 def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | None:
     """For an effect whose torque grows or vanishes with its first shape parameter: by that parameter."""
     field = bench.field
-    name = next(iter(shapes[0]))
+    name, freed = next(iter(shapes[0])), _freed(field, term)
     by_value = {v: _typical([s for s in shapes if s[name] == v]) for v in sorted({s[name] for s in shapes})}
-    sizes = np.array([_size(bench, term, shape) for shape in by_value.values()])
+    sizes = freed * np.array([_size(bench, term, shape) for shape in by_value.values()])
     finite = np.flatnonzero(np.isfinite(sizes))
     if len(finite) < 2:
         return None
@@ -166,7 +162,7 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
     least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
 
     def seen(shape: Values) -> bool:
-        weighing = _weighing(bench, term, shape, len(shapes))
+        weighing = Weighing(bench, term, len(shape), _along_its_own_motion(field, term, shape, freed))
         whole = np.zeros(1 + len(weighing.block.lower))
         whole[0] = 1.0
         if weighing.doubts(whole):
@@ -182,9 +178,40 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
     shape = weakest_first[first][0]
     if first > 0:
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
+    shape = _softened(shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
     return Limit(term, name, side, shape[name], unit_of(field.model, term, name), rest)
+
+
+def _freed(field: Field, term: Term) -> float:
+    """By how much stiffer a transmission has to be for the torque along the recorded motion to be, times the same
+    factor, that along the motion which the motor would have made with it.
+
+    A link on a spring shakes its motor, too: seen from the torque, motor and link resonate against each other, at
+    (J/J_m)^½ times the frequency of the link alone behind a motor that is held. With r the square of a frequency
+    over that of the link alone, the torque J_l r/(1 − r J_m/J) along the motion of the rigid joint.
+    """
+    if "coupling" not in field.model.library.effects[term.effect].signals:
+        return 1.0
+    own = joints_of(field.model, term)[0]
+    rotor = field.model.joints[own].rotor_inertia
+    link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in field.excerpt[0].signals])))
+    return (rotor + link) / rotor if rotor > 0 < link else 1.0
+
+
+def _softened(shape: Values, freed: float) -> Values:
+    return {k: v / freed if k in _OF_A_SPRING else v for k, v in shape.items()}
+
+
+def _along_its_own_motion(field: Field, term: Term, shape: Values, freed: float) -> Block:
+    """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
+    block = field.sample(term, shape)
+    if freed == 1.0:
+        return block
+    noisy = field.sample(term, _softened(shape, freed)).parts
+    parts = {i: Part(freed * part.columns, noisy[i].noise) for i, part in block.parts.items()}
+    return replace(block, parts=parts)
 
 
 def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
