@@ -128,6 +128,9 @@ class Witness:
         shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
         apart, spread = shown - modelled, _SIGMAS * float(np.hypot(there.spread, has.spread))
         alike = min(shown, modelled) > HALF * max(shown, modelled)
+        if apart > 0 and model.library.effects[candidate.term.effect].generalises:
+            # It is more than a spring: a wider gap is a matter of its values.
+            return ()
         if alike or abs(apart) < max(spread, _OF_TWIST * float(np.std(both[0, use]))):
             return ()
         unit = model.joints[own].position_unit
