@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from runtime import limits, missing
+from runtime import limits, missing, tables
 from runtime.compare import warnings
 from runtime.covariance import Inference
 from runtime.identify import prepared
@@ -33,6 +33,7 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     last: Verdict
     seen: tuple[limits.Limit, ...]
+    recordings: tables.Tables | None = None
 
     @property
     def model(self) -> Model:
@@ -51,6 +52,8 @@ class Diagnosis:
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
             "ruled_out": _ranking(self.last),
             "would_have_seen": [limit.to_json() for limit in self.seen],
+            "recordings": [] if self.recordings is None else self.recordings.recordings_json(),
+            "inconsistent": [] if self.recordings is None else self.recordings.inconsistent_json(),
             "warnings": warnings(self.steps[-1].identification),
         }
 
@@ -107,6 +110,7 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     """A search on recordings; the held-out ones are judged in the same band and never fitted."""
     motion = prepared(model, recordings)
     search = Search(model, motion, _held_out(motion, held_out, model) if held_out else None)
+    search.names = tuple(r.path.name for r in recordings)
     search.start(structure(model))
     return search
 
@@ -124,8 +128,9 @@ def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> 
 
 def conclude(search: Search) -> Diagnosis:
     """The verdict, once nothing more passes the gates."""
-    verdict, reason = _verdict(search)
     step = search.steps[-1]
+    compared = tables.compare(step.identification, search.names, [s.floor.spectrum for s in step.joints])
+    verdict, reason = _verdict(search, compared)
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
     seen = tuple(limits.of(ground, step.floors, able))
@@ -135,12 +140,27 @@ def conclude(search: Search) -> Diagnosis:
         for f in (search.findings if verdict == "effect" else ())
     )
     steps = tuple(search.steps if findings else search.steps[:1])
-    return Diagnosis(verdict, reason, steps, findings, search.last, seen)
+    return Diagnosis(verdict, reason, steps, findings, _withheld(search, verdict), seen, compared)
 
 
-def _verdict(search: Search) -> tuple[Literal["effect", "clean", "unexplained", "refused"], str]:
+def _withheld(search: Search, verdict: str) -> Verdict:
+    """The last comparison; findings that recordings of different arms made are in it as ruled out."""
+    if verdict != "refused" or not search.findings:
+        return search.last
+    named = {f.term for f in search.findings}
+    why = "the recordings contradict each other, so that what is missing in which of them is not known"
+    mine = tuple(replace(f.evidence, failed=(*f.evidence.failed, why)) for f in search.findings)
+    return Verdict((*mine, *(e for e in search.last.ranked if e.term not in named)), ())
+
+
+def _verdict(
+    search: Search, compared: tables.Tables
+) -> tuple[Literal["effect", "clean", "unexplained", "refused"], str]:
     first, last = search.steps[0], search.steps[-1]
-    preface = _disagreement(search.model, last.identification.inference)
+    disagreement = _disagreement(search.model, last.identification.inference)
+    preface = compared.preface + disagreement
+    if compared.refusal and (compared.each_is_noise or not any(physics(last, i) for i in range(search.model.n))):
+        return "refused", disagreement + compared.refusal
     for i in {f.joint_index for f in search.findings}:
         rest = physics(last, i)
         if rest and _explained(first, last, i) < _LEAST_EXPLAINED:

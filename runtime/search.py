@@ -94,6 +94,7 @@ class Search:
     steps     the structure as given, then with each finding added
     findings  in the order in which they were added
     last      the last comparison of candidates
+    names     files of the recordings, in their order
     """
 
     model: Model
@@ -102,6 +103,7 @@ class Search:
     steps: list[Step] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     last: Verdict = field(default_factory=lambda: Verdict((), ()))
+    names: tuple[str, ...] = ()
     _field: Field | None = None
 
     def start(self, known: Structure) -> Step:

@@ -1,0 +1,76 @@
+"""Several recordings of one arm: the same arm, another one, and the same arm at another temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.diagnose import diagnose
+from runtime.loader import Model
+from runtime.recording import Recording
+
+from .bench import Setting, bench, specimen
+from .bodies import ARMS, BELIEVED, model_text
+from .hidden import Hidden, Put, Rows, at
+from .line import _opened
+from .motion import desired
+
+JOINTS = 2
+MORE = 0.3  # kg at the end-effector
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return _opened(model_text(ARMS[JOINTS], BELIEVED))
+
+
+@pytest.fixture(scope="module")
+def record() -> Callable[[int, str, Put | None], Recording]:
+    """Half of a motion of its own, by the same specimen of the arm, with something put into it or not."""
+    rows = specimen(ARMS[JOINTS], BELIEVED, np.random.default_rng(5))
+
+    def make(seed: int, name: str, put: Put | None = None) -> Recording:
+        rng = np.random.default_rng(seed)
+        wanted = desired(rng, JOINTS, "no_repeat")[..., :45_000]
+        plant = bench(Setting(joints=JOINTS), wanted, rng, False, rows)
+        hidden = [] if put is None else [(Hidden("", 1.0, (0.0, 1.0), put), 0, 1.0)]
+        return replace(plant.recording(plant.run(hidden)), path=Path(name))
+
+    return make
+
+
+def carrying(_rows: Rows, arm: dict[str, float], _amount: float) -> None:
+    arm.update(PAYLOAD=MORE, PAYLOAD_TIME=0.0)
+
+
+def test_recordings_of_one_arm_agree(model: Model, record: Callable[..., Recording]) -> None:
+    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv")]).to_json()
+    assert found["verdict"] == "clean", found["reason"]
+    assert found["inconsistent"] == []
+    assert [r["recording"] for r in found["recordings"]] == ["run1.csv", "run2.csv"]
+    for row, common in zip(found["recordings"][0]["parameters"], found["parameters"], strict=True):
+        assert set(row) >= {"joint", "name", "unit", "model", "fit", "interval"}
+        assert row["fit"] == pytest.approx(common["fit"], rel=0.05)
+
+
+def test_another_payload_is_another_arm(model: Model, record: Callable[..., Recording]) -> None:
+    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv", carrying)]).to_json()
+    assert found["verdict"] == "refused", found["reason"]
+    assert found["findings"] == []
+    worst = found["inconsistent"][0]
+    assert worst["recordings"] == ["run1.csv", "run2.csv"]
+    assert worst["values"][1] > worst["values"][0]
+    for text in ("run1.csv", "run2.csv", worst["name"]):
+        assert text in found["reason"]
+
+
+def test_thinner_grease_is_said_and_not_refused(model: Model, record: Callable[..., Recording]) -> None:
+    thin = {"VISCOUS_POSITIVE": 0.77, "VISCOUS_NEGATIVE": 0.77}
+    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv", at(0, **thin))]).to_json()
+    assert found["verdict"] != "refused"
+    assert found["reason"].startswith("viscous@1 coefficient is ")
+    assert "temperature, load or wear" in found["reason"]
