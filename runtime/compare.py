@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 _BINS = 24
 _LEAST_SHARE = 0.02
+_CONFIGURATIONS = 60
+_HARDLY = 0.01
+"""Of the smallest eigenvalue of the file's own D: a fit that has less stopped at the bound."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +236,7 @@ def _torque(signals: Signals, joint: int) -> Array:
 
 def warnings(identification: Identification) -> list[str]:
     """What a user should know before trusting the fitted model."""
-    return idle_terms(identification) + range_warnings(identification)
+    return idle_terms(identification) + improper_inertia(identification) + range_warnings(identification)
 
 
 def idle_terms(identification: Identification) -> list[str]:
@@ -245,6 +248,24 @@ def idle_terms(identification: Identification) -> list[str]:
         if len(own) and not own.any():
             found.append(f"{term} has come to 0: the other effects do without it; leave it out if you agree")
     return found
+
+
+def improper_inertia(identification: Identification) -> list[str]:
+    """That the fit wants an inertia that no arm has, and stopped at the bound of what is physical."""
+    model, motion = identification.model, identification.motion
+    if motion.rigid_given:
+        return []
+    q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in motion.pieces], axis=1)
+    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
+    fitted, given = (
+        float(np.linalg.eigvalsh(np.moveaxis(model.inertia(q, x), 2, 0)).min()) for x in (lumps, model.lump_values)
+    )
+    if fitted > _HARDLY * given:
+        return []
+    return [
+        "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
+        "or the data is wrong"
+    ]
 
 
 def range_warnings(identification: Identification) -> list[str]:

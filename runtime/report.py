@@ -66,6 +66,7 @@ def _holes(story: Story) -> dict[str, Any]:
         "to_record": found.to_record(story),
         "parameters": parameters.tables(first.identification, last.identification),
         "inertial": parameters.inertial(last.identification),
+        "several": parameters.recordings(story.left.recordings) if story.left else None,
         "experiments": found.experiments(story),
         "limits": found.limits(story),
         "commands": _commands(story),

@@ -10,6 +10,7 @@ from runtime.catalogue import EffectInfo
 from runtime.covariance import Estimate, Inference
 from runtime.identify import Identification
 from runtime.loader import Model
+from runtime.tables import Tables
 from runtime.terms import structure
 from runtime.wording import estimate, number, quantity, unit
 
@@ -87,6 +88,28 @@ def inertial(identification: Identification) -> list[Row]:
             }
         )
     return rows
+
+
+def recordings(compared: Tables | None) -> Row | None:
+    """Inertial parameters of each recording alone, and effects' that differ between them; None for one recording."""
+    if compared is None or not compared.tables:
+        return None
+    lumps = compared.identification.model.lumps
+    apart = {c.name for c in compared.inertial}
+    rows = [
+        {
+            "name": info.name,
+            "values": [estimate(t.inference.lumps[k]) for t in compared.tables],
+            "unit": unit(info.unit),
+            "differs": info.name in apart,
+        }
+        for k, info in enumerate(lumps)
+    ]
+    for c in compared.effects:
+        assert c.term is not None
+        values = [estimate(t.inference.values[c.term][c.name]) for t in compared.tables]
+        rows.append({"name": f"{c.term} {c.name}", "values": values, "unit": unit(c.unit), "differs": True})
+    return {"names": [t.name for t in compared.tables], "rows": rows}
 
 
 def skew(inference: Inference) -> Row:

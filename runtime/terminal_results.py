@@ -51,6 +51,7 @@ def diagnosis(document: Document) -> None:
         _not_named(document)
     say("Base inertial parameters:")
     fit_table({"inertial": document["parameters"], "effects": []})
+    _recordings(document)
     _seen(document)
     _warnings(document)
     _commands(document)
@@ -68,6 +69,23 @@ def _not_named(document: Document) -> None:
         why = e["evidence"]["failed_gates"] or ["passes every gate, but added, the error does not fall"]
         say(f"  {e['effect']}{at(e['joint'])}: {'; '.join(why[:2])}")
     say("")
+
+
+def _recordings(document: Document) -> None:
+    """Inertial parameters of each recording alone, and whatever else differs between them."""
+    if not document["recordings"]:
+        return
+    names = [r["recording"] for r in document["recordings"]]
+    table = empty_table("each recording alone", *names, "unit")
+    for rows in zip(*(r["parameters"] for r in document["recordings"]), strict=True):
+        table.add_row(rows[0]["name"], *(figure(p["fit"]) for p in rows), unit(rows[0]))
+    lumps = {p["name"] for p in document["parameters"]}
+    for apart in (p for p in document["inconsistent"] if p["name"] not in lumps):
+        known = dict(zip(apart["recordings"], apart["values"], strict=True))
+        table.add_row(apart["name"], *(figure(known.get(name)) for name in names), unit(apart))
+    console().print(table)
+    apart_names = ", ".join(p["name"] for p in document["inconsistent"])
+    say(f"They disagree on {apart_names}." if apart_names else "They agree.", "")
 
 
 def _seen(document: Document) -> None:

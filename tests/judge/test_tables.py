@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.diagnose import diagnose
+from runtime import terminal_results
+from runtime.diagnose import begin, conclude, diagnose
 from runtime.loader import Model
 from runtime.recording import Recording
+from runtime.report import render
+from runtime.story import Story
 
 from .bench import Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
@@ -35,7 +39,7 @@ def record() -> Callable[[int, str, Put | None], Recording]:
 
     def make(seed: int, name: str, put: Put | None = None) -> Recording:
         rng = np.random.default_rng(seed)
-        wanted = desired(rng, JOINTS, "no_repeat")[..., :45_000]
+        wanted = desired(rng, JOINTS, "no_repeat")[..., :30_000]
         plant = bench(Setting(joints=JOINTS), wanted, rng, False, rows)
         hidden = [] if put is None else [(Hidden("", 1.0, (0.0, 1.0), put), 0, 1.0)]
         return replace(plant.recording(plant.run(hidden)), path=Path(name))
@@ -74,3 +78,17 @@ def test_thinner_grease_is_said_and_not_refused(model: Model, record: Callable[.
     assert found["verdict"] != "refused"
     assert found["reason"].startswith("viscous@1 coefficient is ")
     assert "temperature, load or wear" in found["reason"]
+
+
+def test_page_and_terminal_show_both_tables(
+    model: Model, record: Callable[..., Recording], capsys: pytest.CaptureFixture[str]
+) -> None:
+    search = begin(model, [record(1, "run1.csv"), record(2, "run2.csv", carrying)])
+    found = conclude(search)
+    page = render(found)
+    assert "Each recording alone" in page
+    assert page.count("differs</span>") == len(found.to_json()["inconsistent"])
+    terminal_results.diagnosis(Story(found).document)
+    out = capsys.readouterr().out
+    assert re.search(r"each recording alone +run1.csv +run2.csv", out)
+    assert "They disagree on " in out
