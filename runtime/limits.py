@@ -32,7 +32,6 @@ _FINE = 1.2
 _SIGMAS = 1.645
 """With noise of another draw, 95 % of recordings would still show the effect."""
 _DOUBLINGS = 11
-_STRONGER = 5
 _NOTHING = 1e-9
 _OF_A_SPRING = ("stiffness", "damping")
 
@@ -171,10 +170,14 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
         whole[0] -= max(held, 0.0) + _SIGMAS * spread
         return _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
 
-    strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
-    first = next((k for k in strong[:_STRONGER] if seen(weakest_first[k][0])), None)
-    if first is None:
+    if weakest_first[0][1] > least:
+        # With the parameter at its weakest the torque is still there: others of the shape make it, as a gap's flanks.
         return None
+    strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
+    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0]))
+    if place is None:
+        return None
+    first = strong[place]
     shape = weakest_first[first][0]
     if first > 0:
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
@@ -182,6 +185,19 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
     return Limit(term, name, side, shape[name], unit_of(field.model, term, name), rest)
+
+
+def _first(count: int, seen: Callable[[int], bool]) -> int | None:
+    """The first of `count` places from which on an effect is seen, in strides that double, then halved back."""
+    unseen, place, stride = -1, 0, 1
+    while place < count and not seen(place):
+        unseen, place, stride = place, place + stride, 2 * stride
+    if place >= count:
+        return None
+    while place - unseen > 1:
+        middle = (place + unseen) // 2
+        unseen, place = (unseen, middle) if seen(middle) else (middle, place)
+    return place
 
 
 def _freed(field: Field, term: Term) -> float:
