@@ -35,6 +35,8 @@ VUONG_APART = 2.33
 BIC_APART = 10.0
 _FINALISTS = 8
 _OF_A_JOINT = 3
+_WORTH = 0.004
+"""Fall of the squared error on the excerpt from which a candidate is looked at on the whole; of one joint."""
 
 
 @dataclass(frozen=True)
@@ -297,10 +299,14 @@ def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
         block = field.trial(c.term, c.shape)
         return float(field.without(ground, field.replaced(c.term)).equations(block).held_out[0].sum())
 
-    scored = sorted(found, key=held)
-    chosen = scored[:_FINALISTS]
-    for joint in {c.term.joint for c in scored}:
-        of_joint = [c for c in scored if c.term.joint == joint][:_OF_A_JOINT]
+    errors = {c.term: held(c) for c in found}
+    scored = sorted(found, key=lambda c: errors[c.term])
+    # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
+    least = (1 - _WORTH / field.model.n) * float(ground.cross_validate(None)[0].sum())
+    hopeful = [c for c in scored if errors[c.term] < least] or scored[:_OF_A_JOINT]
+    chosen = hopeful[:_FINALISTS]
+    for joint in {c.term.joint for c in hopeful}:
+        of_joint = [c for c in hopeful if c.term.joint == joint][:_OF_A_JOINT]
         chosen += [c for c in of_joint if c not in chosen]
     chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
     return chosen
