@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MOST_LAGS = 12
-LEAST_OWN = 1e-3
+LEAST_OWN = 1e-4
 """Part of a column's square that the base must leave of it for the column to count as the candidate's own."""
 
 
