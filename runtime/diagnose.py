@@ -9,6 +9,7 @@ from typing import Any, Literal
 from runtime import limits, missing, tables
 from runtime.compare import warnings
 from runtime.covariance import Inference
+from runtime.guess import Wider, best
 from runtime.identify import prepared
 from runtime.judge import Verdict
 from runtime.leftover import after_effect, physics, remainder
@@ -21,6 +22,8 @@ from runtime.terms import structure
 _LEAST_EXPLAINED = 0.6
 """Part of what is above the noise floor that findings must explain where physics is left after them."""
 _DISAGREES = 0.05
+_FAR_MORE = 1.8
+"""Evidence (fall of BIC) of a guess over that of the findings from which these are taken to stand for it."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +101,18 @@ def _ranking(verdict: Verdict) -> list[dict[str, Any]]:
     return [{"effect": e.term.effect, "joint": e.term.joint, "evidence": e.to_json()} for e in verdict.ranked]
 
 
-def diagnose(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Diagnosis:
-    """Fit the model file's structure, then name what is missing, the first first, or say why nothing can be named."""
+def diagnose(
+    model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = (), wider: Wider | None = None
+) -> Diagnosis:
+    """Fit the model file's structure, then name what is missing, the first first, or say why nothing can be named.
+
+    wider   asked for where findings leave something: a guess that explains far more says that physics is missing
+            which the library does not have, and that the effects that came nearest only stand for it
+    """
     search = begin(model, recordings, held_out)
     while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
         pass
-    return conclude(search)
+    return conclude(search, wider)
 
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
@@ -182,6 +191,26 @@ def _verdict(
             return "unexplained", f"{preface}joint {i + 1}: no effect of the library explains the residual: {rest}"
     text = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in last.joints)
     return "clean", f"{preface}the residual is noise ({text}): the recordings show no missing effect"
+
+
+def _outdone(search: Search, wider: Wider) -> str | None:
+    """That a guess explains far more than the findings at its joint, which leave something; None if none does."""
+    first, last = search.steps[0], search.steps[-1]
+    for i in sorted({f.joint_index for f in search.findings}):
+        here = [f for f in search.findings if f.joint_index == i]
+        if not after_effect(last, i, search.model.library.effects[here[-1].term.effect]):
+            continue
+        found = best(first, *wider(), (i,))
+        named = sum(f.evidence.delta_bic for f in here)
+        if found is None or found.finding.evidence.delta_bic < _FAR_MORE * named:
+            continue
+        if found.finding.after.fitted.rms[i] < last.fitted.rms[i]:
+            info = found.finding.after.identification.model.library.effects[found.term.effect]
+            return (
+                f"joint {i + 1}: {', '.join(str(f.term) for f in here)} came nearest, but a term that no effect of the "
+                f"library has explains far more, {info.equation}: physics is missing that is not in the library"
+            )
+    return None
 
 
 def _explained(first: Step, last: Step, joint: int) -> float:

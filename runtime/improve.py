@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from runtime.diagnose import Diagnosis, begin, conclude, finding_json
+from runtime.guess import Wider
 from runtime.loader import Model
 from runtime.recording import Recording
 from runtime.search import MOST_FINDINGS, Finding, Step
@@ -70,6 +71,7 @@ def improve(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     on_step: OnStep | None = None,
+    wider: Wider | None = None,
 ) -> Improvement:
     """Improve a model until no candidate passes the gates.
 
@@ -77,13 +79,14 @@ def improve(
     add          (text, effect, joint, values) -> text with that effect in it
     put          (text, identification as JSON) -> text with the identified values
     held_out     never fitted; an effect that raises the error on them is not added
+    wider        as for `diagnose`
     """
     tell = on_step or (lambda _: None)
     search = begin(open_model(model_text), recordings, held_out)
     tell(_progress(search.steps[-1]))
     while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
         tell(_progress(search.steps[-1]))
-    found = conclude(search)
+    found = conclude(search, wider)
     last, text = found.steps[-1], model_text
     for finding in found.findings:
         text = add(text, finding.term.effect, finding.term.joint, last.shapes[finding.term])

@@ -109,7 +109,7 @@ def test_a_neighbours_motion_is_guessed_at_the_joint_that_feels_it(tmp_path):
     wider = source.drafting()
     step = begin(source.model(), [made.recording], [made.held_out]).steps[-1]
     joint = made.joints[0] or 1
-    found = draft.best(step, wider.model(), wider.library.keys() - source.library.keys(), range(2))
+    found = guess.best(step, wider.model(), wider.library.keys() - source.library.keys(), range(2))
     assert found is not None
     assert found.term == Term("draft_next_viscous" if joint == 1 else "draft_previous_viscous", joint)
     assert found.finding.share() > 0.85
