@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -92,6 +92,11 @@ class Source:
 
         guesses = {effect.name: effect for effect in drafts() if effect.name not in self.library}
         return replace(self, library={**self.library, **guesses}, own_effects=True)
+
+    def guesses(self) -> tuple[Model, Set[str]]:
+        """The model with guesses in its library, and their names."""
+        wider = self.drafting()
+        return wider.model(), wider.library.keys() - self.library.keys()
 
     def declaration(self, effect: str, notes: Sequence[str], beside: str | None) -> str:
         """A file for --effects that declares an effect of this library; see symbolic/effects/source.py."""

@@ -19,7 +19,7 @@ from runtime.recording import Recording, RecordingError
 from runtime.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
 from runtime.terms import structure
 
-_LEAST_EXPLAINED = 0.6
+_LEAST_EXPLAINED = 0.5
 """Part of what is above the noise floor that findings must explain where physics is left after them."""
 _DISAGREES = 0.05
 _FAR_MORE = 1.8
@@ -135,11 +135,14 @@ def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> 
     return motion
 
 
-def conclude(search: Search) -> Diagnosis:
-    """The verdict, once nothing more passes the gates."""
+def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
+    """The verdict, once nothing more passes the gates; `wider` as for `diagnose`."""
     step = search.steps[-1]
     compared = tables.compare(step.identification, search.names, [s.floor.spectrum for s in step.joints])
     verdict, reason = _verdict(search, compared)
+    outdone = _outdone(search, wider) if verdict == "effect" and wider else None
+    if outdone:
+        verdict, reason = "unexplained", compared.preface + outdone
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
     seen = tuple(limits.of(ground, step.floors, able))

@@ -28,7 +28,7 @@ LEAST_DELTA_BIC = 30.0
 LEAST_LIKELIHOOD_GAIN = 15.0
 LEAST_ERROR_FALL = 0.01
 LEAST_EFFECT = 0.15
-LEAST_SHARE = 0.25
+LEAST_SHARE = 0.2
 MOST_NOISE = 0.4
 """Part of its own torque (of the square) that a second reading of the encoders may change."""
 VUONG_APART = 2.33
@@ -302,7 +302,7 @@ def _finalists(field: Field, terms: Sequence[Term]) -> list[Candidate]:
     errors = {c.term: held(c) for c in found}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
-    least = (1 - _WORTH / field.model.n) * float(ground.cross_validate(None)[0].sum())
+    least = (1 - _WORTH / field.model.n) * float(ground.equations(None).held_out[0].sum())
     hopeful = [c for c in scored if errors[c.term] < least] or scored[:_OF_A_JOINT]
     chosen = hopeful[:_FINALISTS]
     for joint in {c.term.joint for c in hopeful}:

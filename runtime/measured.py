@@ -123,7 +123,7 @@ def diagnose(
     from runtime.diagnose import diagnose as diagnosed
 
     with terminal.working("looking for missing effects"):
-        result = diagnosed(loaded, data)
+        result = diagnosed(loaded, data, wider=source.guesses)
     from runtime.story import Story
 
     story = Story(result, _origin(source, model, recordings, effects, maps, allow_gaps), drafted=draft is not None)
@@ -151,7 +151,7 @@ def _drafted(
         return {"draft_reason": draft.needless(result)}
     with terminal.working("trying guesses at what is missing"):
         wider = source.drafting()
-        found = draft.propose(result, wider.model(), wider.library.keys() - source.library.keys())
+        found = draft.propose(result, *source.guesses())
     if found is None:
         return {"draft_reason": draft.none_found(result)}
     beside = None if effects is None else os.path.relpath(effects.resolve(), target.resolve().parent)
@@ -210,7 +210,7 @@ def _improved(
     from runtime.story import Story
 
     with terminal.working("fitting and looking for missing effects") as tell:
-        result = improved(source.text, source.model, source.add, source.put, fitted, held_out, tell)
+        result = improved(source.text, source.model, source.add, source.put, fitted, held_out, tell, source.guesses)
         return result, Story(result, origin, floors(result.steps[-1].identification, held_out))
 
 

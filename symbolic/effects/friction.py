@@ -123,8 +123,8 @@ VISCOUS_POWER = Effect(
             "power of the speed: below 1 for a lubricant that thins with shear",
             "shape",
             (0.0, 5.0),
-            # Odd multiples of 0.1, so that the exponent 1, which is viscous friction, is not on the grid.
-            Grid(0.1, 2.9, 15, spacing="linear"),
+            # In steps of 0.2 from 0.05, so that the exponent 1, which is viscous friction, is not on the grid.
+            Grid(0.05, 2.85, 15, spacing="linear"),
         ),
     ),
     summary="Friction that grows with a power of the speed other than the first.",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime import boundary, draft, recording
+from runtime import boundary, guess, recording
 from runtime.cli import Source, app
 from runtime.diagnose import begin
 from runtime.motion import prepare
