@@ -33,6 +33,8 @@ _SIGMAS = 1.645
 """With noise of another draw, 95 % of recordings would still show the effect."""
 _DOUBLINGS = 11
 _NOTHING = 1e-9
+_ITS_OWN = 1.5
+"""Torque over that with the parameter at its weakest: below, others of the shape make it, as the flanks of a gap do."""
 _OF_A_SPRING = ("stiffness", "damping")
 
 
@@ -170,9 +172,6 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
         whole[0] -= max(held, 0.0) + _SIGMAS * spread
         return _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
 
-    if weakest_first[0][1] > least:
-        # With the parameter at its weakest the torque is still there: others of the shape make it, as a gap's flanks.
-        return None
     strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
     place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0]))
     if place is None:
@@ -181,6 +180,8 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
     shape = weakest_first[first][0]
     if first > 0:
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
+    if freed * _size(bench, term, shape) < _ITS_OWN * np.nanmin(sizes):
+        return None
     shape = _softened(shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
