@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from runtime import grids
 from runtime.covariance import shape_derivative, shape_steps
 from runtime.evidence import Block, Ground, Part, Rows
-from runtime.identify import Fit, Problem
+from runtime.problem import Fit, Problem
 from runtime.terms import Regressors, Term, Values, joints_of
 
 Array = NDArray[np.float64]

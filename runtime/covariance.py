@@ -12,7 +12,7 @@ from runtime.loader import Model
 from runtime.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
-    from runtime.identify import Fit, Problem
+    from runtime.problem import Fit, Problem
 
 Array = NDArray[np.float64]
 

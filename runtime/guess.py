@@ -13,9 +13,10 @@ from typing import Any
 
 from runtime.candidates import Field
 from runtime.compare import series
-from runtime.identify import Problem, identify_motion
+from runtime.identify import identify_motion
 from runtime.judge import Evidence, Verdict, rank
 from runtime.loader import Model
+from runtime.problem import Problem
 from runtime.search import Errors, Finding, Step
 from runtime.terms import Structure, Term
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from runtime import repeats
 from runtime.floor import Floor, floor
-from runtime.identify import Identification, Problem
+from runtime.identify import Identification
 from runtime.motion import prepare
+from runtime.problem import Problem
 from runtime.recording import Recording
 
 

@@ -12,11 +12,12 @@ from runtime import pairs
 from runtime.candidates import Candidate, Field
 from runtime.compare import JointSeries, errors, series
 from runtime.equations import bic
-from runtime.identify import Identification, Problem, identify_motion
+from runtime.identify import Identification, identify_motion
 from runtime.judge import BIC_APART, LEAST_DELTA_BIC, Evidence, Verdict, judge, rank
 from runtime.loader import Model
 from runtime.motion import Motion
 from runtime.pairs import Pair
+from runtime.problem import Problem
 from runtime.terms import Structure, Term, Values, joints_of
 
 Array = NDArray[np.float64]

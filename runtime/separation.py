@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from runtime import grids
 from runtime.band import Band
 from runtime.constrained import bounded
-from runtime.identify import Problem, prepared
+from runtime.identify import prepared
 from runtime.loader import Model
 from runtime.motion import Motion, prepare
+from runtime.problem import Problem
 from runtime.recording import Recording
 from runtime.simulate import NOISE, Hidden, excitation, simulate
 from runtime.terms import Prediction, Regressors, Structure, Term, joints_of

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.covariance import Estimate, Inference, infer
-from runtime.identify import Fit, Identification, Problem, Skew
+from runtime.identify import Identification
+from runtime.problem import Fit, Problem, Skew
 from runtime.terms import Term
 from runtime.wording import quantity
 

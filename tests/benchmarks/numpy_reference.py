@@ -10,8 +10,8 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from codegen import effect_functions
-from runtime.identify import Layout, Problem
 from runtime.motion import Piece
+from runtime.problem import Layout, Problem
 from runtime.terms import Term, Values, joints_of
 from symbolic import primitives
 from symbolic.arm import Arm

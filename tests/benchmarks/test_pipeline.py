@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from numpy_reference import NumPyFit
 
 from runtime import compare, diagnose, identify, recording, simulate
-from runtime.identify import Identification, Problem
+from runtime.identify import Identification
 from runtime.loader import Model
+from runtime.problem import Problem
 from runtime.recording import Recording
 from runtime.terms import structure
 from symbolic import model_file
