@@ -113,7 +113,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         out.size = " ".join(f"{x:.2f}" for x in made.sizes)
         out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
-        source = _source(made.model)
+        source = opened(made.model)
         model = source.model()
         start = time.process_time()
         found = diagnose(model, [made.recording], [made.held_out] if held_out else [], source.guesses)
@@ -128,7 +128,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
     return out
 
 
-def _source(text: str) -> Source:
+def opened(text: str) -> Source:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "model.toml"
         path.write_text(text, encoding="utf-8")
@@ -138,7 +138,7 @@ def _source(text: str) -> Source:
 def _at_its_limit(case: Case) -> Made | None:
     """The case with its effect a little beyond what the same recording without it would have seen; None: no limit."""
     clean = judging.make(replace(case, names=()))
-    seen = diagnose(_source(clean.model).model(), [clean.recording]).to_json()["would_have_seen"]
+    seen = diagnose(opened(clean.model).model(), [clean.recording]).to_json()["would_have_seen"]
     amount = limits.beyond(seen, case.names[0], judging.places(case)[0])
     return None if amount is None else judging.make(case, [amount])
 
@@ -150,7 +150,7 @@ def _separates(made: Made) -> scoring.Separates:
 @functools.cache
 def _separated(text: str, a: str, b: str) -> bool:
     """Whether the experiment that is proposed for a model tells two effects apart in simulation."""
-    model = _source(text).model()
+    model = opened(text).model()
     try:
         return experiment.propose(model, experiment.parse_rivals(f"{a},{b}", model)).separated
     except (experiment.ExperimentError, SimulationError):

@@ -14,7 +14,7 @@ from runtime.loader import Model
 from .bench import LEVEL, Bench, Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
 from .limits import hidden
-from .line import _opened
+from .line import opened
 from .motion import desired
 
 SEED = 31
@@ -30,7 +30,7 @@ def plant() -> Bench:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return _opened(model_text(ARMS[1], BELIEVED))
+    return opened(model_text(ARMS[1], BELIEVED)).model()
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from runtime.story import Story
 from .bench import Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
 from .hidden import Hidden, Put, Rows, at
-from .line import _opened
+from .line import opened
 from .motion import desired
 
 JOINTS = 2
@@ -29,7 +29,7 @@ MORE = 0.3  # kg at the end-effector
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return _opened(model_text(ARMS[JOINTS], BELIEVED))
+    return opened(model_text(ARMS[JOINTS], BELIEVED)).model()
 
 
 @pytest.fixture(scope="module")
