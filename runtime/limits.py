@@ -180,7 +180,7 @@ def _of_shape(bench: Bench, term: Term, shapes: Sequence[Values]) -> Limit | Non
     shape = weakest_first[first][0]
     if first > 0:
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
-    if freed * _size(bench, term, shape) < _ITS_OWN * np.nanmin(sizes):
+    if len(shape) > 1 and freed * _size(bench, term, shape) < _ITS_OWN * np.nanmin(sizes):
         return None
     shape = _softened(shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
