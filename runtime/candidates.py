@@ -182,11 +182,13 @@ class Field:
 
     def trial(self, term: Term, shape: Values) -> Block:
         """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
-        joints = joints_of(self.model, term)
-        if self._gives_way(term) and not self.watched(term):
-            joints = joints[:1]
-        regressors = self.excerpt[0]
-        return self._bounded(term, {i: Part(regressors.columns(term, i, shape)) for i in joints})
+        if not self._gives_way(term):
+            regressors = self.excerpt[0]
+            return self._bounded(
+                term, {i: Part(regressors.columns(term, i, shape)) for i in joints_of(self.model, term)}
+            )
+        # Its torque is a further derivative of the same readings: their noise would speak against any stiffness.
+        return self._sample(term, shape, self.model.n if self.watched(term) else 1)
 
     @cached_property
     def _reread(self) -> Regressors:
@@ -197,8 +199,11 @@ class Field:
 
     def sample(self, term: Term, shape: Values) -> Block:
         """As `block`, on the excerpt."""
+        return self._sample(term, shape, self.model.n)
+
+    def _sample(self, term: Term, shape: Values, most: int) -> Block:
         parts = {}
-        for i in joints_of(self.model, term):
+        for i in joints_of(self.model, term)[:most]:
             columns = self.excerpt[0].columns(term, i, shape)
             parts[i] = Part(columns, self._reread.columns(term, i, shape) - columns)
         return self._bounded(term, parts)

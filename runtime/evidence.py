@@ -257,17 +257,19 @@ class Ground:
         return replace(self, lower=lower, upper=upper)
 
     @cached_property
-    def _projection(self) -> tuple[Array, tuple[Array, ...]]:
-        """Pseudo-inverse (B, B) of the base's Gram matrix over unknowns that are free, and the base's residuals."""
+    def _projection(self) -> tuple[Array, tuple[tuple[Array, Array], ...]]:
+        """Pseudo-inverse (B, B) of the base's Gram matrix over unknowns that are free, and per joint the base's
+        residual and what noise adds to it."""
         gram = self._base_grams.sum(axis=0)[:-1, :-1]
         theta = self.solve().coefficients
         free = np.flatnonzero((theta > self.lower) & (theta < self.upper))
         projection = np.zeros_like(gram)
         projection[np.ix_(free, free)] = inverse(gram[np.ix_(free, free)])
-        return projection, tuple(r.stack[-1] - theta[r.index] @ r.stack[:-1] for r in self.rows)
+        left = (np.append(-theta[r.index], 1.0) for r in self.rows)
+        return projection, tuple((d @ r.stack, d @ r.stack_noise) for d, r in zip(left, self.rows, strict=True))
 
     def gain(self, block: Block) -> float:
-        """By how much the block lowers the squared error, quickly and with its noise left out: for grids."""
+        """By how much the block lowers the squared error, quickly: for grids. Its noise counts where it is given."""
         projection, left = self._projection
         k = len(block.lower)
         moment, square = np.zeros(k + 1), np.zeros((k + 1, k + 1))
@@ -275,9 +277,14 @@ class Ground:
         for joint, part in block.parts.items():
             row = self.rows[joint]
             x = row.used(part.columns)
-            moment += x @ left[joint]
+            moment += x @ left[joint][0]
             square += x @ x.T
             cross[:, row.index] += x @ row.stack[:-1].T
+            if part.noise is not None:
+                noise = row.used(part.noise)
+                moment -= noise @ left[joint][1]
+                square -= noise @ noise.T
+                cross[:, row.index] -= noise @ row.stack_noise[:-1].T
         own = square - cross @ projection @ cross.T
         seen = np.diagonal(own) > LEAST_OWN * np.diagonal(square)
         if not seen[0]:

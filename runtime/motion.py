@@ -20,10 +20,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STANDSTILL_S = 0.004
-_STANDSTILL_PERIODS = 0.4
 _SHARP_HZ = 50.0
-"""Rows this close to standstill are left out, in s and in periods of the cut-off, which blurs when it was: there the
-sign of the rate is noise. Below the sharp cut-off the encoder is what limits the band, and blurs it once more."""
+_BLUR = 1.75
+"""Rows this close to standstill are left out: there the sign of the rate is noise. Below the sharp cut-off the encoder
+limits the band, and blurs when standstill was: by the filter's length, and by what the rate's noise makes of it."""
 _NOISE_MULTIPLE = 4.0
 _OF_TOP_SPEED = 0.002
 _WINDOWS = 8
@@ -193,8 +193,7 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
 
 def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
     still = np.abs(piece.qd[joint]) < standstill
-    cutoff = piece.low_pass.cutoff
-    near = max(_STANDSTILL_S, _STANDSTILL_PERIODS / cutoff * max(1.0, _SHARP_HZ / cutoff) ** 0.4)
+    near = _STANDSTILL_S * max(1.0, _SHARP_HZ / piece.low_pass.cutoff) ** _BLUR
     reach = max(1, round(near / piece.dt))
     count = np.concatenate([[0], np.cumsum(still)])
     lo = np.clip(piece.centres - reach, 0, len(still))
