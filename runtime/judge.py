@@ -29,11 +29,13 @@ LEAST_LIKELIHOOD_GAIN = 15.0
 LEAST_ERROR_FALL = 0.01
 LEAST_EFFECT = 0.15
 LEAST_SHARE = 0.2
-MOST_NOISE = 0.4
+MOST_NOISE = 0.5
 """Part of its own torque (of the square) that a second reading of the encoders may change."""
 VUONG_APART = 2.33
 BIC_APART = 10.0
+_EXPLAINS = "it explains"
 _FINALISTS = 8
+_OF_WHAT_IS_LEFT = 0.3
 _OF_A_JOINT = 3
 _WORTH = 0.004
 """Fall of the squared error on the excerpt from which a candidate is looked at on the whole; of one joint."""
@@ -69,6 +71,11 @@ class Evidence:
     @property
     def passes(self) -> bool:
         return not self.failed
+
+    @property
+    def small(self) -> bool:
+        """Whether all that speaks against it is that it explains a small part of what is left."""
+        return bool(self.failed) and all(why.startswith(_EXPLAINS) for why in self.failed)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -142,7 +149,7 @@ class Figures:
         yield delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"
         yield size > LEAST_EFFECT, f"its own torque is {size:.2f} of the noise floor, not {LEAST_EFFECT:g}"
         part = 100 * self.share
-        yield part > 100 * LEAST_SHARE, f"it explains {part:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"
+        yield part > 100 * LEAST_SHARE, f"{_EXPLAINS} {part:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"
         yield not at_edge, "its shape lies at the edge of what was searched"
         gain = self.likelihood_gain
         least = LEAST_LIKELIHOOD_GAIN
@@ -275,14 +282,19 @@ def judge(field: Field, floors: Sequence[float]) -> Verdict:
 
 def rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
     """Rank these candidates against the field; `floors` are all joints' noise floors."""
-    finalists = [field.refine(c) for c in _finalists(field, terms)]
+    finalists, blocks, held = [], [], []
+    for candidate in map(field.refine, _finalists(field, terms)):
+        block = field.block(candidate.term, candidate.shape)
+        ground = field.without(field.ground, field.replaced(candidate.term))
+        error = float(ground.equations(block).held_out[0].sum())
+        left = ground.solve(block).residual
+        # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
+        if error > _OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.rows, left, strict=True)):
+            finalists.append(candidate)
+            blocks.append(block)
+            held.append(error)
     if not finalists:
         return Verdict((), ())
-    blocks = [field.block(c.term, c.shape) for c in finalists]
-    held = [
-        field.without(field.ground, field.replaced(c.term)).equations(b).held_out[0].sum()
-        for c, b in zip(finalists, blocks, strict=True)
-    ]
     bench = Bench(field, field.ground, floors, blocks[int(np.argmin(held))])
     evidence = [bench.weigh(c, b) for c, b in zip(finalists, blocks, strict=True)]
     evidence.sort(key=lambda e: (not e.passes, -e.delta_bic))

@@ -28,6 +28,8 @@ _LEAST_FALL = 0.005
 _MOST_RIVALS = 4
 _CLEARLY_LESS = 0.01
 _WORTH_FITTING = 0.97
+_VOUCHED = 0.95
+"""To which part of its square the error on held-out recordings must fall."""
 _MOST_PAIRS = 2
 
 
@@ -166,7 +168,9 @@ class Search:
         return self.findings[-1]
 
     def _forward(self, step: Step) -> Finding | None:
-        able = [e for e in self.last.ranked if e.passes and self._able(e.term)]
+        # A small part of much that is left may be true all the same: a recording that was not fitted can tell.
+        vouched = self.held_out is not None
+        able = [e for e in self.last.ranked if (e.passes or (vouched and e.small)) and self._able(e.term)]
         able.sort(key=lambda e: -e.delta_bic)
         for evidence in able:
             first = evidence is self.last.ranked[0]
@@ -198,12 +202,15 @@ class Search:
         return best, after
 
     def _better(self, before: Step, after: Step, term: Term) -> bool:
-        """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any."""
+        """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any:
+        there its square to at most this part."""
         own = joints_of(self.model, term) if term.joint is None else (term.joint - 1,)
         falls = any(after.fitted.rms[i] < (1 - _LEAST_FALL) * before.fitted.rms[i] for i in own)
         if before.held_out is None or after.held_out is None:
             return falls
-        return falls and sum(r**2 for r in after.held_out.relative) < sum(r**2 for r in before.held_out.relative)
+        return falls and sum(r**2 for r in after.held_out.relative) < _VOUCHED * sum(
+            r**2 for r in before.held_out.relative
+        )
 
     def _pair(self, step: Step, single: Finding | None) -> tuple[Finding, Finding] | None:
         """Two effects that together explain clearly more than the best one with any second beside it."""
