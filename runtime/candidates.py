@@ -182,13 +182,16 @@ class Field:
 
     def trial(self, term: Term, shape: Values) -> Block:
         """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
-        if not self._gives_way(term):
+        watched = self.watched(term)
+        if not self._gives_way(term) or (self.model.library.effects[term.effect].generalises and not watched):
+            joints = joints_of(self.model, term)
+            if self._gives_way(term):
+                # A gap meets its flanks elsewhere on another reading: its noise is no smaller error that adds up.
+                joints = joints[:1]
             regressors = self.excerpt[0]
-            return self._bounded(
-                term, {i: Part(regressors.columns(term, i, shape)) for i in joints_of(self.model, term)}
-            )
+            return self._bounded(term, {i: Part(regressors.columns(term, i, shape)) for i in joints})
         # Its torque is a further derivative of the same readings: their noise would speak against any stiffness.
-        return self._sample(term, shape, self.model.n if self.watched(term) else 1)
+        return self._sample(term, shape, self.model.n if watched else 1)
 
     @cached_property
     def _reread(self) -> Regressors:

@@ -29,7 +29,7 @@ LEAST_LIKELIHOOD_GAIN = 15.0
 LEAST_ERROR_FALL = 0.01
 LEAST_EFFECT = 0.15
 LEAST_SHARE = 0.2
-MOST_NOISE = 0.5
+MOST_NOISE = 0.4
 """Part of its own torque (of the square) that a second reading of the encoders may change."""
 VUONG_APART = 2.33
 BIC_APART = 10.0
