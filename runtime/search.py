@@ -108,6 +108,7 @@ class Search:
     last: Verdict = field(default_factory=lambda: Verdict((), ()))
     names: tuple[str, ...] = ()
     _field: Field | None = None
+    _taken_back: set[Term] = field(default_factory=set)
 
     def start(self, known: Structure) -> Step:
         self.steps.append(self._step(None, known, None))
@@ -162,7 +163,9 @@ class Search:
         elif finding is not None:
             self.findings.append(finding)
             self.steps.append(finding.after)
-            self._reconsider()
+            for _ in range(MOST_FINDINGS):
+                if not self._reconsider():
+                    break
         else:
             return None
         return self.findings[-1]
@@ -171,6 +174,8 @@ class Search:
         # A small part of much that is left may be true all the same: a recording that was not fitted can tell.
         vouched = self.held_out is not None
         able = [e for e in self.last.ranked if (e.passes or (vouched and e.small)) and self._able(e.term)]
+        # What was taken back once would come and go for ever.
+        able = [e for e in able if e.term not in self._taken_back]
         able.sort(key=lambda e: -e.delta_bic)
         for evidence in able:
             first = evidence is self.last.ranked[0]
@@ -219,6 +224,7 @@ class Search:
         ground = self._field_of(step)
         taken = None if single is None else single.term
         found = pairs.search(ground, [e.candidate for e in self.last.ranked])
+        found = [p for p in found if not self._taken_back & set(p.terms)]
         own = [p for p in found if taken in p.terms]
         least = _WORTH_FITTING * own[0].gain if own else 0.0
         others = [p for p in found if taken not in p.terms and p.gain > least][:_MOST_PAIRS]
@@ -243,6 +249,11 @@ class Search:
         ]
         passed = [(e, a) for e, a in zip(evidence, alone, strict=True) if e is not None]
         if len(passed) < 2 or not self._better(step, together, pair.first.term):
+            return None
+        # On recordings that were not fitted, too, each must be worth having beside the other.
+        if self.held_out and not all(
+            self._better(a, together, t) for a, t in zip(alone, pair.terms[::-1], strict=True)
+        ):
             return None
         (first, middle), (second, _) = sorted(passed, key=lambda item: -item[0].delta_bic)
         return (
@@ -271,23 +282,26 @@ class Search:
             found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
         return found
 
-    def _reconsider(self) -> None:
-        """Take back or exchange findings that the later ones have made superfluous or less likely than another."""
+    def _reconsider(self) -> bool:
+        """Take back or exchange the first finding that later ones have made superfluous or less likely than another;
+        whether there was one."""
         for k, finding in enumerate(self.findings[:-1]):
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
             verdict = judge(self._field_of(without), without.floors)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
-            if verdict.best is None:
-                self._rebuild([f for f in self.findings if f is not finding], {})
-            elif verdict.best.delta_bic - own >= BIC_APART:
-                evidence = verdict.best
-                other = replace(finding, evidence=evidence, rivals=verdict.rivals, verdict=verdict)
-                kept = [*self.findings[:k], other, *self.findings[k + 1 :]]
-                self._rebuild(kept, {evidence.term: evidence.candidate.shape})
+            best, others = verdict.best, [f for f in self.findings if f is not finding]
+            if best is None or not self._better(without, self.steps[-1], finding.term):
+                kept, shapes = others, {}
+            elif best.delta_bic - own >= BIC_APART:
+                others.insert(k, replace(finding, evidence=best, rivals=verdict.rivals, verdict=verdict))
+                kept, shapes = others, {best.term: best.candidate.shape}
             else:
                 continue
-            return
+            self._taken_back.add(finding.term)
+            self._rebuild(kept, shapes)
+            return True
+        return False
 
     def _rebuild(self, kept: Sequence[Finding], shapes: Mapping[Term, Values]) -> None:
         known = {**dict(self._so_far()), **shapes}
