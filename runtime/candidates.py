@@ -28,6 +28,7 @@ _EXCERPT = 60_000
 """Samples on which shapes are searched, for one joint; fewer for more, as the root of their number."""
 _REFINE_STEPS = 14
 _ALTERNATIVES = 3
+_TRIED = 4
 
 
 @dataclass(frozen=True)
@@ -229,6 +230,10 @@ class Field:
         scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
         if not scored or not np.isfinite(scored[0][0]):
             return None
+        if len(scored) > 1:
+            # The quick gain lets the base's friction turn negative; of the best few, it is seen who needs that.
+            tried = [(self._exact(ground, term, choices[k]), k) for gain, k in scored[:_TRIED] if np.isfinite(gain)]
+            scored = [max(tried), *(s for s in scored if s[1] != max(tried)[1])]
         shape = choices[scored[0][1]]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
         others = tuple(choices[k] for _, k in scored[1 : 1 + _ALTERNATIVES])
@@ -236,6 +241,10 @@ class Field:
         # What it replaces would have explained something, too.
         gain = scored[0][0] - (ground.solve().sse - whole.solve().sse if ground is not whole else 0.0)
         return Candidate(term, shape, searched, gain, others, edge)
+
+    def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
+        """The fall of the squared error with every coefficient within its bounds."""
+        return ground.solve().sse - ground.solve(self.trial(term, shape)).sse
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried."""
@@ -257,8 +266,7 @@ class Field:
         start = np.array([candidate.shape[name] for name in moving])
         scale = np.array([self.grid_step(candidate, name) for name in moving])
         logarithmic = self.logarithmic(term)
-        found = self._gain(ground, term, candidate.shape)
-        best = (found, candidate.shape)
+        best = (self._gain(ground, term, candidate.shape), candidate.shape)
 
         def error(z: Array) -> float:
             nonlocal best
@@ -273,8 +281,11 @@ class Field:
         simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
         options = {"maxfev": _REFINE_STEPS * len(moving), "initial_simplex": simplex, "xatol": 0.02, "fatol": 0.0}
         minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
+        there, here = (self._exact(ground, term, shape) for shape in (best[1], candidate.shape))
+        if there <= here:
+            return candidate
         edge = grids.at_edge(self.excerpt[0], term, best[1])
-        return replace(candidate, shape=best[1], gain=candidate.gain + best[0] - found, at_edge=edge)
+        return replace(candidate, shape=best[1], gain=candidate.gain + there - here, at_edge=edge)
 
     def moving(self, term: Term) -> list[str]:
         """Shape parameters between whose grid values there are others."""

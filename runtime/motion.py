@@ -21,9 +21,11 @@ Mask = NDArray[np.bool_]
 
 _STANDSTILL_S = 0.004
 _SHARP_HZ = 50.0
-_BLUR = 1.75
+_BLUR = 2.1
+_MOST_PERIODS = 0.85
 """Rows this close to standstill are left out: there the sign of the rate is noise. Below the sharp cut-off the encoder
-limits the band, and blurs when standstill was: by the filter's length, and by what the rate's noise makes of it."""
+limits the band, and blurs when standstill was: by the filter's length, and by what the rate's noise makes of it; up to
+that part of a period of the cut-off."""
 _NOISE_MULTIPLE = 4.0
 _OF_TOP_SPEED = 0.002
 _WINDOWS = 8
@@ -193,7 +195,9 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
 
 def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
     still = np.abs(piece.qd[joint]) < standstill
-    near = _STANDSTILL_S * max(1.0, _SHARP_HZ / piece.low_pass.cutoff) ** _BLUR
+    cutoff = piece.low_pass.cutoff
+    blurred = min(_STANDSTILL_S * (_SHARP_HZ / cutoff) ** _BLUR, _MOST_PERIODS / cutoff)
+    near = max(_STANDSTILL_S, blurred)
     reach = max(1, round(near / piece.dt))
     count = np.concatenate([[0], np.cumsum(still)])
     lo = np.clip(piece.centres - reach, 0, len(still))
