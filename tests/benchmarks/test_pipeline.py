@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from numpy_reference import NumPyFit
 
 from runtime import compare, diagnose, identify, recording, simulate
 from runtime.identify import Identification
+from runtime.judge import judge
 from runtime.loader import Model
-from runtime.problem import Problem
+from runtime.problem import Problem, Skew
 from runtime.recording import Recording
 from runtime.terms import structure
 from symbolic import model_file
@@ -22,7 +24,35 @@ Array = NDArray[np.float64]
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 SECONDS = 80.0
+LONG = 1000.0
 ROUNDS = 5
+
+
+@pytest.mark.parametrize("name", ["drive", "vishard4"])
+def test_library(name: str) -> None:
+    """CPU time of one search of the whole library: a million samples of one joint, 80 s of four joints."""
+    from runtime.cli import open_model
+
+    model = open_model(ARMS / f"{name}.toml")
+    simulated, _ = simulate.simulate(model, seconds=LONG if model.n == 1 else SECONDS)
+    start = process_time()
+    search = diagnose.begin(model, [simulated])
+    fitted = process_time()
+    judge(search.ground(), search.steps[0].floors)
+    judged = process_time()
+    diagnose.conclude(search)
+    done = process_time()
+    parts = [
+        ("band, derivatives, fit, noise floor", fitted - start),
+        ("the library: shapes, refinement, gates", judged - fitted),
+        ("verdict, parameter tables, detection limits", done - judged),
+        ("in all", done - start),
+    ]
+    show(
+        f"{name}: {len(simulated.t)} samples, {model.n} joint{'s' if model.n > 1 else ''}, nothing hidden",
+        ("part", "CPU s"),
+        [(part, f"{seconds:.2f}") for part, seconds in parts],
+    )
 
 
 @pytest.mark.parametrize(("name", "hidden"), [("drive", "stribeck@1"), ("vishard4", "stribeck@2")])
@@ -33,7 +63,7 @@ def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     model = open_model(ARMS / f"{name}.toml")
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], seconds=SECONDS)
     path = tmp_path / f"{name}.csv"
-    simulate.write(simulated, path)
+    recording.write(path, simulated)
     joints = {"joints": [{"type": joint.type} for joint in model.joints]}
 
     data = recording.read(path, joints)
@@ -125,7 +155,7 @@ def _against_numpy(name: str, model: Model, identification: Identification) -> N
 
     def our_fit() -> None:
         # A new problem computes every regressor anew; the second realisation of the noise included.
-        Problem(model, motion, terms, prediction).solve(fit.shapes, fit.skew)
+        Problem(model, motion, terms, prediction).solve(fit.shapes, Skew(fit.skew))
 
     pairs = [
         (
