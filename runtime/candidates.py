@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 _EXCERPT = 60_000
 """Samples on which shapes are searched, for one joint; fewer for more, as the root of their number."""
 _REFINE_STEPS = 14
-_ALTERNATIVES = 3
 _TRIED = 4
 
 
@@ -37,14 +36,12 @@ class Candidate:
 
     searched   number of shape parameters that were searched
     gain       fall of the squared error on the excerpt
-    others     the next best shapes of the grid
     """
 
     term: Term
     shape: Values
     searched: int
     gain: float
-    others: tuple[Values, ...]
     at_edge: bool
 
 
@@ -183,16 +180,14 @@ class Field:
 
     def trial(self, term: Term, shape: Values) -> Block:
         """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
+        joints = joints_of(self.model, term)
+        if not self._gives_way(term):
+            return self._sampled(term, shape, joints, reread=False)
         watched = self.watched(term)
-        if not self._gives_way(term) or (self.model.library.effects[term.effect].generalises and not watched):
-            joints = joints_of(self.model, term)
-            if self._gives_way(term):
-                # A gap meets its flanks elsewhere on another reading: its noise is no smaller error that adds up.
-                joints = joints[:1]
-            regressors = self.excerpt[0]
-            return self._bounded(term, {i: Part(regressors.columns(term, i, shape)) for i in joints})
-        # Its torque is a further derivative of the same readings: their noise would speak against any stiffness.
-        return self._sample(term, shape, self.model.n if watched else 1)
+        # A transmission's torque is a further derivative of the same readings: their noise would speak against any
+        # stiffness. A gap meets its flanks elsewhere on another reading: that noise is no smaller error that adds up.
+        linear = not self.model.library.effects[term.effect].generalises
+        return self._sampled(term, shape, joints if watched else joints[:1], reread=watched or linear)
 
     @cached_property
     def _reread(self) -> Regressors:
@@ -203,13 +198,13 @@ class Field:
 
     def sample(self, term: Term, shape: Values) -> Block:
         """As `block`, on the excerpt."""
-        return self._sample(term, shape, self.model.n)
+        return self._sampled(term, shape, joints_of(self.model, term), reread=True)
 
-    def _sample(self, term: Term, shape: Values, most: int) -> Block:
+    def _sampled(self, term: Term, shape: Values, joints: tuple[int, ...], reread: bool) -> Block:
         parts = {}
-        for i in joints_of(self.model, term)[:most]:
+        for i in joints:
             columns = self.excerpt[0].columns(term, i, shape)
-            parts[i] = Part(columns, self._reread.columns(term, i, shape) - columns)
+            parts[i] = Part(columns, self._reread.columns(term, i, shape) - columns if reread else None)
         return self._bounded(term, parts)
 
     def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
@@ -233,18 +228,18 @@ class Field:
         if len(scored) > 1:
             # The quick gain lets the base's friction turn negative; of the best few, it is seen who needs that.
             tried = [(self._exact(ground, term, choices[k]), k) for gain, k in scored[:_TRIED] if np.isfinite(gain)]
-            scored = [max(tried), *(s for s in scored if s[1] != max(tried)[1])]
-        shape = choices[scored[0][1]]
+            scored = [max(tried)]
+        gain, chosen = scored[0]
+        shape = choices[chosen]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
-        others = tuple(choices[k] for _, k in scored[1 : 1 + _ALTERNATIVES])
         edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
         # What it replaces would have explained something, too.
-        gain = scored[0][0] - (ground.solve().sse - whole.solve().sse if ground is not whole else 0.0)
-        return Candidate(term, shape, searched, gain, others, edge)
+        gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
+        return Candidate(term, shape, searched, gain, edge)
 
     def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
         """The fall of the squared error with every coefficient within its bounds."""
-        return ground.solve().sse - ground.solve(self.trial(term, shape)).sse
+        return ground.equations().sse - ground.equations(self.trial(term, shape)).sse
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried."""

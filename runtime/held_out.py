@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from runtime import repeats
 from runtime.floor import Floor, floor
 from runtime.identify import Identification
 from runtime.motion import prepare
 from runtime.problem import Problem
 from runtime.recording import Recording
+from runtime.search import residuals_elsewhere
 
 
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
@@ -23,10 +22,7 @@ def floors(identification: Identification, recordings: Sequence[Recording]) -> t
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
     found = repeats.find(motion)
     floors = []
-    for i in range(model.n):
-        x, fixed = problem.rows(i, fit.shapes)
-        left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
+    for i, residual in enumerate(residuals_elsewhere(identification, motion)):
         noise, fixed_noise = problem.noise_rows(i, fit.shapes)
-        residual = np.where(motion.moving(i), left, 0.0)
         floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
     return tuple(floors)

@@ -286,8 +286,8 @@ def rank(field: Field, terms: Sequence[Term], floors: Sequence[float]) -> Verdic
     for candidate in map(field.refine, _finalists(field, terms)):
         block = field.block(candidate.term, candidate.shape)
         ground = field.without(field.ground, field.replaced(candidate.term))
-        error = float(ground.equations(block).held_out[0].sum())
-        left = ground.solve(block).residual
+        equations = ground.equations(block)
+        error, left = float(equations.held_out[0].sum()), ground.residual(equations.coefficients, block)
         # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
         if error > _OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.rows, left, strict=True)):
             finalists.append(candidate)

@@ -207,8 +207,8 @@ class Search:
         return best, after
 
     def _better(self, before: Step, after: Step, term: Term) -> bool:
-        """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any:
-        there its square to at most this part."""
+        """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any,
+        by more than chance."""
         own = joints_of(self.model, term) if term.joint is None else (term.joint - 1,)
         falls = any(after.fitted.rms[i] < (1 - _LEAST_FALL) * before.fitted.rms[i] for i in own)
         if before.held_out is None or after.held_out is None:
@@ -324,15 +324,24 @@ def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
 
 def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
+    found = []
+    for i, left in enumerate(residuals_elsewhere(identification, motion)):
+        use = motion.moving(i)
+        found.append(errors(left[use], motion.torque(i, identification.fit.skew)[use]))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
+
+
+def residuals_elsewhere(identification: Identification, motion: Motion) -> list[Array]:
+    """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
+    that do not count."""
     fit, model = identification.fit, identification.model
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
     found = []
     for i in range(model.n):
         x, fixed = problem.rows(i, fit.shapes)
-        use = motion.moving(i)
-        tau = motion.torque(i, fit.skew)[use]
-        found.append(errors(tau - (fixed + fit.coefficients @ x)[use], tau))
-    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
+        left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
+        found.append(np.where(motion.moving(i), left, 0.0))
+    return found
 
 
 def seconds_moving(motion: Motion, joint: int) -> float:

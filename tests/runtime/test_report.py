@@ -100,7 +100,7 @@ def improvement(drive, one) -> Improvement:
 
 
 def evidence(term: Term, *failed: str) -> Evidence:
-    candidate = Candidate(term, {}, 0, 1.0, (), False)
+    candidate = Candidate(term, {}, 0, 1.0, False)
     return Evidence(candidate, 0.123, 0.9, 456.0, 234.0, 0.5, failed, 9, np.zeros(3))
 
 

@@ -105,14 +105,14 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way(arm: dict[i
     quick, shape = Setting(excitation="no_slow"), {"stiffness": 1500.0, "damping": 1.0}
     fitted = identify(arm[1], [recorded(quick, ("torque_delay", 0, 4e-3)).with_link()])
     field = Field(fitted.problem, fitted.fit)
-    soft = Candidate(ELASTICITY, shape, 2, 0.0, (), at_edge=False)
+    soft = Candidate(ELASTICITY, shape, 2, 0.0, at_edge=False)
     (doubt,) = Witness(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
     assert doubt.startswith("the link-side encoder does not show it")
     recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link()
     assert not doubts(arm[1], recording, ELASTICITY, DELAY)["elasticity@1"]
     fitted = identify(arm[1], [recording])
     field = Field(fitted.problem, fitted.fit)
-    late, block = Candidate(DELAY, {}, 0, 0.0, (), at_edge=False), field.block(DELAY, {})
+    late, block = Candidate(DELAY, {}, 0, 0.0, at_edge=False), field.block(DELAY, {})
     parts = np.append(1.0, field.ground.solve(block).coefficients[field.ground.size :])
     said = "; ".join(Witness(field).doubts(field.ground, late, block, parts))
     assert "the transmission gives way instead" in said
