@@ -1,0 +1,1 @@
+"""Motion and springs together: trajectories, scenarios and their optimization."""

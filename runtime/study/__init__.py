@@ -1,0 +1,1 @@
+"""The study of the paper: its tables and figures, ours beside the published ones."""
