@@ -62,6 +62,49 @@ def add_effect(
     return _edited(text, where, library, change, lambda lines: _add_lines(lines, owner, effect, new, replaced))
 
 
+def remove_effect(text: str, where: str, library: Mapping[str, Effect], effect: str, joint: int | None = None) -> str:
+    """`text` without the effect and what the file says of it.
+
+    joint   counted from 1; None for effects of the arm and the contact
+    Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, not there.
+    """
+    arm = parse(text, where, library)
+    place = Place(printable(where))
+    owner = _owner(place, arm, library, effect, joint)
+    if effect not in _active(arm, owner):
+        on = f" on joint {joint}" if joint else ""
+        place.fail(f'effect "{effect}" is not there{on}; nothing to remove')
+
+    def change(document: Any, _: Callable[[dict[str, float]], Any] = dict) -> None:
+        table = _effects_of(document, owner)
+        del table[effect]
+        if not table:
+            del _home_of(document, owner)["effects"]
+
+    return _edited(text, where, library, change, lambda lines: _remove_lines(lines, owner, effect))
+
+
+def place_effect(
+    text: str,
+    where: str,
+    library: Mapping[str, Effect],
+    effect: str,
+    joint: int | None,
+    values: Mapping[str, float] | None,
+) -> str:
+    """`text` with the effect at these values, whether it was there or not; None: without it.
+
+    Raises ModelError, as the edit does that this asks for.
+    """
+    arm = parse(text, where, library)
+    there = effect in _active(arm, _owner(Place(printable(where)), arm, library, effect, joint))
+    if values is None:
+        return remove_effect(text, where, library, effect, joint) if there else text
+    if there:
+        return set_values(text, where, library, {(effect, joint): values})
+    return add_effect(text, where, library, effect, joint, values)
+
+
 def set_values(
     text: str,
     where: str,
@@ -139,12 +182,15 @@ def _prefix(owner: Owner) -> tuple[str, ...]:
     return ("effects",) if owner[0] == "arm" else (owner[0], "effects")
 
 
-def _effects_of(document: Any, owner: Owner) -> Any:
+def _home_of(document: Any, owner: Owner) -> Any:
+    """The table that has the owner's effects in it."""
     scope, joint = owner
     table = document if scope == "arm" else document[scope]
-    if joint is not None:
-        table = table[joint - 1]
-    return table.setdefault("effects", {})
+    return table if joint is None else table[joint - 1]
+
+
+def _effects_of(document: Any, owner: Owner) -> Any:
+    return _home_of(document, owner).setdefault("effects", {})
 
 
 def _rounded(value: float) -> float:
@@ -266,6 +312,16 @@ def _add_lines(
         del lines[section.start : section.content_end]
     at = home.start if old else home.content_end
     return _spliced(lines, at, home.content_end, new, end)
+
+
+def _remove_lines(lines: list[str], owner: Owner, effect: str) -> list[str]:
+    path = (*_prefix(owner), effect)
+    found = [s for s in _sections(lines) if s.path == path and s.joint == owner[1]]
+    start, after = found[0].start, lines[found[0].content_end :]
+    # One of two blank lines that would meet, and one that would end the file.
+    if not lines[start - 1].strip() and not (after and after[0].strip()):
+        start -= 1
+    return [*lines[:start], *after]
 
 
 def _set_lines(lines: list[str], path: tuple[str, ...], joint: int | None, values: Mapping[str, float]) -> list[str]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from symbolic import model_file
 from symbolic.effects import LIBRARY
-from symbolic.model_edit import add_effect, set_values
+from symbolic.model_edit import add_effect, place_effect, remove_effect, set_values
 from symbolic.model_file import ModelError
 
 TEXT = """\
@@ -208,3 +208,41 @@ def test_any_series_of_edits_says_what_was_asked_for(edits, end):
     assert {i: set(table["effects"]) for i, table in enumerate(tables, 1)} == asked
     for comment in ("# my arm", "# as on the drawing", "# the elbow"):
         assert comment in text
+
+
+# --- effects taken out ---
+
+
+def test_removing_an_effect_leaves_every_other_byte():
+    with_spring = add(TEXT, "linear_spring", 1, stiffness=2.0, rest=0.1)
+    assert remove_effect(with_spring, "arm.toml", LIBRARY, "linear_spring", 1) == TEXT
+
+
+def test_the_only_effect_leaves_no_empty_table():
+    text = TEXT + "\n[contact]\nx = 0.4  # plate\n"
+    with_plate = add(text, "plate", None, stiffness=600.0)
+    without = remove_effect(with_plate, "arm.toml", LIBRARY, "plate")
+    assert without == text
+    assert "effects" not in tomllib.loads(without)["contact"]
+
+
+def test_an_inline_effect_is_removed_too():
+    text = TEXT.replace("[joint.effects.viscous]\n# measured warm\n", "")
+    text = text.replace("rotor_inertia = 0.06\n", "rotor_inertia = 0.06\neffects = { viscous = {}, coulomb = {} }\n")
+    removed = remove_effect(text, "arm.toml", LIBRARY, "viscous", 2)
+    assert tomllib.loads(removed)["joint"][1]["effects"] == {"coulomb": {}}
+
+
+def test_removing_what_is_not_there_is_an_error():
+    with pytest.raises(ModelError, match='effect "stribeck" is not there on joint 2; nothing to remove'):
+        remove_effect(TEXT, "arm.toml", LIBRARY, "stribeck", 2)
+
+
+def test_an_effect_is_placed_whatever_was_there_before():
+    values = {"stiffness": 5100.0, "radius": 0.06, "offset": -0.9, "pretension": 0.0}
+    once = place_effect(TEXT, "arm.toml", LIBRARY, "parallel_spring", 2, values)
+    assert model_file.parse(once, "arm.toml").joints[1].effects["parallel_spring"] == values
+    softer = place_effect(once, "arm.toml", LIBRARY, "parallel_spring", 2, values | {"stiffness": 1300.0})
+    assert softer == once.replace("5100.0", "1300.0")
+    assert place_effect(softer, "arm.toml", LIBRARY, "parallel_spring", 2, None) == TEXT
+    assert place_effect(TEXT, "arm.toml", LIBRARY, "parallel_spring", 2, None) == TEXT
