@@ -55,25 +55,28 @@ class Hidden:
     values: Values
 
 
-def parse_hidden(text: str, model: Model) -> Hidden:
-    """`EFFECT@JOINT[:KEY=VALUE,...]`; no @JOINT for an effect of the arm or the contact. Raises SimulationError."""
+def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
+    """`EFFECT@JOINT[:KEY=VALUE,...]`; no @JOINT for an effect of the arm or the contact. Raises SimulationError.
+
+    option   where it was written, for the messages
+    """
     place, _, assignments = text.partition(":")
     name, at, number = place.partition("@")
     usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
     try:
         info = model.library[name]
     except LoaderError as error:
-        raise SimulationError(f"--hide {text}: {error}") from error
+        raise SimulationError(f"{option} {text}: {error}") from error
     joint: int | None = None
     if info.scope in ("arm", "contact"):
         if at:
-            raise SimulationError(f'--hide {text}: "{name}" acts on the whole {info.scope}; leave out @{number}')
+            raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{number}')
     else:
         last = model.n - (info.scope == "joints")
         if last < 1:
-            raise SimulationError(f'--hide {text}: "{name}" acts on two joints and {model.name} has one')
+            raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {model.name} has one')
         if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= last:
-            raise SimulationError(f'--hide {text}: found joint "{number}", expected 1 to {last}; {usage}')
+            raise SimulationError(f'{option} {text}: found joint "{number}", expected 1 to {last}; {usage}')
         joint = int(number)
     values: Values = {}
     for assignment in filter(None, assignments.split(",")):
@@ -81,11 +84,11 @@ def parse_hidden(text: str, model: Model) -> Hidden:
         try:
             values[info.parameter(key.strip()).name] = float(value)
         except LoaderError as error:
-            raise SimulationError(f"--hide {text}: {error}") from error
+            raise SimulationError(f"{option} {text}: {error}") from error
         except ValueError as error:
-            raise SimulationError(f'--hide {text}: found "{assignment}", expected a number; {usage}') from error
+            raise SimulationError(f'{option} {text}: found "{assignment}", expected a number; {usage}') from error
         if not equals or not isfinite(values[key.strip()]):
-            raise SimulationError(f'--hide {text}: found "{assignment}", expected a finite number; {usage}')
+            raise SimulationError(f'{option} {text}: found "{assignment}", expected a finite number; {usage}')
     return Hidden(Term(name, joint), values)
 
 
@@ -117,10 +120,7 @@ def simulate(
     terms = _all_terms(model, hidden)
     values = _complete(model, piece, terms)
     signals = Signals(model, piece, Prediction(model.lump_values, values))
-    tau = signals.rigid.copy()
-    for term in values:
-        for joint in joints_of(model, term):
-            tau[joint] += signals.torque(term, joint)
+    tau = _torque(signals, values)
     if not np.isfinite(tau).all():
         raise SimulationError(f"the torque of {model.name} is not finite with these values; choose smaller ones")
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
@@ -133,6 +133,28 @@ def simulate(
         level = np.sqrt(np.mean(output**2, axis=1, keepdims=True))
         made = replace(made, tau_link=output + noise * level * rng.standard_normal(output.shape))
     return made, values
+
+
+def complete(model: Model, path: Array, terms: Structure) -> Structure:
+    """The terms with all values, those that are not stated moderate for the motion `path` (n, N) at 1 kHz.
+
+    Raises SimulationError: a value out of its bounds, or none can be chosen for this motion.
+    """
+    return _complete(model, _piece(model.library, path, warm=False), terms)
+
+
+def torque_along(model: Model, q: Array, qd: Array, qdd: Array, rate: float, values: Structure) -> Array:
+    """(n, N) torque that a motion (each (n, N), at `rate` Hz) asks of the motors, all values known."""
+    piece = _prescribed(model.library, q, qd, qdd, rate, warm=False)
+    return _torque(Signals(model, piece, Prediction(model.lump_values, values)), values)
+
+
+def _torque(signals: Signals, values: Structure) -> Array:
+    tau = signals.rigid.copy()
+    for term in values:
+        for joint in joints_of(signals.model, term):
+            tau[joint] += signals.torque(term, joint)
+    return tau
 
 
 def parse_extra(text: str) -> tuple[str, ...]:
@@ -178,17 +200,22 @@ def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
 
 def _piece(library: Library, path: Array, warm: bool) -> Piece:
     """The motion with its derivatives, from a quintic spline through the positions; warm: temperatures that rise."""
-    n, count = path.shape
-    t = np.arange(count) / RATE
+    t = np.arange(path.shape[1]) / RATE
     spline = make_interp_spline(t, path, k=5, axis=1)
     q, qd, qdd = (np.ascontiguousarray(spline(t, nu)) for nu in range(3))
+    return _prescribed(library, q, qd, qdd, RATE, warm)
+
+
+def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, warm: bool) -> Piece:
+    n, count = q.shape
+    t = np.arange(count) / rate
     # Rounding must not decide in which direction a joint at rest has friction.
-    qd[np.abs(qd) < AT_REST * np.abs(qd).max()] = 0.0
+    qd = np.where(np.abs(qd) < AT_REST * np.abs(qd).max(), 0.0, qd)
     none = np.zeros((n, count))
     warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
-    filters = low_pass(CUTOFF, RATE, library), differentiator(CUTOFF, RATE)
+    filters = low_pass(CUTOFF, rate, library), differentiator(CUTOFF, rate)
     exact = (Smoother(np.ones(1)),) * n
-    return Piece(0, 1, 1 / RATE, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
+    return Piece(0, 1, 1 / rate, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:

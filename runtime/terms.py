@@ -18,7 +18,7 @@ Values = dict[str, float]
 DEFLECTION = "deflection"
 """The state of a transmission that a link-side encoder measures: motor less link."""
 
-_LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
+LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
 """The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
 
 
@@ -176,7 +176,7 @@ class Signals:
 
     def level(self, joint: int) -> Array:
         total = np.zeros_like(self.piece.t)
-        for effect in _LEVEL_EFFECTS:
+        for effect in LEVEL_EFFECTS:
             term = Term(effect, joint + 1)
             if term in self._known.values:
                 total += self.torque(term, joint)
