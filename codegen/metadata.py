@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
@@ -33,6 +34,7 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
         "joints": [_joint(joint) for joint in file.joints],
         "effects": _values(file.effects),
         "contact": None if file.contact is None else {"x": file.contact.x, "effects": _values(file.contact.effects)},
+        "controller": None if file.controller is None else asdict(file.controller),
         "lumps": [
             {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
             for lump in model.lumps
@@ -59,6 +61,8 @@ def _joint(joint: Joint) -> dict[str, Any]:
             "speed": limits.speed,
             "torque": limits.torque,
         },
+        "gains": None if joint.gains is None else asdict(joint.gains),
+        "encoder_counts": joint.encoder_counts,
         "effects": _values(joint.effects),
         "units": {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)},
     }

@@ -13,6 +13,7 @@ import jinja2
 from codegen import c_code, c_effects, casadi_code, metadata
 from codegen import effect_functions as ef
 from codegen.c_code import F32, F64, Precision, Routine
+from codegen.controller import Controller
 from codegen.printers import identifier
 from codegen.tape import Tape
 from symbolic.effects.declaration import Effect
@@ -31,7 +32,7 @@ _PAGES = jinja2.Environment(
 )
 
 
-def _page(name: str, **holes: Any) -> str:
+def _page(name: str, /, **holes: Any) -> str:
     return _PAGES.get_template(name).render(**holes)
 
 
@@ -83,6 +84,22 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     files[f"{name}_casadi.py"] = _page("casadi.py.j2", banner=f"# {BANNER} {origin}", functions=builders)
     files["metadata.json"] = metadata.text(metadata.arm(model, tapes))
     return dict(sorted(files.items()))
+
+
+def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
+    """The controller's step in C (float) and controller.json, beside the files of the arm.
+
+    library   all effects by name; those that the model file activates are compensated
+    """
+    controller = Controller.of(model, library)
+    stem = f"{model.arm.name}_controller_f32"
+    contact = "controller_contact" if controller.has_contact_coordinates else "controller_no_contact"
+    holes = {"banner": f"/* {BANNER} Controller of the arm {model.arm.name}. */", **controller.holes}
+    return {
+        f"{stem}.c": _page("controller.c.j2", **holes, contact_phase=_page(f"{contact}.c.j2", **holes).rstrip()),
+        f"{stem}.h": _page("controller.h.j2", **holes),
+        "controller.json": metadata.text(controller.document()),
+    }
 
 
 def effect_files(effects: Sequence[Effect]) -> dict[str, str]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from symbolic.arm import Arm
     from symbolic.effects.declaration import Effect
 
+_F32, _F64 = ("_f32.c", "_f32.h"), ("_f64.c", "_f64.h")
 _ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -34,11 +35,11 @@ def _sources() -> str:
     return digest.hexdigest()
 
 
-def _fill(directory: Path, files: Mapping[str, str]) -> None:
+def _fill(directory: Path, files: Mapping[str, str], endings: tuple[str, ...] = _F64) -> None:
     """The files and `lib.so`; a change that leaves the C as it is, such as another effect, compiles nothing."""
     for path, text in files.items():
         (directory / path).write_text(text, encoding="utf-8")
-    compiled = {path: text for path, text in files.items() if path.endswith(("_f64.c", "_f64.h"))}
+    compiled = {path: text for path, text in files.items() if path.endswith(endings)}
     shutil.copyfile(build.shared_library(compiled, "code"), directory / "lib.so")
 
 
@@ -52,6 +53,24 @@ def prepare_arm(arm: Arm) -> Path:
         _fill(directory, render.arm_files(derive(arm)))
 
     return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
+
+
+def prepare_controller(arm: Arm, library: Mapping[str, Effect]) -> Path:
+    """The directory that holds controller.json and `lib.so` of the controller's step; library: all effects by name."""
+    active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
+    active |= set(arm.contact.effects) if arm.contact is not None else set()
+    content = [repr(arm), *(repr(library[name]) for name in sorted(active))]
+
+    def fill(directory: Path) -> None:
+        from codegen import render
+        from symbolic.model import derive
+
+        model = derive(arm)
+        own = render.controller_files(model, library)
+        below = {path: text for path, text in render.arm_files(model).items() if path.endswith(_F32)}
+        _fill(directory, below | own, _F32)
+
+    return build.entry(f"controller-{arm.name}-{build.key(_sources(), *content)}", fill)
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None) -> Path:

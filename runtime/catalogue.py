@@ -123,6 +123,8 @@ class JointInfo:
     position_limits: tuple[float, float] | None
     speed_limit: float | None
     torque_limit: float | None
+    gains: Mapping[str, float] | None
+    encoder_counts: int | None
     effects: Mapping[str, Mapping[str, float]]
     force_unit: str
     position_unit: str
@@ -138,6 +140,8 @@ def joint_info(data: Mapping[str, Any]) -> JointInfo:
         position_limits=None if limits["position"] is None else tuple(limits["position"]),
         speed_limit=limits["speed"],
         torque_limit=limits["torque"],
+        gains=data["gains"],
+        encoder_counts=data["encoder_counts"],
         effects=data["effects"],
         force_unit=data["units"]["force"],
         position_unit=data["units"]["position"],

@@ -80,6 +80,12 @@ class Source:
         effects = prepare_effects(tuple(self.library.values()) if self.own_effects else None)
         return load_model(prepare_arm(self.arm(text)), load_library(effects))
 
+    def controller(self) -> Path:
+        """The directory of the arm's compiled controller."""
+        from codegen.workspace import prepare_controller
+
+        return prepare_controller(self.arm(), self.library)
+
     def add(self, text: str, effect: str, joint: int | None, values: Mapping[str, float] | None = None) -> str:
         """`text` with an effect more."""
         from symbolic import model_edit
@@ -242,7 +248,8 @@ def _render(source: Source, text: str, out: Path | None) -> Rendered:
     boundary.check_directory(directory)
     boundary.check_directory(beside)
     with working(f"deriving {arm.name}"):
-        files = render.arm_files(derive(arm))
+        model = derive(arm)
+        files = render.arm_files(model) | render.controller_files(model, source.library)
         effect_files = render.effect_files(tuple(source.library.values()))
     return Rendered(arm.name, directory, beside, files, effect_files)
 

@@ -77,6 +77,7 @@ class Model:
         self.gravity: tuple[float, float] = tuple(self.metadata["gravity"])
         self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
         self.contact: dict[str, Any] | None = self.metadata["contact"]
+        self.controller: dict[str, float] | None = self.metadata["controller"]
         self.joints = tuple(joint_info(data) for data in self.metadata["joints"])
         self.lumps = tuple(LumpInfo(**data) for data in self.metadata["lumps"])
         self.lump_values: Array = np.array([lump.value for lump in self.lumps])

@@ -29,8 +29,35 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Gains:
+    """Of a joint's controller: kp in N m/rad (N/m), kd in N m s/rad (N s/m)."""
+
+    kp: float
+    kd: float
+
+
+@dataclass(frozen=True)
+class Control:
+    """What the joints' controllers share.
+
+    rate              of the control step, Hz
+    velocity_cutoff   of the low-pass on the differentiated encoder, Hz
+    friction_scale    c_u of (7)
+    friction_slope    c_e of (7), s/rad (s/m)
+    """
+
+    rate: float
+    velocity_cutoff: float
+    friction_scale: float
+    friction_slope: float
+
+
+@dataclass(frozen=True)
 class Joint:
-    """rotor_inertia at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A)."""
+    """rotor_inertia at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A).
+
+    encoder_counts   per turn of the motor
+    """
 
     type: Literal["revolute", "prismatic"]
     rotor_inertia: float
@@ -39,6 +66,8 @@ class Joint:
     effects: dict[str, Values] = field(default_factory=dict)
     torque_constant: float | None = None
     limits: Limits = field(default_factory=Limits)
+    gains: Gains | None = None
+    encoder_counts: int | None = None
 
 
 @dataclass(frozen=True)
@@ -63,3 +92,4 @@ class Arm:
     effects: dict[str, Values] = field(default_factory=dict)
     contact: Contact | None = None
     inertial: Values = field(default_factory=dict)
+    controller: Control | None = None

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from symbolic.arm import Arm, Contact, Joint, Limits, Link, Values
+from symbolic.arm import Arm, Contact, Control, Gains, Joint, Limits, Link, Values
 from symbolic.checks import (
     ModelError,
     Place,
@@ -80,7 +80,7 @@ def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) ->
         effects = LIBRARY
     top = Place(printable(where))
     table = _toml(text, top)
-    keys(top, table, ("name", "gravity", "joint"), ("effects", "contact", "inertial"))
+    keys(top, table, ("name", "gravity", "joint"), ("effects", "contact", "inertial", "controller"))
     name = _name(top, table["name"])
     gravity = pair(top, "gravity", table["gravity"], "m/s^2")
     joints = _joints(top, table["joint"], effects)
@@ -91,6 +91,7 @@ def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) ->
         effects=_effects(top, table.get("effects", {}), "arm", effects),
         contact=_contact(top, table["contact"], effects) if "contact" in table else None,
         inertial=_inertial(top, table.get("inertial", {})),
+        controller=_control(top.inside("controller"), table["controller"]) if "controller" in table else None,
     )
     _check_inertia_seen(top, arm)
     return arm
@@ -137,7 +138,8 @@ def _joints(top: Place, value: Any, effects: Mapping[str, Effect]) -> tuple[Join
 
 
 def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], last: bool) -> Joint:
-    keys(place, table, ("type", "rotor_inertia", "gear_ratio", "link"), ("effects", "torque_constant", "limits"))
+    optional = ("effects", "torque_constant", "limits", "controller", "encoder")
+    keys(place, table, ("type", "rotor_inertia", "gear_ratio", "link"), optional)
     kind: Literal["revolute", "prismatic"]
     if table["type"] == "revolute":
         kind, force, inertia = "revolute", "N m", "kg m^2"
@@ -156,6 +158,8 @@ def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], l
         effects=_effects(place, table.get("effects", {}), "joint", effects, kind, last),
         torque_constant=constant,
         limits=_limits(place.inside("limits"), table.get("limits", {}), kind),
+        gains=_gains(place.inside("controller"), table["controller"], kind) if "controller" in table else None,
+        encoder_counts=_encoder(place.inside("encoder"), table["encoder"]) if "encoder" in table else None,
     )
 
 
@@ -184,6 +188,34 @@ def _limits(place: Place, value: Any, kind: str) -> Limits:
         for key, key_unit in (("speed", f"{unit}/s"), ("torque", force))
     )
     return Limits(position, speed, torque)
+
+
+def _gains(place: Place, value: Any, kind: str) -> Gains:
+    table = table_at(place, value, "[joint.controller] with kp and kd")
+    keys(place, table, ("kp", "kd"))
+    kp, kd = ("N m/rad", "N m s/rad") if kind == "revolute" else ("N/m", "N s/m")
+    return Gains(number(place, "kp", table["kp"], kp, low=0.0), number(place, "kd", table["kd"], kd, low=0.0))
+
+
+def _encoder(place: Place, value: Any) -> int:
+    table = table_at(place, value, "[joint.encoder] with counts")
+    keys(place, table, ("counts",))
+    counts = number(place, "counts", table["counts"], "counts per turn of the motor", positive=True)
+    if counts != int(counts):
+        place.fail(f"counts is {counts:.6g}; expected a whole number, counts per turn of the motor")
+    return int(counts)
+
+
+def _control(place: Place, value: Any) -> Control:
+    table = table_at(place, value, "[controller] with rate, velocity_cutoff, friction_scale and friction_slope")
+    keys(place, table, ("rate", "velocity_cutoff", "friction_scale", "friction_slope"))
+    rate = number(place, "rate", table["rate"], "Hz", positive=True)
+    return Control(
+        rate=rate,
+        velocity_cutoff=number(place, "velocity_cutoff", table["velocity_cutoff"], "Hz", high=rate / 2, positive=True),
+        friction_scale=number(place, "friction_scale", table["friction_scale"], "", low=0.0, high=1.0),
+        friction_slope=number(place, "friction_slope", table["friction_slope"], "s/rad (s/m)", positive=True),
+    )
 
 
 def _contact(top: Place, value: Any, effects: Mapping[str, Effect]) -> Contact:

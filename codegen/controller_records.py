@@ -1,0 +1,141 @@
+"""The structs of a controller's step: what its caller owns, fills and reads."""
+
+from __future__ import annotations
+
+from codegen.records import Field, Record, of_struct
+from symbolic.compensation import PLATE_SITES, Compensation, spring_sites
+from symbolic.kinematics import Coordinates
+from symbolic.model import ArmModel
+
+MAX_DEGREE = 29
+"""Its binomial coefficients times a degree are whole numbers of 32 bits."""
+COORDINATES = {"q": 0, "w": 1}
+STATUS = {
+    "saturated": (1, "a torque was limited"),
+    "finished": (2, "the trajectory has ended, the arm is held there"),
+    "invalid": (4, "no trajectory, or a torque that is no finite number: all torques are zero"),
+}
+
+
+def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ...]:
+    """All structs in order of declaration, the first one that of the arm's own header."""
+    name = model.arm.name
+    coordinates = Coordinates(tuple(joint.type for joint in model.arm.joints))
+    return (
+        of_struct(f"{name}_parameters_f32", "", model.struct, declared=True),
+        of_struct(f"{name}_effects_f32", "Parameters of the effects that are compensated.", found.effects),
+        _spring(name, coordinates),
+        _contact(name),
+        _config(name, coordinates),
+        _phase(name, coordinates),
+        _trajectory(name, coordinates),
+        _state(name, coordinates),
+        _output(name, coordinates),
+    )
+
+
+def _record(name: str, what: str, meaning: str, *fields: Field) -> Record:
+    return Record(f"{name}_{what}_f32", meaning, fields)
+
+
+def _spring(name: str, coordinates: Coordinates) -> Record:
+    parameters = spring_sites(1)[0].effect.parameters
+    return _record(
+        name,
+        "spring",
+        "A spring parallel to a joint, equation (2); all zero where there is none.",
+        *(
+            Field(p.name, "float", coordinates.unit(p.unit.text("revolute"), p.unit.text("prismatic")), p.meaning)
+            for p in parameters
+        ),
+    )
+
+
+def _contact(name: str) -> Record:
+    return _record(
+        name,
+        "contact",
+        "The plate, equation (3), and its damper.",
+        *(
+            Field(f"{site.effect.name}_{p.name}", "float", p.unit.text(), p.meaning)
+            for site in PLATE_SITES
+            for p in site.effect.parameters
+        ),
+    )
+
+
+def _config(name: str, coordinates: Coordinates) -> Record:
+    n, unit = len(coordinates.types), coordinates.unit
+    return _record(
+        name,
+        "config",
+        "The arm, its encoders and its gains.",
+        Field("parameters", f"{name}_parameters_f32", "", "of the arm"),
+        Field("effects", f"{name}_effects_f32", "", "that are compensated"),
+        Field("rate", "float", "Hz", "of the control step"),
+        Field("velocity_gain", "float", "1", "of the low-pass on the rates: 1 - exp(-2 pi cut-off/rate)"),
+        Field("position_per_count", "float", unit("rad", "m"), "of one encoder count", n),
+        Field("zero", "int32_t", "counts", "where the position is 0", n),
+        Field("kp", "float", unit("N m/rad", "N/m"), "torque per error of position", n),
+        Field("kd", "float", unit("N m s/rad", "N s/m"), "torque per error of rate", n),
+        Field("torque_limit", "float", coordinates.force, "largest torque in either direction", n),
+    )
+
+
+def _phase(name: str, coordinates: Coordinates) -> Record:
+    n = len(coordinates.types)
+    kinds = f"{name.upper()}_JOINT_COORDINATES or {name.upper()}_CONTACT_COORDINATES, equation (13)"
+    return _record(
+        name,
+        "phase",
+        "A part of a trajectory, equation (9).",
+        Field("coordinates", "uint32_t", "", kinds),
+        Field("degree", "uint32_t", "", f"of the polynomials, 2 to {name.upper()}_MAX_DEGREE"),
+        Field("duration", "float", "s", "not less than a control period"),
+        Field("points", "float", "", f"degree + 1 control points of {n} coordinates each", kind="pointer"),
+    )
+
+
+def _trajectory(name: str, coordinates: Coordinates) -> Record:
+    n = len(coordinates.types)
+    return _record(
+        name,
+        "trajectory",
+        "What the controller follows.",
+        Field("count", "uint32_t", "", "of the phases"),
+        Field("periodic", "uint32_t", "", "1: the first phase follows the last one; 0: the arm rests at the end"),
+        Field("elbow", "float", "1", "sign of sin q_2 in contact coordinates"),
+        Field("springs", f"{name}_spring_f32", "", "parallel to the joints", n),
+        Field("phases", f"{name}_phase_f32", "", "one after another", kind="pointer"),
+        Field("contact", f"{name}_contact_f32", "", "the plate; null where there is none", kind="pointer"),
+    )
+
+
+def _state(name: str, coordinates: Coordinates) -> Record:
+    n = len(coordinates.types)
+    return _record(
+        name,
+        "state",
+        "What the controller keeps between two steps.",
+        Field("counts", "int32_t", "counts", "of the last step", n),
+        Field("qd", "float", coordinates.unit("rad/s", "m/s"), "filtered", n),
+        Field("phase", "uint32_t", "", "from 0"),
+        Field("tick", "uint32_t", "", "periods since tick 0"),
+        Field("begin", "float", "s", "time within the phase at tick 0"),
+        Field("finished", "uint32_t", "", "1: at rest at the end"),
+    )
+
+
+def _output(name: str, coordinates: Coordinates) -> Record:
+    n, unit = len(coordinates.types), coordinates.unit
+    return _record(
+        name,
+        "output",
+        "What a step gives.",
+        Field("torque", "float", coordinates.force, "to hold until the next step", n),
+        Field("q_desired", "float", unit("rad", "m"), "by the trajectory", n),
+        Field("q", "float", unit("rad", "m"), "measured", n),
+        Field("qd", "float", unit("rad/s", "m/s"), "measured and filtered", n),
+        Field("phase", "uint32_t", "", "of the trajectory, from 0"),
+        Field("status", "uint32_t", "", f"bits: {', '.join(f'{name.upper()}_{flag.upper()}' for flag in STATUS)}"),
+    )
