@@ -1,0 +1,124 @@
+"""A nonlinear program as a sum of small blocks: one expression, evaluated at many places of the trajectory.
+
+Each place sees z = Z x + z0 of the unknowns x, sparse and constant because Bezier polynomials are linear in
+their control points. So gradient, Jacobian and Hessian of the Lagrangian are exact and cheap: those of the small
+expression, derived once, and congruences with Z. An automatic derivative of the whole sum is dense and costs
+a sweep an unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """cost(z, p), a scalar or None, and rows(z, p), constraints, at several places.
+
+    z, p      SX symbols (nz,), (np,); p is what one solution may change from the next without a new program
+    places    (N nz, nx) sparse, place after place; offset (N nz,)
+    weights   (N,) of the cost
+    lower, upper   (N, rows)
+    where     (N,) of each place, what (rows,) each row and its unit: for people
+    """
+
+    z: ca.SX
+    p: ca.SX
+    places: sparse.csr_matrix
+    offset: Array
+    cost: ca.SX | None
+    weights: Array
+    rows: ca.SX
+    lower: Array
+    upper: Array
+    where: tuple[str, ...]
+    what: tuple[tuple[str, str], ...]
+
+    @property
+    def count(self) -> int:
+        return len(self.weights)
+
+    @cached_property
+    def _map(self) -> ca.DM:
+        return _dm(self.places)
+
+    def seen(self, x: Any) -> Any:
+        """z at every place, (nz, N)."""
+        return ca.reshape(self._map @ x + ca.DM(self.offset), self.z.numel(), self.count)
+
+    @cached_property
+    def _cost(self) -> ca.SX:
+        return ca.SX(0) if self.cost is None else self.cost
+
+    def values(self, x: Any, p: Any) -> tuple[Any, Any]:
+        """Weighted cost, and all rows place after place."""
+        function = ca.Function("values", [self.z, self.p], [self._cost, self.rows])
+        cost, rows = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
+        return ca.dot(ca.DM(self.weights).T, cost), ca.vec(rows)
+
+    def first(self, x: Any, p: Any) -> tuple[Any, Any]:
+        """Gradient of the cost (nx,), Jacobian of the rows (N rows, nx)."""
+        gradient, jacobian = ca.gradient(self._cost, self.z), ca.jacobian(self.rows, self.z)
+        function = ca.Function("first", [self.z, self.p], [gradient, jacobian])
+        slopes, jacobians = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
+        weighted = slopes * ca.repmat(ca.DM(self.weights).T, self.z.numel(), 1)
+        blocks = ca.horzsplit(jacobians, self.z.numel())
+        return self._map.T @ ca.vec(weighted), ca.diagcat(*blocks) @ self._map
+
+    def second(self, x: Any, p: Any, scale: Any, multipliers: Any) -> Any:
+        """Hessian of scale · cost + multipliers · rows, (nx, nx)."""
+        weight, y = ca.SX.sym("weight"), ca.SX.sym("y", self.rows.numel())
+        hessian, _ = ca.hessian(weight * self._cost + ca.dot(y, self.rows), self.z)
+        function = ca.Function("second", [self.z, self.p, weight, y], [hessian])
+        found = function.map(self.count)(
+            self.seen(x),
+            ca.repmat(p, 1, self.count),
+            scale * ca.DM(self.weights).T,
+            ca.reshape(multipliers, self.rows.numel(), self.count),
+        )
+        blocks = ca.horzsplit(found, self.z.numel())
+        return self._map.T @ (ca.diagcat(*blocks) @ self._map)
+
+
+def _dm(matrix: sparse.spmatrix) -> ca.DM:
+    column = sparse.csc_matrix(matrix)
+    column.sort_indices()
+    rows, columns = column.shape
+    pattern = ca.Sparsity(rows, columns, column.indptr.tolist(), column.indices.tolist())
+    return ca.DM(pattern, column.data)
+
+
+def assemble(blocks: Sequence[Block], name: str, options: dict[str, Any]) -> ca.Function:
+    """The IPOPT solver of the sum of the blocks, with exact derivatives."""
+    size, p = blocks[0].places.shape[1], ca.MX.sym("p", blocks[0].p.numel())
+    x = ca.MX.sym("x", size)
+    parts = [block.values(x, p) for block in blocks]
+    cost, rows = sum(c for c, _ in parts), ca.vertcat(*(r for _, r in parts))
+    slopes = [block.first(x, p) for block in blocks]
+    gradient, jacobian = sum(s for s, _ in slopes), ca.vertcat(*(j for _, j in slopes))
+    scale, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows.numel())
+    split = np.cumsum([0, *(block.rows.numel() * block.count for block in blocks)]).tolist()
+    each = ca.vertsplit(multipliers, split)
+    hessian = sum(block.second(x, p, scale, y) for block, y in zip(blocks, each, strict=True))
+    functions = {
+        "grad_f": ca.Function("grad_f", [x, p], [cost, gradient], ["x", "p"], ["f", "grad_f_x"]),
+        "jac_g": ca.Function("jac_g", [x, p], [rows, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+        "hess_lag": ca.Function(
+            "hess_lag",
+            [x, p, scale, multipliers],
+            [ca.triu(hessian)],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        ),
+    }
+    return ca.nlpsol(name, "ipopt", {"x": x, "p": p, "f": cost, "g": rows}, {**options, **functions})

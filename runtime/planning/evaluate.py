@@ -1,0 +1,98 @@
+"""What a planned motion asks of the motors, by the exact laws: the compiled equations, no smooth switch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import Model
+from runtime.planning.physics import FRICTION
+from runtime.planning.scenario import Scenario
+from runtime.planning.trajectory import SPRING, Motion, Trajectory
+from runtime.simulate import torque_along
+from runtime.terms import Structure, Term, structure
+
+Array = NDArray[np.float64]
+
+NODES = 200
+"""Of Gauss and Legendre in each phase: the integrand has kinks where friction and springs switch."""
+
+
+def mounted(model: Model, trajectory: Trajectory) -> Structure:
+    """The arm's terms with the springs and the contact that the trajectory was planned for, and no others."""
+    terms = {
+        term: values
+        for term, values in structure(model).items()
+        if term.effect != SPRING and model.library[term.effect].scope != "contact"
+    }
+    terms |= {Term(SPRING, joint): dict(values) for joint, values in trajectory.springs.items()}
+    return terms | {Term(name): dict(values) for name, values in trajectory.contact.items()}
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Torques along a motion at times with quadrature weights (N,): ∫ f dt = Σ weights f.
+
+    tau (n, N) motor torques; spring (n, N) what the springs push the joints forward with, τ_s of (2).
+    """
+
+    model: Model
+    motion: Motion
+    weights: Array
+    tau: Array
+    spring: Array
+
+    @cached_property
+    def cost(self) -> Array:
+        """(n,) ∫ τ² dt of each joint, (N m)² s."""
+        return np.asarray(self.tau**2 @ self.weights)
+
+    @cached_property
+    def tip(self) -> Array:
+        """(3, N) x, y, angle of the end-effector."""
+        return self.model.tip(self.motion.q)
+
+
+def effort(model: Model, trajectory: Trajectory, friction: bool | None = None) -> Effort:
+    """Torques at the nodes of a quadrature, phase by phase; friction: None for as it was planned."""
+    s, w = np.polynomial.legendre.leggauss(NODES)
+    starts, durations = trajectory.starts[:-1], np.diff(trajectory.starts)
+    t = np.concatenate([a + d * (s + 1) / 2 for a, d in zip(starts, durations, strict=True)])
+    weights = np.concatenate([d * w / 2 for d in durations])
+    return at_times(model, trajectory, t, weights, friction)
+
+
+def at_times(
+    model: Model, trajectory: Trajectory, t: Array, weights: Array | None = None, friction: bool | None = None
+) -> Effort:
+    """Torques at times (N,); without weights each sample counts as the mean step."""
+    rubs = trajectory.friction if friction is None else friction
+    m = trajectory.at(model, t)
+    terms = {
+        term: values
+        for term, values in mounted(model, trajectory).items()
+        if rubs or model.library[term.effect].family != FRICTION
+    }
+    step = float(np.mean(np.diff(t))) if len(t) > 1 else trajectory.duration
+    tau = torque_along(model, m.q, m.qd, m.qdd, 1 / step, terms)
+    bare = {term: values for term, values in terms.items() if term.effect != SPRING}
+    spring = torque_along(model, m.q, m.qd, m.qdd, 1 / step, bare) - tau
+    return Effort(model, m, np.full(len(t), step) if weights is None else weights, tau, spring)
+
+
+def objective(scenario: Scenario, found: Effort) -> float:
+    """What the scenario minimizes, of exact torques: (N m)² s, a part of the torque limit, or J."""
+    goal = scenario.objective
+    joints = [j - 1 for j in goal.joints or scenario.moving]
+    if goal.goal == "peak_torque":
+        limits = [found.model.joints[i].torque_limit or 1.0 for i in joints]
+        return float(max(np.abs(found.tau[i]).max() / limit for i, limit in zip(joints, limits, strict=True)))
+    if goal.goal == "positive_work":
+        return float(sum(np.maximum(found.tau[i] * found.motion.qd[i], 0.0) @ found.weights for i in joints))
+    if goal.goal == "electrical_energy":
+        scale = [goal.resistance[i + 1] / (found.model.joints[i].torque_constant or 1.0) ** 2 for i in joints]
+        return float(sum(k * found.cost[i] for i, k in zip(joints, scale, strict=True)))
+    return float(sum(found.cost[i] for i in joints))

@@ -1,0 +1,216 @@
+"""Motion and springs together: the best of several starts, then the springs that can be bought."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import Model
+from runtime.planning.evaluate import Effort, at_times, effort, objective
+from runtime.planning.program import STIFFNESS_UNIT, Program
+from runtime.planning.scenario import Scenario
+from runtime.planning.solve import Attempt, Miss, Solver
+from runtime.planning.starts import random_start
+from runtime.planning.trajectory import Phase, Trajectory
+
+Array = NDArray[np.float64]
+
+WIDTH = 0.1
+"""rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
+_STARTS = 4
+_OFFSETS = 41
+
+
+def _few(degree: int) -> int:
+    """Nodes a phase that tell basins apart."""
+    return degree + 5
+
+
+def _many(degree: int) -> int:
+    """Nodes a phase between which no kink of a spring can hide."""
+    return 3 * degree + 20
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A spring, or one for each sprung joint, that can be bought: stiffness (N/m) by joint, and what it costs."""
+
+    stiffness: Mapping[int, float]
+    cost: float | None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What an optimization found.
+
+    trajectory  with the springs chosen; effort: its exact torques; cost: the objective, exact
+    smooth_cost what the program, smooth at standstill, made of it
+    free        stiffness (N/m) by joint before a spring was chosen from a catalogue
+    choices     the springs of the catalogue that were compared, the chosen one first
+    attempts    of the search, in order; setup_seconds, seconds: to build the programs, and altogether
+    """
+
+    scenario: Scenario
+    trajectory: Trajectory
+    effort: Effort
+    cost: float
+    smooth_cost: float
+    free: Mapping[int, float]
+    choices: tuple[Choice, ...]
+    attempts: tuple[Attempt, ...]
+    setup_seconds: float
+    seconds: float
+    left_out: Mapping[str, str]
+
+
+class Infeasible(Exception):
+    """No start met all constraints; missed: the least that stands in the way."""
+
+    def __init__(self, scenario: Scenario, missed: Miss, attempts: Sequence[Attempt]) -> None:
+        self.missed, self.attempts = missed, tuple(attempts)
+        super().__init__(f"{scenario.name}: no motion meets all constraints; in the best of {len(attempts)}, {missed}")
+
+
+def optimize(model: Model, scenario: Scenario, starts: int | None = None, seed: int = 0) -> Plan:
+    """The best of several random starts, with the springs of the catalogues if there are some.
+
+    starts   None: one, or several where postures are free because points ask for the end-effector only
+    Raises Infeasible if no start meets all constraints, StartError if no posture meets a point.
+    """
+    free = any(point.tip is not None for point in scenario.points.values())
+    count = (_STARTS if free else 1) if starts is None else starts
+    return Planner(model, scenario).plan(count, np.random.default_rng(seed))
+
+
+class Planner:
+    """The programs of one scenario: a coarse one to search with, a fine one for the result."""
+
+    def __init__(self, model: Model, scenario: Scenario) -> None:
+        self.model, self.scenario = model, scenario
+        self.fine = Solver(Program(model, scenario, _many), 1e-6, 400)
+
+    @cached_property
+    def coarse(self) -> Solver:
+        return Solver(Program(self.model, self.scenario, _few), 1e-3, 150)
+
+    def plan(self, starts: int, rng: np.random.Generator) -> Plan:
+        solver = self.fine if starts == 1 else self.coarse
+        return self.finish([self.search(solver, random_start(self.fine.program, rng)) for _ in range(starts)])
+
+    def search(self, solver: Solver, x: Array) -> Attempt:
+        """A solution from the guess x; springs begin as they suit the motion without them."""
+        count = len(self.scenario.springs)
+        if not count:
+            return solver.run(x, WIDTH)
+        bare = solver.run(x, WIDTH, dict.fromkeys(range(count), 0.0))
+        sprung = solver.run(self._sprung(bare.x), WIDTH)
+        return sprung if sprung.met or not bare.met else solver.run(bare.x, WIDTH)
+
+    def finish(self, attempts: Sequence[Attempt]) -> Plan:
+        """The best attempt refined, and its springs chosen."""
+        best = min(attempts, key=lambda a: (not a.met, a.cost if a.met else a.missed.amount if a.missed else 0.0))
+        free = self.fine.run(best.x, WIDTH)
+        if free.missed is not None:
+            raise Infeasible(self.scenario, free.missed, attempts)
+        chosen, choices = self._chosen(free)
+        trajectory = self.trajectory(chosen.x)
+        found = effort(self.model, trajectory)
+        every = (*attempts, free)
+        setup = self.fine.setup_seconds + (self.coarse.setup_seconds if "coarse" in self.__dict__ else 0.0)
+        return Plan(
+            scenario=self.scenario,
+            trajectory=trajectory,
+            effort=found,
+            cost=objective(self.scenario, found),
+            smooth_cost=chosen.cost,
+            free={s.joint: free.x[self._spring(k)][0] * STIFFNESS_UNIT for k, s in enumerate(self.scenario.springs)},
+            choices=choices,
+            attempts=tuple(attempts),
+            setup_seconds=setup,
+            seconds=setup + sum(a.seconds for a in every),
+            left_out={str(term): why for term, why in self.fine.program.physics.left_out.items()},
+        )
+
+    def _spring(self, k: int) -> slice:
+        return self.fine.program.unknowns.spring(k)
+
+    # --- springs ---
+
+    def _sprung(self, x: Array) -> Array:
+        """x with the springs that would take most of the squared torque off its motion, by least squares."""
+        t = np.linspace(0.0, self.scenario.cycle_time, 400, endpoint=False)
+        bare = at_times(self.model, self.trajectory(x, springs=False), t)
+        found = x.copy()
+        for k, spring in enumerate(self.scenario.springs):
+            torque, q = bare.tau[spring.joint - 1], bare.motion.q[spring.joint - 1]
+            best = (np.inf, *found[self._spring(k)])
+            for offset in np.linspace(*spring.offset, _OFFSETS):
+                pull = spring.radius**2 * np.maximum(offset - q, 0.0)
+                size = float(pull @ pull)
+                stiffness = float(np.clip(torque @ pull / size if size else 0.0, *spring.stiffness))
+                left = float(np.sum((torque - stiffness * pull) ** 2))
+                best = min(best, (left, stiffness / STIFFNESS_UNIT, offset))
+            found[self._spring(k)] = best[1:]
+        return found
+
+    def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[Choice, ...]]:
+        """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
+        springs = self.scenario.springs
+        sought = [free.x[self._spring(k)][0] * STIFFNESS_UNIT for k in range(len(springs))]
+        options = [neighbours(s.catalogue, k) for s, k in zip(springs, sought, strict=True)]
+        if not any(options):
+            return free, ()
+        tried = []
+        for combination in product(*(o or (None,) for o in options)):
+            fixed = {k: value for k, value in enumerate(combination) if value is not None}
+            tried.append((fixed, self.fine.run(free.x, WIDTH, fixed)))
+        tried.sort(key=lambda item: (not item[1].met, item[1].cost))
+        if tried[0][1].missed is not None:
+            raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
+        named = [
+            Choice({springs[k].joint: v for k, v in fixed.items()}, attempt.cost if attempt.met else None)
+            for fixed, attempt in tried
+        ]
+        return tried[0][1], tuple(named)
+
+    # --- results ---
+
+    def trajectory(self, x: Array, springs: bool = True) -> Trajectory:
+        """The motion that the unknowns x describe, with its springs or with none."""
+        s, u = self.scenario, self.fine.program.unknowns
+        phases = []
+        for k, plan in enumerate(s.phases):
+            points = np.tile(np.array(s.posture)[:, None], plan.degree + 1)
+            if plan.kind == "contact":
+                points[0] = self.model.contact["x"] if self.model.contact else 0.0
+            for row, c in enumerate(u.free[k]):
+                points[c] = x[u.points(k, row)]
+            phases.append(Phase("q" if plan.kind == "free" else "w", s.cycle_time * plan.part, points))
+        mounted = {
+            spring.joint: {
+                "stiffness": float(x[u.spring(k)][0]) * STIFFNESS_UNIT,
+                "radius": spring.radius,
+                "offset": float(x[u.spring(k)][1]),
+                "pretension": spring.pretension,
+            }
+            for k, spring in enumerate(s.springs if springs else ())
+        }
+        library = self.model.library
+        contact = {
+            term.effect: dict(values)
+            for term, values in self.fine.program.physics.terms.items()
+            if library[term.effect].scope == "contact"
+        }
+        return Trajectory(self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction, mounted, contact)
+
+
+def neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:
+    """The nearest in a catalogue on either side of a stiffness."""
+    below = [k for k in catalogue if k <= stiffness]
+    above = [k for k in catalogue if k > stiffness]
+    return (*([max(below)] if below else []), *([min(above)] if above else []))

@@ -1,0 +1,396 @@
+"""The nonlinear program (11) of a scenario: unknowns, cost, constraints, as blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.interpolate import BPoly
+
+from runtime import smooth
+from runtime.loader import Model
+from runtime.planning.blocks import Block
+from runtime.planning.physics import Instant, Physics
+from runtime.planning.scenario import PhasePlan, Point, Scenario
+
+Array = NDArray[np.float64]
+Row = tuple[ca.SX, float, float, str, str]
+"""A constraint: expression, lower and upper bound, what it is for a person, and its unit."""
+
+STIFFNESS_UNIT = 1000.0
+"""N/m: so that the unknown is about one."""
+CLEAR_OF_SINGULAR = 0.05
+"""Least |sin q_2| in contact: at zero J_w is singular."""
+INF = float("inf")
+
+
+def bernstein(degree: int, s: Array, derivative: int = 0) -> Array:
+    """(N, M + 1): what each control point of (9) contributes at s in [0, 1], or to a derivative by s."""
+    basis = BPoly(np.eye(degree + 1)[:, None, :], [0.0, 1.0])
+    return np.asarray(basis.derivative(derivative)(s) if derivative else basis(s))
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The vector p of a program by name: what changes from one solution to the next without a new program."""
+
+    symbol: ca.SX
+    place: Mapping[str, slice]
+
+    @classmethod
+    def of(cls, sizes: Mapping[str, int]) -> Parameters:
+        ends = np.cumsum([0, *sizes.values()])
+        place = {name: slice(int(a), int(b)) for name, (a, b) in zip(sizes, pairwise(ends), strict=True)}
+        return cls(ca.SX.sym("p", int(ends[-1])), place)
+
+    def __call__(self, name: str) -> ca.SX:
+        return self.symbol[self.place[name]]
+
+    def vector(self, values: Mapping[str, Sequence[float]]) -> Array:
+        found = np.full(self.symbol.numel(), np.nan)
+        for name, place in self.place.items():
+            found[place] = values[name]
+        return found
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Where the unknowns stand in x: control points phase by phase and coordinate by coordinate, springs, the peak.
+
+    free   by phase: coordinates (0-based) that are sought; the others are constant
+    """
+
+    scenario: Scenario
+    free: tuple[tuple[int, ...], ...]
+
+    @cached_property
+    def _starts(self) -> list[int]:
+        sizes = [len(free) * (p.degree + 1) for free, p in zip(self.free, self.scenario.phases, strict=True)]
+        return np.cumsum([0, *sizes]).tolist()
+
+    def points(self, phase: int, row: int) -> slice:
+        """Control points of the row-th free coordinate of a phase."""
+        count = self.scenario.phases[phase].degree + 1
+        first = self._starts[phase] + row * count
+        return slice(first, first + count)
+
+    def spring(self, k: int) -> slice:
+        """Stiffness (kN/m) and offset of the k-th spring."""
+        first = self._starts[-1] + 2 * k
+        return slice(first, first + 2)
+
+    @property
+    def peak(self) -> int:
+        """The largest torque over its limit, where the objective is that."""
+        return self._starts[-1] + 2 * len(self.scenario.springs)
+
+    @cached_property
+    def size(self) -> int:
+        return self.peak + (self.scenario.objective.goal == "peak_torque")
+
+
+@dataclass(frozen=True)
+class Program:
+    """A scenario as blocks of one nonlinear program.
+
+    Solutions may differ in p: cycle time, targets, effects' values, the arm's lumps and lengths.
+    nodes(degree): of Gauss and Legendre in a phase, for the cost and the constraints along it.
+    """
+
+    model: Model
+    scenario: Scenario
+    nodes: Callable[[int], int]
+
+    # --- unknowns and parameters ---
+
+    @cached_property
+    def physics(self) -> Physics:
+        return Physics.of(self.model, self.scenario)
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """0-based."""
+        return tuple(j - 1 for j in self.scenario.moving)
+
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        free = tuple(self.moving if p.kind == "free" else (1, 2, 3) for p in self.scenario.phases)
+        return Unknowns(self.scenario, free)
+
+    @cached_property
+    def p(self) -> Parameters:
+        targets = {f"tip {name}": 2 for name, point in self.scenario.points.items() if point.tip is not None}
+        return Parameters.of({**self.physics.sizes, "duration": len(self.scenario.phases), "plate x": 1, **targets})
+
+    def values(self, width: float) -> dict[str, list[float]]:
+        """What p is for the scenario as it stands; width of the switches, rad/s."""
+        s = self.scenario
+        x = 0.0 if self.model.contact is None else float(self.model.contact["x"])
+        targets = {f"tip {name}": list(point.tip) for name, point in s.points.items() if point.tip is not None}
+        durations = [s.cycle_time * phase.part for phase in s.phases]
+        return {**self.physics.values(width), "duration": durations, "plate x": [x], **targets}
+
+    # --- one instant as seen from one side ---
+
+    def _coordinates(self, phase: int, free: Sequence[ca.SX]) -> ca.SX:
+        """All n coordinates, from the free ones."""
+        if self.scenario.phases[phase].kind == "contact":
+            return ca.vertcat(self.p("plate x"), *free)
+        given = dict(zip(self.unknowns.free[phase], free, strict=True))
+        return ca.vertcat(*(given.get(i, ca.SX(q)) for i, q in enumerate(self.scenario.posture)))
+
+    def _instant(self, phase: int, c: ca.SX, cs: ca.SX, css: ca.SX, springs: Mapping[int, ca.SX]) -> Instant:
+        """c, cs, css: free coordinates and their derivatives by the phase's s in [0, 1]."""
+        T = self.p("duration")[phase]
+        k = len(self.unknowns.free[phase])
+        zero = [ca.SX(0)] * k
+        still = self._coordinates(phase, zero) * 0
+        v = self._embedded(phase, ca.vertsplit(cs / T)) if k else still
+        a = self._embedded(phase, ca.vertsplit(css / T**2)) if k else still
+        at = self._coordinates(phase, ca.vertsplit(c))
+        if self.scenario.phases[phase].kind == "free":
+            return Instant(self.physics, at, v, a, springs, self.p)
+        struct = self.p("struct")
+        q = smooth.arm_function(self.model, "contact_inverse")(struct, at, self.scenario.elbow)
+        solve = smooth.arm_function(self.model, "contact_acceleration")
+        # Without rates b_w is zero, and the map of accelerations is that of rates.
+        qd = solve(struct, q, ca.SX.zeros(self.model.n), v)
+        return Instant(self.physics, q, qd, solve(struct, q, qd, a), springs, self.p)
+
+    def _embedded(self, phase: int, free: Sequence[ca.SX]) -> ca.SX:
+        """Rates of all coordinates: those that are not free stand still."""
+        given = dict(zip(self.unknowns.free[phase], free, strict=True))
+        return ca.vertcat(*(given.get(i, ca.SX(0)) for i in range(self.model.n)))
+
+    def _springs(self, z: ca.SX) -> dict[int, ca.SX]:
+        """Parameters of each spring by joint, from its stiffness and offset in z."""
+        found = {}
+        for k, spring in enumerate(self.scenario.springs):
+            own = {
+                "stiffness": STIFFNESS_UNIT * z[2 * k],
+                "offset": z[2 * k + 1],
+                "radius": ca.SX(spring.radius),
+                "pretension": ca.SX(spring.pretension),
+            }
+            found[spring.joint] = ca.vertcat(*(own[p.name] for p in self.model.library["parallel_spring"].parameters))
+        return found
+
+    # --- blocks ---
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        along = [self._along(k) for k in range(len(self.scenario.phases))]
+        between = [block for block in self._between() if block.rows.numel()]
+        return (*along, *([self._peak()] if self.scenario.objective.goal == "peak_torque" else []), *between)
+
+    def _along(self, phase: int) -> Block:
+        """Cost and path constraints at the nodes of Gauss and Legendre within a phase."""
+        plan = self.scenario.phases[phase]
+        nodes, weights = np.polynomial.legendre.leggauss(self.nodes(plan.degree))
+        s, weights = (nodes + 1) / 2, weights / 2
+        k, springs = len(self.unknowns.free[phase]), len(self.scenario.springs)
+        peak = self.scenario.objective.goal == "peak_torque"
+        z = ca.SX.sym("z", 3 * k + 2 * springs + peak)
+        at = self._instant(phase, z[:k], z[k : 2 * k], z[2 * k : 3 * k], self._springs(z[3 * k :]))
+        rows = self._path(phase, at)
+        if peak:
+            rows += self._below_peak(at, z[-1])
+        places = self._sample_places(phase, s)
+        return Block(
+            z=z,
+            p=self.p.symbol,
+            places=places,
+            offset=np.zeros(places.shape[0]),
+            cost=None if peak else self._cost(at) * self.p("duration")[phase],
+            weights=weights,
+            where=tuple(f"phase {phase + 1} ({plan.start} to {plan.end}) at {x:.0%} of it" for x in s),
+            **_rows(rows, len(s)),
+        )
+
+    def _sample_places(self, phase: int, s: Array) -> sparse.csr_matrix:
+        u, degree = self.unknowns, self.scenario.phases[phase].degree
+        basis = [bernstein(degree, s, d) for d in range(3)]
+        k, springs = len(u.free[phase]), len(self.scenario.springs)
+        peak = self.scenario.objective.goal == "peak_torque"
+        rows = 3 * k + 2 * springs + peak
+        found = sparse.lil_matrix((rows * len(s), u.size))
+        for i in range(len(s)):
+            for d in range(3):
+                for c in range(k):
+                    found[rows * i + d * k + c, u.points(phase, c)] = basis[d][i]
+            for c in range(2 * springs):
+                found[rows * i + 3 * k + c, u.spring(0).start + c] = 1.0
+            if peak:
+                found[rows * i + rows - 1, u.peak] = 1.0
+        return found.tocsr()
+
+    def _counted(self) -> list[int]:
+        """Joints (0-based) whose torque counts."""
+        return [j - 1 for j in self.scenario.objective.joints or self.scenario.moving]
+
+    def _cost(self, at: Instant) -> ca.SX:
+        objective = self.scenario.objective
+        if objective.goal == "positive_work":
+            power = [at.torque[i] * at.qd[i] for i in self._counted()]
+            return ca.sum(ca.vertcat(*(ca.fmax(w, 0) for w in power)))
+        if objective.goal == "electrical_energy":
+            return ca.sum(ca.vertcat(*(self._loss(i) * at.torque[i] ** 2 for i in self._counted())))
+        return ca.sumsqr(at.torque[self._counted()])
+
+    def _loss(self, i: int) -> float:
+        """W per squared torque: R/k²."""
+        constant = self.model.joints[i].torque_constant or 1.0
+        return self.scenario.objective.resistance[i + 1] / constant**2
+
+    def _below_peak(self, at: Instant, peak: ca.SX) -> list[Row]:
+        found: list[Row] = []
+        for i in self._counted():
+            part = at.torque[i] / (self.model.joints[i].torque_limit or 1.0)
+            found += [(part - peak, -INF, 0.0, f"torque of joint {i + 1} below the peak", "1")]
+            found += [(part + peak, 0.0, INF, f"torque of joint {i + 1} below the peak", "1")]
+        return found
+
+    def _peak(self) -> Block:
+        z = ca.SX.sym("z")
+        places = sparse.csr_matrix(([1.0], ([0], [self.unknowns.peak])), shape=(1, self.unknowns.size))
+        none: list[Row] = []
+        return Block(z, self.p.symbol, places, np.zeros(1), z, np.ones(1), where=("",), **_rows(none, 1))
+
+    def _path(self, phase: int, at: Instant) -> list[Row]:
+        plan = self.scenario.phases[phase]
+        joints = self.moving if plan.kind == "free" else range(self.model.n)
+        rows: list[Row] = []
+        for i in joints:
+            info = self.model.joints[i]
+            unit = info.position_unit
+            low, high = self._rates(plan, i)
+            if low > -INF or high < INF:
+                rows.append((at.qd[i], low, high, f"speed of joint {i + 1}", f"{unit}/s"))
+            if info.position_limits is not None:
+                rows.append((at.q[i], *info.position_limits, f"position of joint {i + 1}", unit))
+            if info.torque_limit is not None:
+                limit = info.torque_limit
+                rows.append((at.torque[i], -limit, limit, f"torque of joint {i + 1}", info.force_unit))
+        if plan.kind == "contact":
+            rows.append((self.scenario.elbow * ca.sin(at.q[1]), CLEAR_OF_SINGULAR, INF, "distance from q_2 = 0", "1"))
+            way = self._tip_way(plan)
+            if plan.monotone and way:
+                rows.append((way * at.tip_rate[1], 0.0, INF, "end-effector must not turn back", "m/s"))
+        elif any(p.kind == "contact" for p in self.scenario.phases):
+            above = at.tip[1] - self.physics.plate_position(self.p)
+            rows.append((above, 0.0, INF, "end-effector above the plate", "m"))
+        return rows
+
+    def _rates(self, plan: PhasePlan, i: int) -> tuple[float, float]:
+        limit = self.model.joints[i].speed_limit or INF
+        start, end = (self.scenario.points[name].q.get(i + 1) for name in (plan.start, plan.end))
+        if plan.monotone and plan.kind == "free" and start is not None and end is not None and start != end:
+            return (0.0, limit) if end > start else (-limit, 0.0)
+        return -limit, limit
+
+    def _tip_way(self, plan: PhasePlan) -> float:
+        start, end = (self.scenario.points[name].tip for name in (plan.start, plan.end))
+        return 0.0 if start is None or end is None else float(np.sign(end[1] - start[1]))
+
+    # --- instants between phases ---
+
+    def _between(self) -> list[Block]:
+        count = len(self.scenario.phases)
+        found = []
+        for k in range(count + 1):
+            if self.scenario.periodic and k < count:
+                found.append(self._junction((k - 1) % count, k))
+            elif not self.scenario.periodic:
+                found.append(self._junction(k - 1 if k else None, k if k < count else None))
+        return found
+
+    def _junction(self, before: int | None, after: int | None) -> Block:
+        """Continuity of position and rate between two phases, and what is asked for at the point between them."""
+        sides = [(phase, end) for phase, end in ((before, 1.0), (after, 0.0)) if phase is not None]
+        sizes = [2 * len(self.unknowns.free[phase]) for phase, _ in sides]
+        z = ca.SX.sym("z", sum(sizes))
+        parts = ca.vertsplit(z, np.cumsum([0, *sizes]).tolist())
+        seen = [self._at_end(phase, part) for (phase, _), part in zip(sides, parts, strict=True)]
+        phases = self.scenario.phases
+        name = phases[sides[-1][0]].start if after is not None else phases[sides[-1][0]].end
+        rows: list[Row] = []
+        if len(seen) == 2:
+            rows += self._continuity(sides[0][0], sides[1][0], seen, parts)
+        # A point is asked for once, on the side where the plate already gives a part of it.
+        chosen = max(range(len(seen)), key=lambda k: phases[sides[k][0]].kind == "contact")
+        rows += self._asked(self.scenario.points[name], name, seen[chosen], phases[sides[chosen][0]].kind == "contact")
+        places = sparse.vstack([self._end_places(phase, end) for phase, end in sides]).tocsr()
+        return Block(
+            z=z,
+            p=self.p.symbol,
+            places=places,
+            offset=np.zeros(places.shape[0]),
+            cost=None,
+            weights=np.ones(1),
+            where=(f"point {name}",),
+            **_rows(rows, 1),
+        )
+
+    def _at_end(self, phase: int, z: ca.SX) -> Instant:
+        k = len(self.unknowns.free[phase])
+        return self._instant(phase, z[:k], z[k:], ca.SX.zeros(k), {})
+
+    def _end_places(self, phase: int, s: float) -> sparse.csr_matrix:
+        u, degree = self.unknowns, self.scenario.phases[phase].degree
+        k = len(u.free[phase])
+        found = sparse.lil_matrix((2 * k, u.size))
+        for d in range(2):
+            basis = bernstein(degree, np.array([s]), d)[0]
+            for c in range(k):
+                found[d * k + c, u.points(phase, c)] = basis
+        return found.tocsr()
+
+    def _continuity(self, before: int, after: int, seen: Sequence[Instant], parts: Sequence[ca.SX]) -> list[Row]:
+        kinds = {self.scenario.phases[k].kind for k in (before, after)}
+        if kinds == {"contact"}:
+            k = len(self.unknowns.free[before])
+            T = self.p("duration")
+            jumps = ca.vertcat(parts[0][:k] - parts[1][:k], parts[0][k:] / T[before] - parts[1][k:] / T[after])
+            names = [(f"w{i + 1}", "m" if i < 2 else "rad") for i in self.unknowns.free[before]]
+        else:
+            joints = list(self.moving)
+            jumps = ca.vertcat(seen[0].q[joints] - seen[1].q[joints], seen[0].qd[joints] - seen[1].qd[joints])
+            names = [(f"joint {i + 1}", self.model.joints[i].position_unit) for i in joints]
+        labels = [(f"continuous position of {name}", unit) for name, unit in names]
+        labels += [(f"continuous rate of {name}", f"{unit}/s") for name, unit in names]
+        return [(jump, 0.0, 0.0, *label) for jump, label in zip(ca.vertsplit(jumps), labels, strict=True)]
+
+    def _asked(self, point: Point, name: str, at: Instant, contact: bool) -> list[Row]:
+        unit = {i: joint.position_unit for i, joint in enumerate(self.model.joints)}
+        rows: list[Row] = [
+            (at.q[j - 1] - q, 0.0, 0.0, f"position of joint {j}", unit[j - 1]) for j, q in point.q.items()
+        ]
+        # In contact the plate's axis has the end-effector's x already.
+        axes = (1,) if contact else (0, 1)
+        if point.tip is not None:
+            target = self.p(f"tip {name}")
+            rows += [(at.tip[i] - target[i], 0.0, 0.0, f"end-effector's {'xy'[i]}", "m") for i in axes]
+        if point.rest:
+            own = range(self.model.n) if contact else self.moving
+            rows += [(at.qd[i], 0.0, 0.0, f"rest of joint {i + 1}", f"{unit[i]}/s") for i in own]
+        elif point.tip_rest:
+            rows += [(at.tip_rate[i], 0.0, 0.0, f"rest of the end-effector's {'xy'[i]}", "m/s") for i in axes]
+        return rows
+
+
+def _rows(rows: Sequence[Row], count: int) -> dict[str, Any]:
+    """The fields of a block that describe its rows."""
+    lower, upper = ([row[k] for row in rows] for k in (1, 2))
+    return {
+        "rows": ca.vertcat(*(row[0] for row in rows)) if rows else ca.SX(0, 1),
+        "lower": np.tile(np.array(lower, dtype=float), (count, 1)),
+        "upper": np.tile(np.array(upper, dtype=float), (count, 1)),
+        "what": tuple((row[3], row[4]) for row in rows),
+    }

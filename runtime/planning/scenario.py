@@ -1,0 +1,101 @@
+"""What is to be optimized: points, phases, springs, the objective. The file is read by scenario_file.py."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+Values = dict[str, float]
+Kind = Literal["free", "contact"]
+Goal = Literal["torque_squared", "peak_torque", "electrical_energy", "positive_work"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """An instant between two phases.
+
+    q          by joint (1-based): position, rad or m
+    tip        base x and y of the end-effector, m; None: not asked for
+    rest       all joints stand still
+    tip_rest   the end-effector stands still, joints may move
+    """
+
+    q: Mapping[int, float] = field(default_factory=dict)
+    tip: tuple[float, float] | None = None
+    rest: bool = False
+    tip_rest: bool = False
+
+
+@dataclass(frozen=True)
+class PhasePlan:
+    """From one point to the next.
+
+    kind      "free": joint coordinates; "contact": those of (13), the end-effector stays on the plate's axis
+    part      of the cycle time
+    degree    of the polynomials, M of (9)
+    monotone  no joint with a stated position at both points turns back; in contact: nor does the end-effector
+    """
+
+    start: str
+    end: str
+    kind: Kind
+    part: float
+    degree: int
+    monotone: bool = False
+
+
+@dataclass(frozen=True)
+class SpringPlan:
+    """A parallel spring whose stiffness (N/m) and offset (rad or m) are sought within bounds.
+
+    catalogue   stiffnesses that can be bought; empty: any
+    """
+
+    joint: int
+    stiffness: tuple[float, float]
+    offset: tuple[float, float]
+    radius: float
+    pretension: float = 0.0
+    catalogue: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Objective:
+    """goal    "torque_squared": ∫ Σ τ² dt, (8); "peak_torque": the largest |τ| over its joint's torque limit;
+               "electrical_energy": ∫ Σ R (τ/k)² dt, k the torque constant; "positive_work": ∫ Σ max(0, τ q̇) dt
+    joints     whose torque counts (1-based); empty: those that move
+    resistance by joint, Ω, for the electrical energy
+    """
+
+    goal: Goal = "torque_squared"
+    joints: tuple[int, ...] = ()
+    resistance: Mapping[int, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """cycle_time in s; moving: joints (1-based) that move, the others keep `posture` (n,);
+    friction: whether it is part of the model; elbow: sign of sin q_2 in contact;
+    contact: parameters of the environment that differ from the model file's, by effect and name.
+    """
+
+    name: str
+    model: str
+    cycle_time: float
+    periodic: bool
+    friction: bool
+    moving: tuple[int, ...]
+    posture: tuple[float, ...]
+    objective: Objective
+    points: Mapping[str, Point]
+    phases: tuple[PhasePlan, ...]
+    springs: tuple[SpringPlan, ...] = ()
+    contact: Mapping[str, Values] = field(default_factory=dict)
+    elbow: float = 1.0
+
+    def without_springs(self) -> Scenario:
+        return replace(self, springs=())
+
+    def at(self, cycle_time: float) -> Scenario:
+        return replace(self, cycle_time=cycle_time)

@@ -1,0 +1,111 @@
+"""One program, many solutions: IPOPT with exact derivatives, and what stands in the way where there is none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.planning.blocks import assemble
+from runtime.planning.program import STIFFNESS_UNIT, Program
+
+Array = NDArray[np.float64]
+
+MET = 1e-4
+"""By which a constraint may be missed, in its own unit, and still counts as met."""
+_QUIET = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+
+
+@dataclass(frozen=True)
+class Miss:
+    """The constraint that is missed most: where in the motion, what, by how much."""
+
+    where: str
+    what: str
+    amount: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what} is missed by {self.amount:.3g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """x (nx,); cost: of the smooth program; status: what IPOPT said; missed: None if all constraints are met."""
+
+    x: Array
+    cost: float
+    status: str
+    iterations: int
+    seconds: float
+    missed: Miss | None
+
+    @property
+    def met(self) -> bool:
+        return self.missed is None
+
+
+class Solver:
+    """IPOPT on a program; accuracy: of the optimality conditions, relative to their scale."""
+
+    def __init__(self, program: Program, accuracy: float, iterations: int) -> None:
+        self.program = program
+        options = {**_QUIET, "ipopt.tol": accuracy, "ipopt.max_iter": iterations}
+        started = time.perf_counter()
+        self._solver = assemble(program.blocks, "plan", options)
+        self.setup_seconds = time.perf_counter() - started
+        self._rows = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
+
+    def run(self, x: Array, width: float, stiffness: Mapping[int, float] | None = None) -> Attempt:
+        """A solution from the guess x (nx,); width of the switches in rad/s (m/s).
+
+        stiffness   N/m by number of the spring (0-based): fixed, not sought
+        """
+        lower, upper = self.bounds(stiffness or {})
+        started = time.perf_counter()
+        found = self._solver(
+            x0=np.clip(x, lower, upper),
+            p=self.program.p.vector(self.program.values(width)),
+            lbx=lower,
+            ubx=upper,
+            lbg=self._rows[0],
+            ubg=self._rows[1],
+        )
+        seconds, stats = time.perf_counter() - started, self._solver.stats()
+        rows = np.array(found["g"]).ravel()
+        return Attempt(
+            np.array(found["x"]).ravel(),
+            float(found["f"]),
+            str(stats["return_status"]),
+            int(stats["iter_count"]),
+            seconds,
+            self._missed(rows),
+        )
+
+    def bounds(self, stiffness: Mapping[int, float]) -> tuple[Array, Array]:
+        """Of the unknowns, (nx,) each: springs alone are bounded, the motion by its constraints."""
+        u = self.program.unknowns
+        lower, upper = np.full(u.size, -np.inf), np.full(u.size, np.inf)
+        for k, spring in enumerate(self.program.scenario.springs):
+            low, high = (stiffness[k],) * 2 if k in stiffness else spring.stiffness
+            lower[u.spring(k)] = low / STIFFNESS_UNIT, spring.offset[0]
+            upper[u.spring(k)] = high / STIFFNESS_UNIT, spring.offset[1]
+        return lower, upper
+
+    @cached_property
+    def _labels(self) -> Sequence[tuple[str, tuple[str, str]]]:
+        return [(where, what) for b in self.program.blocks for where in b.where for what in b.what]
+
+    def _missed(self, rows: Array) -> Miss | None:
+        lower, upper = self._rows
+        amount = np.maximum(lower - rows, rows - upper)
+        amount[~np.isfinite(rows)] = np.inf
+        if not len(amount) or amount.max() <= MET:
+            return None
+        worst = int(np.argmax(amount))
+        where, (what, unit) = self._labels[worst]
+        return Miss(where, what, float(amount[worst]), unit)
