@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -22,6 +21,8 @@ Array = NDArray[np.float64]
 
 WIDTH = 0.1
 """rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
+_SOFT = 1.0
+"""The same while searching: so smooth that each start finds its basin in some thirty steps."""
 _STARTS = 4
 _OFFSETS = 41
 
@@ -92,24 +93,20 @@ class Planner:
 
     def __init__(self, model: Model, scenario: Scenario) -> None:
         self.model, self.scenario = model, scenario
+        self.coarse = Solver(Program(model, scenario, _few), 1e-3, 150)
         self.fine = Solver(Program(model, scenario, _many), 1e-6, 400)
 
-    @cached_property
-    def coarse(self) -> Solver:
-        return Solver(Program(self.model, self.scenario, _few), 1e-3, 150)
-
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
-        solver = self.fine if starts == 1 else self.coarse
-        return self.finish([self.search(solver, random_start(self.fine.program, rng)) for _ in range(starts)])
+        return self.finish([self.search(random_start(self.coarse.program, rng)) for _ in range(starts)])
 
-    def search(self, solver: Solver, x: Array) -> Attempt:
-        """A solution from the guess x; springs begin as they suit the motion without them."""
+    def search(self, x: Array) -> Attempt:
+        """A coarse solution from the guess x; springs begin as they suit the motion without them."""
         count = len(self.scenario.springs)
         if not count:
-            return solver.run(x, WIDTH)
-        bare = solver.run(x, WIDTH, dict.fromkeys(range(count), 0.0))
-        sprung = solver.run(self._sprung(bare.x), WIDTH)
-        return sprung if sprung.met or not bare.met else solver.run(bare.x, WIDTH)
+            return self.coarse.run(x, _SOFT)
+        bare = self.coarse.run(x, _SOFT, dict.fromkeys(range(count), 0.0))
+        sprung = self.coarse.run(self._sprung(bare.x), _SOFT)
+        return sprung if sprung.met or not bare.met else self.coarse.run(bare.x, _SOFT)
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The best attempt refined, and its springs chosen."""
@@ -121,7 +118,7 @@ class Planner:
         trajectory = self.trajectory(chosen.x)
         found = effort(self.model, trajectory)
         every = (*attempts, free)
-        setup = self.fine.setup_seconds + (self.coarse.setup_seconds if "coarse" in self.__dict__ else 0.0)
+        setup = self.coarse.setup_seconds + self.fine.setup_seconds
         return Plan(
             scenario=self.scenario,
             trajectory=trajectory,
