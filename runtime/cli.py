@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime import boundary, measured
+from runtime import boundary, measured, planned
 from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
 
 # The matrices here are small: threads of the linear algebra library would only wait for each other. This
@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if TYPE_CHECKING:
     from runtime.loader import Model
     from runtime.recording import Recording
-    from symbolic.arm import Arm
+    from symbolic.arm import Arm, Values
     from symbolic.effects.declaration import Effect
 
 app = typer.Typer(
@@ -34,6 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 app.add_typer(measured.app)
+app.add_typer(planned.app)
 
 
 def main() -> None:
@@ -91,6 +92,20 @@ class Source:
         from symbolic import model_edit
 
         return model_edit.add_effect(text, str(self.path), self.library, effect, joint, values)
+
+    def mounted(self, springs: Mapping[int, Values], contact: Mapping[str, Values]) -> str:
+        """The text with the springs (by joint) and the contact (by effect) of a trajectory in place of its own."""
+        from symbolic.model_edit import place_effect
+
+        text, arm = self.text, self.arm()
+        there = arm.contact.effects if arm.contact else {}
+        places: dict[tuple[str, int | None], Values | None] = {
+            **{("parallel_spring", joint): springs.get(joint) for joint in range(1, len(arm.joints) + 1)},
+            **{(effect, None): contact.get(effect) for effect in (*there, *contact)},
+        }
+        for (effect, joint), values in places.items():
+            text = place_effect(text, str(self.path), self.library, effect, joint, values)
+        return text
 
     def drafting(self) -> Source:
         """The same with guesses at physics that its library has not."""

@@ -8,14 +8,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.execution.equations import RATE_WIDTH, Equations, Instant
+from runtime.execution.equations import RATE_WIDTH, Equations, Instant, PlantError
 from runtime.loader import Model
-from runtime.terms import Structure
+from runtime.terms import Structure, Term
 
 Array = NDArray[np.float64]
 
 STEP = 1 / 16_000
 """s; the longest step of the integration: a tenth of a radian of the fastest resonance of a geared joint."""
+_FINER = (1, 2, 4, 8)
+_GROWTH = 1.2
+"""A mode that grows by more within one step is none of the arm's: the step is too long for it."""
 
 
 class Plant:
@@ -29,12 +32,15 @@ class Plant:
 
     def __init__(self, model: Model, terms: Structure, period: float) -> None:
         self.model, self.terms, self.period = model, terms, period
-        self._substeps = max(1, ceil(period / STEP - 1e-9))
-        self.step = period / self._substeps
-        plain = Equations(model, terms, [RATE_WIDTH] * model.n)
-        self.widths = self._rate_widths(plain)
-        self._equations = plain if np.all(self.widths == RATE_WIDTH) else Equations(model, terms, self.widths)
-        self._advance, self._rest = self._period(), self._start_of(self._equations)
+        self._substeps = 0
+        coarsest = max(1, ceil(period / STEP - 1e-9))
+        one = next(filter(self._is_stable, (self._stepping(k * coarsest) for k in _FINER)), None)
+        if one is None:
+            raise PlantError(
+                f"{model.name}: the arm with these effects is too stiff for steps of {self.step:.2g} s; "
+                f"choose smaller values of {', '.join(map(str, self._suspects()))}"
+            )
+        self._advance, self._rest = self._period(one), self._start_of(self._equations)
         self._state: Array = np.zeros(self._advance.size1_in(0))
         self._command: Array = np.zeros(model.n)
         # A call without copies or conversions.
@@ -76,8 +82,32 @@ class Plant:
         state = ca.vertcat(q, still, equations.at_rest(q), still, 0.0)
         return ca.Function("rest", [q], [state])
 
-    def _period(self) -> ca.Function:
-        one = self._substep()
+    def _stepping(self, substeps: int) -> ca.Function:
+        """One step of so many in a control period."""
+        self._substeps, self.step = substeps, self.period / substeps
+        plain = Equations(self.model, self.terms, [RATE_WIDTH] * self.model.n)
+        self.widths = self._rate_widths(plain)
+        wide = np.any(self.widths > RATE_WIDTH)
+        self._equations = Equations(self.model, self.terms, self.widths) if wide else plain
+        return self._substep()
+
+    def _is_stable(self, one: ca.Function) -> bool:
+        """Whether a step from rest lets no disturbance grow by more than an arm can."""
+        state, command = ca.SX.sym("state", one.size1_in(0)), ca.SX.sym("command", self.model.n)
+        derivative = ca.Function("derivative", [state, command], [ca.jacobian(one(state, command), state)])
+        n = self.model.n
+        begin = np.asarray(self._start_of(self._equations)(np.zeros(n))).ravel()
+        # At rest itself, a bristle's law has a kink.
+        begin[n : 2 * n] = 0.1 * self.widths
+        growth = np.asarray(derivative(begin, np.zeros(n)))
+        return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < _GROWTH)
+
+    def _suspects(self) -> list[Term]:
+        """Effects of whose rates and deflections a high frequency can come."""
+        families = ("transmission", "spring", "friction")
+        return [term for term in self.terms if self.model.library[term.effect].family in families]
+
+    def _period(self, one: ca.Function) -> ca.Function:
         state = ca.MX.sym("state", one.size1_in(0))
         command = ca.MX.sym("command", self.model.n)
         many = one.fold(self._substeps)

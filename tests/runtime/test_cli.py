@@ -16,7 +16,19 @@ from hypothesis import strategies as st
 from runtime import boundary, files
 from runtime.cli import Source, app, open_model
 
-VERBS = ["generate", "verify", "effects", "add", "identify", "compare", "diagnose", "improve", "simulate", "demo"]
+VERBS = [
+    "generate",
+    "verify",
+    "effects",
+    "add",
+    "identify",
+    "compare",
+    "diagnose",
+    "improve",
+    "simulate",
+    "demo",
+    "execute",
+]
 DRIVE = """\
 name = "drive1"          # the bench
 gravity = [0.0, 0.0]

@@ -284,6 +284,16 @@ def test_backlash_is_a_gap_between_two_masses(drive: Model) -> None:
     assert worst < 0.02 * gap
 
 
+def test_a_stiff_transmission_is_simulated_in_finer_steps(drive: Model) -> None:
+    soft, stiff = (
+        Plant(drive, {Term("elasticity", 1): {"stiffness": k, "damping": 1e-4 * k}}, PERIOD) for k in (3e3, 1e8)
+    )
+    assert stiff.step < soft.step
+    # As stiff as that, it is none.
+    states = moved(stiff, lambda _: [2.0], 0.1)
+    assert states[-1, 1] == pytest.approx(2.0 * 0.1 / DRIVE_INERTIA, rel=1e-3)
+
+
 # --- drives ---
 
 
@@ -336,6 +346,10 @@ def test_a_pressed_plate_balances_the_torque(drive: Model) -> None:
         ({Term("torque_delay", 1): {"time": -0.001}}, "torque_delay@1: time = -0.001 s: a torque recorded after"),
         ({Term("lugre", 1): {"stiffness": 1e3, "damping": 1.0}}, "lugre@1: takes the place of the joint's Coulomb"),
         ({Term("viscous", 1): {}}, "drive: viscous@1 has no value of coefficient"),
+        (
+            {Term("elasticity", 1): {"stiffness": 1e13, "damping": 0.0}},
+            "too stiff for steps of 7.8e-06 s; choose smaller",
+        ),
     ],
 )
 def test_refused_with_one_line(drive: Model, terms: Structure, message: str) -> None:

@@ -1,0 +1,129 @@
+"""A trajectory executed on the simulated arm, several times: what was planned, what happened, and the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.execution import results
+from runtime.execution.controller import Controller
+from runtime.execution.loop import RUN_IN, Guard, Trial, length, recorded, run
+from runtime.execution.mounted import actual, mounted
+from runtime.execution.plan import Excess, Plan
+from runtime.execution.plant import Plant
+from runtime.execution.simulated import SimulatedArm
+from runtime.loader import Model
+from runtime.planning.trajectory import Trajectory
+from runtime.recording import Recording
+from runtime.simulate import NOISE, RATE, Hidden, complete
+from runtime.terms import Structure, Term
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Trials of a plan, none where it asks for more than the limits allow.
+
+    compensated     whether the controller compensated friction
+    uncompensated   effects of the model that it does not compensate
+    arm             the effects of the arm that it ran on, with all values
+    hidden          those that the model has not
+    """
+
+    plan: Plan
+    dt: float
+    compensated: bool
+    uncompensated: tuple[str, ...]
+    arm: Structure
+    hidden: frozenset[Term]
+    seed: int
+    noise: float
+    excess: tuple[Excess, ...]
+    trials: tuple[Trial, ...]
+
+    @cached_property
+    def recording(self) -> Recording | None:
+        """All trials, a run each."""
+        return recorded(self.trials, self.plan.model, self.noise, self.seed) if self.trials else None
+
+    @property
+    def completed(self) -> bool:
+        """Whether every trial came to its end."""
+        return bool(self.trials) and all(trial.stop is None for trial in self.trials)
+
+    def to_json(self) -> dict[str, Any]:
+        """Every figure, in SI."""
+        effects = [
+            {
+                "effect": term.effect,
+                "joint": term.joint,
+                "hidden": term in self.hidden,
+                "changed": term in self.plan.terms and dict(values) != dict(self.plan.terms[term]),
+                "values": dict(values),
+            }
+            for term, values in self.arm.items()
+        ]
+        return {
+            "arm": self.plan.model.name,
+            "period": self.dt,
+            "friction_compensation": self.compensated,
+            "uncompensated": list(self.uncompensated),
+            "run_in": RUN_IN if self.plan.trajectory.periodic else 0,
+            "seed": self.seed,
+            "noise": self.noise,
+            "effects": effects,
+            "exceeded": [{**vars(item), "text": str(item)} for item in self.excess],
+            **results.document(self.plan, self.trials, self.dt),
+            **({"status": "refused", "reason": str(self.excess[0])} if self.excess else {}),
+        }
+
+
+def execute(
+    model: Model,
+    controller: Path,
+    trajectory: Trajectory,
+    trials: int = 3,
+    cycles: int = 3,
+    hidden: Sequence[Hidden] = (),
+    changed: Sequence[Hidden] = (),
+    friction: bool | None = None,
+    tracking_limit: float | None = None,
+    seed: int = 0,
+    noise: float = NOISE,
+) -> Execution:
+    """The trajectory on a simulated arm, from rest, until all trials are done or one is stopped.
+
+    controller       directory of the arm's compiled controller
+    cycles           of a periodic trajectory, besides the one that runs it in
+    hidden, changed  effects of the arm that the model has not, or with other values
+    friction         whether it is compensated; None: if the trajectory was planned with it
+    tracking_limit   rad (m) that stop the arm; None: by the joints' types
+    noise            of the torque sensor, part of each joint's root mean square
+    Raises ControllerError, PlantError, SimulationError.
+    """
+    compensated = trajectory.friction if friction is None else friction
+    driver = Controller(controller, model, trajectory, friction=compensated)
+    terms = mounted(model, trajectory)
+    seconds = length(trajectory, cycles)
+    values = actual(model, terms, changed, hidden)
+    if hidden or changed:
+        t = np.arange(round(seconds * RATE)) / RATE
+        values = complete(model, trajectory.at(model, t).q, values)
+    plan = Plan(model, trajectory, terms)
+    excess = tuple(plan.exceeded())
+    done: list[Trial] = []
+    if not excess:
+        arm = SimulatedArm(Plant(model, values, driver.dt), driver)
+        start = plan.motion.q[:, 0]
+        guard = Guard.of(model, tracking_limit)
+        for k in range(trials):
+            done.append(run(arm, driver, guard, start, seconds, np.random.default_rng([seed, k])))
+            if done[-1].stop is not None:
+                break
+    names = frozenset(item.term for item in hidden)
+    own = (values, names, seed, noise, excess, tuple(done))
+    return Execution(plan, driver.dt, compensated, driver.uncompensated, *own)

@@ -1,0 +1,109 @@
+"""What a trajectory asks of the arm before it is executed: torques, costs, extremes, and whether the limits hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import Model
+from runtime.planning.trajectory import Motion, Trajectory
+from runtime.simulate import torque_along
+from runtime.terms import Structure, Term
+
+Array = NDArray[np.float64]
+
+RATE = 4000.0  # Hz
+_EXACT = 1e-6
+"""Of a limit: what exceeds it by less is rounding."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A trajectory along one cycle, on an arm with the effects `terms` (the model's, none hidden)."""
+
+    model: Model
+    trajectory: Trajectory
+    terms: Structure
+
+    @cached_property
+    def motion(self) -> Motion:
+        count = round(self.trajectory.duration * RATE)
+        t = np.linspace(0.0, self.trajectory.duration, count + 1)
+        # Just before the end: the end of a periodic motion is its beginning.
+        t[-1] = np.nextafter(t[-1], 0.0)
+        return self.trajectory.at(self.model, t)
+
+    @cached_property
+    def torque(self) -> Array:
+        """(n, N) with everything that the model knows."""
+        return self._torque(self.terms)
+
+    @cached_property
+    def planned_torque(self) -> Array:
+        """(n, N) as the trajectory was planned: without friction if that was left out."""
+        if self.trajectory.friction:
+            return self.torque
+        return self._torque({t: v for t, v in self.terms.items() if self.model.library[t.effect].family != "friction"})
+
+    def _torque(self, terms: Structure) -> Array:
+        m = self.motion
+        return torque_along(self.model, m.q, m.qd, m.qdd, (len(m.t) - 1) / self.trajectory.duration, terms)
+
+    def cost(self, torque: Array) -> Array:
+        """(n,) integral of the squared torque over the cycle."""
+        return np.asarray(np.trapezoid(torque**2, self.motion.t, axis=1))
+
+    @cached_property
+    def tip_y(self) -> float:
+        """Smallest y of the end-effector, m."""
+        return float(self.model.tip(self.motion.q)[1].min())
+
+    def exceeded(self) -> Iterator[Excess]:
+        """Where the plan asks for more than a joint's limits allow, the worst of each kind and joint."""
+        m = self.motion
+        for i, joint in enumerate(self.model.joints):
+            if joint.position_limits is not None:
+                low, high = joint.position_limits
+                yield from self._excess("position", i, m.q[i], low, high, joint.position_unit)
+            if joint.speed_limit is not None:
+                speed, unit = np.abs(m.qd[i]), f"{joint.position_unit}/s"
+                yield from self._excess("speed", i, speed, 0.0, joint.speed_limit, unit)
+            if joint.torque_limit is not None:
+                torque = np.abs(self.torque[i])
+                yield from self._excess("torque", i, torque, 0.0, joint.torque_limit, joint.force_unit)
+
+    def _excess(self, what: str, joint: int, x: Array, low: float, high: float, unit: str) -> Iterator[Excess]:
+        over = np.maximum(x - high, low - x)
+        k = int(np.argmax(over))
+        if over[k] > _EXACT * max(abs(low), abs(high)):
+            limit = high if x[k] > high else low
+            yield Excess(what, joint + 1, float(self.motion.t[k]), float(x[k]), float(limit), unit)
+
+
+@dataclass(frozen=True)
+class Excess:
+    """joint (1-based); t s; value and limit in `unit`."""
+
+    what: str
+    joint: int
+    t: float
+    value: float
+    limit: float
+    unit: str
+
+    def __str__(self) -> str:
+        more = abs(self.value - self.limit)
+        return (
+            f"the plan's {self.what} of joint {self.joint} is {self.value:.4g} {self.unit} at t = {self.t:.4g} s, "
+            f"{more:.3g} {self.unit} beyond the limit of {self.limit:.4g}"
+        )
+
+
+def compression(terms: Structure, tip_y: float) -> float | None:
+    """By how much the plate is pressed down where the end-effector's y is smallest, m; None without a plate."""
+    plate = terms.get(Term("plate"))
+    return None if plate is None else max(0.0, plate["position"] - tip_y)

@@ -1,0 +1,101 @@
+"""An execution on the terminal, from the dictionary that --json writes."""
+
+from __future__ import annotations
+
+from runtime.terminal_cells import Document, at, console, empty_table, figure, percent, say
+
+
+def show(document: Document) -> None:
+    """What ran, costs and tracking beside the plan's, the plate, why it stopped, and what to type next."""
+    plan = document["plan"]
+    friction = "compensated" if document["friction_compensation"] else "not compensated"
+    say(f"{plan['scenario']} on {document['on']}: {_trials(document)}; friction {friction}.")
+    _arm(document)
+    if document["uncompensated"]:
+        say(f"The controller does not compensate: {', '.join(document['uncompensated'])}.")
+    if document["mean"] is not None:
+        _table(document)
+        _total(document)
+        _plate(document)
+    _end(document)
+
+
+def _trials(document: Document) -> str:
+    done = sum(len(trial["cycles"]) for trial in document["trials"])
+    count = len(document["trials"])
+    each = f", {done} cycles of {figure(document['plan']['duration'])} s" if document["plan"]["periodic"] else ""
+    return f"{count} trial{'' if count == 1 else 's'}{each}"
+
+
+def _arm(document: Document) -> None:
+    """In what the arm differs from the model."""
+    for entry in document["effects"]:
+        if entry["hidden"] or entry["changed"]:
+            values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
+            say(f"{'hidden' if entry['hidden'] else 'changed'}: {entry['effect']}{at(entry['joint'])}: {values}")
+
+
+def _table(document: Document) -> None:
+    plan, mean, spread = document["plan"], document["mean"], document["spread"]
+    headings = ["joint", "cost planned", "executed", "±", "tracking rms", "max", "range planned", "reached", "peak", ""]
+    table = empty_table(*headings)
+    for k, joint in enumerate(document["joints"]):
+        table.add_row(
+            str(joint["joint"]),
+            figure(plan["cost"][k]),
+            figure(mean["cost"][k]),
+            "–" if spread is None else f"{spread['cost'][k]:.2g}",
+            f"{mean['tracking_rms'][k]:.3g}",
+            f"{mean['tracking_max'][k]:.3g} {joint['position_unit']}",
+            _range(plan["q_min"][k], plan["q_max"][k]),
+            _range(mean["q_min"][k], mean["q_max"][k]),
+            f"{mean['peak_torque'][k]:.3g}",
+            joint["force_unit"],
+        )
+    console().print(table)
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.3f} … {high:.3f}"
+
+
+def _total(document: Document) -> None:
+    plan, mean, spread = document["plan"], document["mean"], document["spread"]
+    unit = "N²m²s" if all(j["force_unit"] == "N m" for j in document["joints"]) else "in SI"
+    scatter = "" if spread is None else f" ± {spread['total']:.2g}"
+    more = "" if not plan["total"] else f", {_signed(mean['total'] / plan['total'] - 1)}"
+    say(f"Cost of a cycle: {figure(mean['total'])}{scatter} {unit}; planned {figure(plan['total'])}{more}.")
+    if not plan["friction"]:
+        modelled = figure(plan["modelled"]["total"])
+        say(f"  It was planned without friction; with the model's friction the plan itself costs {modelled}.")
+    if mean["saturated"]:
+        say(f"Torques were at their limits for {percent(mean['saturated'])} of the time.")
+
+
+def _signed(ratio: float) -> str:
+    return f"{percent(abs(ratio))} {'more' if ratio > 0 else 'less'} than that"
+
+
+def _plate(document: Document) -> None:
+    planned, reached = document["plan"]["compression"], document["mean"]["compression"]
+    if reached is not None:
+        say(f"Plate: pressed down by {100 * reached:.2f} cm, planned {100 * planned:.2f} cm.")
+
+
+def _end(document: Document) -> None:
+    if document["status"] == "refused":
+        say("REFUSED before the motion, nothing was executed:", *(f"  {item['text']}" for item in document["exceeded"]))
+    if document["status"] == "stopped":
+        say(f"SAFE STOP: {document['reason']}.")
+    if document["recording"]:
+        say(f"Recording: {document['recording']}")
+    elif document["trials"]:
+        say("With --out RUN.csv.gz the recording is kept.")
+    if document["model_out"]:
+        say(f"Model with the springs and contact of this motion: {document['model_out']}")
+    if document["next"]:
+        say("", "Next:")
+    elif document["recording"]:
+        say("The motion brings springs or a contact of its own: with --model-out FILE, compare against that model.")
+    for command in document["next"]:
+        say(f"  {command['command']}", f"      {command['what']}")

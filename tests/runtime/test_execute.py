@@ -1,0 +1,340 @@
+"""Execution on the simulated arm: plans are followed, what is hidden shows and is named, limits stop the arm."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime import boundary, recording
+from runtime.cli import Source, app
+from runtime.execution.execute import Execution, execute
+from runtime.loader import Model
+from runtime.planning.trajectory import Phase, Trajectory
+from runtime.simulate import parse_hidden
+
+BENCH = """\
+name = "bench"               # one joint with a spring beside it
+gravity = [0.0, 0.0]
+[controller]
+rate = 1000.0
+velocity_cutoff = 100.0
+friction_scale = 0.92
+friction_slope = 150.0
+
+[[joint]]
+type = "revolute"
+rotor_inertia = 0.10
+gear_ratio = 100
+[joint.encoder]
+counts = 2000.0
+[joint.controller]
+kp = 40.0
+kd = 6.0
+[joint.limits]
+position = [-1.8, 1.8]
+speed = 5.0
+torque = 25.0
+[joint.link]
+length = 0.30
+mass = 2.0
+com = [0.20, 0.0]
+inertia = 0.0565
+[joint.effects.coulomb_asymmetric]
+positive = 1.72
+negative = 1.05
+[joint.effects.viscous]
+coefficient = 1.14
+# the spring that happens to be mounted
+[joint.effects.parallel_spring]
+stiffness = 5900.0   # N/m
+radius = 0.06
+offset = -1.2
+pretension = 0.0
+"""
+SPRING = {"stiffness": 3000.0, "radius": 0.06, "offset": -0.5, "pretension": 10.0}
+
+
+def motion(stations: Sequence[float], seconds: Sequence[float]) -> tuple[Phase, ...]:
+    """From station to station and back to the first, at rest at each."""
+    ends = [*stations[1:], stations[0]]
+    return tuple(Phase("q", s, np.array([[a] * 3 + [b] * 3])) for a, b, s in zip(stations, ends, seconds, strict=True))
+
+
+def trajectory(phases: tuple[Phase, ...], friction: bool = True, **others: object) -> Trajectory:
+    given = {"periodic": True, "springs": {}, "contact": {}, **others}
+    return Trajectory("bench", "there and back", phases, elbow=1.0, friction=friction, **given)  # type: ignore[arg-type]
+
+
+THERE_AND_BACK = motion([0.0, -1.2], [0.7, 0.7])
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(BENCH)
+    return Source.read(path, None)
+
+
+@pytest.fixture(scope="module")
+def arm(bench: Source) -> Model:
+    return bench.model()
+
+
+Executed = Callable[..., Execution]
+
+
+@pytest.fixture(scope="module")
+def executed(bench: Source, arm: Model) -> Executed:
+    def run(plan: Trajectory, hide: Sequence[str] = (), change: Sequence[str] = (), **others: object) -> Execution:
+        hidden = [parse_hidden(text, arm) for text in hide]
+        changed = [parse_hidden(text, arm) for text in change]
+        return execute(arm, bench.controller(), plan, hidden=hidden, changed=changed, **others)  # type: ignore[arg-type]
+
+    return run
+
+
+# --- following a plan ---
+
+
+def test_a_plan_is_followed_and_costs_what_it_was_planned_for(executed: Executed) -> None:
+    found = executed(trajectory(THERE_AND_BACK, springs={1: SPRING})).to_json()
+    assert found["status"] == "done"
+    assert [len(trial["cycles"]) for trial in found["trials"]] == [3, 3, 3]
+    # (7) compensates 92 % of a friction of 1 to 5 N m at 40 N m/rad.
+    assert found["mean"]["tracking_max"][0] < 0.02
+    assert found["mean"]["total"] == pytest.approx(found["plan"]["total"], rel=0.02)
+    assert found["mean"]["q_min"][0] == pytest.approx(-1.2, abs=0.02)
+    assert found["spread"]["total"] < 0.005 * found["mean"]["total"]
+
+
+def test_without_compensation_it_lags_and_costs_more_than_a_plan_without_friction(executed: Executed) -> None:
+    frictionless = executed(trajectory(THERE_AND_BACK, friction=False), trials=1).to_json()
+    assert not frictionless["friction_compensation"]
+    plan, mean = frictionless["plan"], frictionless["mean"]
+    # Between the plan without friction and the same motion with all of it: the lag saves some of the friction's work.
+    assert 1.05 * plan["total"] < mean["total"] < 1.1 * plan["modelled"]["total"]
+    # At the turn it stays behind by more than what Coulomb friction alone opens against the position gain.
+    assert -1.2 + 1.05 / 40 < mean["q_min"][0] < -1.1
+    assert mean["tracking_max"][0] > 0.05
+    compensated = executed(trajectory(THERE_AND_BACK, friction=False), trials=1, friction=True).to_json()
+    assert compensated["mean"]["tracking_max"][0] < 0.2 * mean["tracking_max"][0]
+
+
+def test_the_trajectorys_springs_take_the_place_of_the_files(executed: Executed) -> None:
+    without = executed(trajectory(THERE_AND_BACK), trials=1).to_json()
+    assert [e["effect"] for e in without["effects"]] == ["coulomb_asymmetric", "viscous"]
+    with_spring = executed(trajectory(THERE_AND_BACK, springs={1: SPRING}), trials=1).to_json()
+    assert with_spring["effects"][-1]["values"] == SPRING
+    assert with_spring["mean"]["peak_torque"][0] != pytest.approx(without["mean"]["peak_torque"][0], rel=0.05)
+    assert with_spring["mean"]["tracking_max"][0] < 0.02
+
+
+def test_a_motion_that_is_not_periodic_is_made_once(executed: Executed) -> None:
+    found = executed(trajectory(THERE_AND_BACK[:1], periodic=False), trials=2, cycles=5)
+    assert [len(trial["cycles"]) for trial in found.to_json()["trials"]] == [1, 1]
+    assert found.recording is not None
+    assert found.recording.q[0, -1] == pytest.approx(-1.2, abs=0.03)
+
+
+def test_what_is_hidden_raises_the_tracking_error(executed: Executed) -> None:
+    plain = executed(trajectory(THERE_AND_BACK), trials=1).to_json()
+    hidden = executed(trajectory(THERE_AND_BACK), ["linear_spring@1:stiffness=4,rest=0"], trials=1).to_json()
+    changed = executed(trajectory(THERE_AND_BACK), (), ["viscous@1:coefficient=2.5"], trials=1).to_json()
+    for other in (hidden, changed):
+        assert other["mean"]["tracking_rms"][0] > 3 * plain["mean"]["tracking_rms"][0]
+    assert [e["effect"] for e in hidden["effects"] if e["hidden"]] == ["linear_spring"]
+    assert [e["effect"] for e in changed["effects"] if e["changed"]] == ["viscous"]
+
+
+# --- figures and recording ---
+
+
+def test_figures_are_those_of_the_recording(executed: Executed) -> None:
+    found = executed(trajectory(THERE_AND_BACK), trials=2, cycles=2, noise=0.0)
+    made = found.recording
+    assert made is not None
+    for k, trial in enumerate(found.to_json()["trials"], 1):
+        for number, cycle in enumerate(trial["cycles"], 1):
+            part = (made.run == k) & (made.t >= 1.4 * number - 1e-9) & (made.t < 1.4 * (number + 1) - 1e-9)
+            q, tau = made.q[0, part], made.tau[0, part]
+            error = q - made.q_desired[0, part]  # type: ignore[index]
+            assert part.sum() == 1400
+            assert cycle["cost"][0] == pytest.approx(np.sum(tau**2) * 1e-3, rel=1e-9)
+            assert cycle["tracking_rms"][0] == pytest.approx(np.sqrt(np.mean(error**2)))
+            assert (cycle["q_min"][0], cycle["q_max"][0]) == (q.min(), q.max())
+            assert cycle["peak_torque"][0] == np.abs(tau).max()
+
+
+def test_encoders_count_and_seeds_decide(executed: Executed) -> None:
+    first, again, other = (
+        executed(trajectory(THERE_AND_BACK), trials=1, cycles=1, seed=s).recording for s in (1, 1, 2)
+    )
+    assert first is not None
+    assert again is not None
+    assert other is not None
+    counts = first.q[0] / (2 * np.pi / 200_000)
+    assert np.abs(counts - np.round(counts)).max() < 0.01
+    np.testing.assert_array_equal(first.tau, again.tau)
+    assert np.abs(first.tau - other.tau).max() > 0.01
+    assert np.abs(first.q - other.q).max() < 0.002
+
+
+def test_noise_is_a_part_of_the_recorded_torque_and_of_nothing_else(executed: Executed) -> None:
+    quiet, loud = (executed(trajectory(THERE_AND_BACK), trials=1, noise=x) for x in (0.0, 0.1))
+    assert quiet.recording is not None
+    assert loud.recording is not None
+    np.testing.assert_array_equal(quiet.recording.q, loud.recording.q)
+    difference = loud.recording.tau - quiet.recording.tau
+    # 5600 samples: the standard deviation is known to 1 %.
+    assert difference.std() == pytest.approx(0.1 * np.sqrt(np.mean(quiet.recording.tau**2)), rel=0.05)
+    assert loud.to_json()["mean"]["total"] == quiet.to_json()["mean"]["total"]
+
+
+# --- safe stops ---
+
+
+@pytest.mark.parametrize(
+    ("hide", "limit", "reason"),
+    [
+        (["offset@1:torque=22"], None, "tracking error 0.5"),
+        (["offset@1:torque=-50"], 100.0, "speed 7.5"),
+        (["offset@1:torque=-40", "viscous_asymmetric@1:positive=9,negative=9"], 100.0, "position 1.8"),
+    ],
+)
+def test_limits_stop_the_arm(executed: Executed, hide: list[str], limit: float | None, reason: str) -> None:
+    found = executed(trajectory(THERE_AND_BACK), hide, tracking_limit=limit)
+    document = found.to_json()
+    assert document["status"] == "stopped"
+    assert len(document["trials"]) == 1
+    assert document["trials"][0]["stop"]["joint"] == 1
+    assert reason in document["reason"]
+    # What was recorded until then is kept.
+    assert found.recording is not None
+    assert found.recording.t[-1] == pytest.approx(document["trials"][0]["stop"]["t"])
+
+
+def test_a_motion_that_is_no_number_stops_the_arm(executed: Executed) -> None:
+    wild = "end_stop@1:position=-0.01,stiffness=1e15,damping=0,side=-1"
+    found = executed(trajectory(THERE_AND_BACK), [wild], tracking_limit=1e300).to_json()
+    assert found["status"] == "stopped"
+
+
+# --- the command line ---
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bench.toml").write_text(BENCH)
+    trajectory(THERE_AND_BACK, springs={1: SPRING}).write(tmp_path / "plan.json")
+    return tmp_path
+
+
+def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    status = boundary.run(app, ["execute", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_what_is_hidden_is_named_from_the_recording(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stations = [0.0, 0.6, -0.5, 0.8, -0.9, 1.0, -1.0, 0.9]
+    slow = trajectory(motion(stations, [4.0, 3.0, 2.0, 1.4, 1.0, 0.9, 0.8, 0.7]))
+    slow.write(here / "slow.json")
+    hide = "stribeck@1:torque=0.6,speed=0.15"
+    arguments = ("bench.toml", "slow.json", "--on", "simulation", "--hide", hide)
+    status, out, _ = called(
+        capsys, *arguments, "--out", "run.csv.gz", "--model-out", "mounted.toml", "--json", "e.json"
+    )
+    assert status == 0
+    assert "hidden: stribeck on joint 1: torque 0.6, speed 0.15" in out
+    assert "  tendon diagnose mounted.toml run.csv.gz" in out
+    assert boundary.run(app, ["diagnose", "mounted.toml", "run.csv.gz", "--json", "d.json"]) == 0
+    diagnosis = json.loads((here / "d.json").read_text())
+    assert diagnosis["verdict"] == "effect"
+    assert [(f["effect"], f["joint"]) for f in diagnosis["findings"]] == [("stribeck", 1)]
+    torque = diagnosis["findings"][0]["parameters"]["torque"]
+    assert torque["value"] == pytest.approx(0.6, rel=0.15)
+
+
+def test_the_model_is_written_as_it_was_mounted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("--on", "simulation", "--trials", 1, "--cycles", 1, "--model-out", "mounted.toml")
+    assert called(capsys, "bench.toml", "plan.json", *arguments)[0] == 0
+    assert (here / "mounted.toml").read_text() == BENCH.replace("5900.0", "3000.0").replace("-1.2\n", "-0.5\n").replace(
+        "pretension = 0.0", "pretension = 10.0"
+    )
+    trajectory(THERE_AND_BACK).write(here / "plan.json")
+    assert called(capsys, "bench.toml", "plan.json", *arguments)[0] == 0
+    assert "parallel_spring" not in (here / "mounted.toml").read_text()
+
+
+def test_json_alone_and_the_recording_reads_back(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("--on", "simulation", "--trials", 2, "--cycles", 1, "--out", "run.csv")
+    status, out, _ = called(capsys, "bench.toml", "plan.json", *arguments, "--json", "-")
+    document = json.loads(out)
+    assert (status, document["status"], document["on"]) == (0, "done", "simulation")
+    assert document["recording"] == "run.csv"
+    back = recording.read(here / "run.csv", 1)
+    assert sorted(set(back.run.tolist())) == [1, 2]
+    assert back.q_desired is not None
+
+
+def test_a_plan_beyond_the_limits_is_refused_and_nothing_is_written(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trajectory(motion([0.0, -1.9], [0.6, 0.6])).write(here / "plan.json")
+    status, out, _ = called(
+        capsys, "bench.toml", "plan.json", "--on", "simulation", "--out", "run.csv", "--model-out", "mounted.toml"
+    )
+    assert status == 1
+    assert "the plan's position of joint 1 is -1.9 rad at t = 0.6 s, 0.1 rad beyond the limit of -1.8" in out
+    assert "the plan's speed of joint 1 is 5.938 rad/s at t = 0.3 s, 0.938 rad/s beyond the limit of 5" in out
+    assert sorted(p.name for p in here.iterdir()) == ["bench.toml", "plan.json"]
+
+
+def test_a_safe_stop_exits_with_1_and_keeps_the_recording(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("--on", "simulation", "--tracking-limit", 0.001, "--out", "run.csv")
+    status, out, _ = called(capsys, "bench.toml", "plan.json", *arguments)
+    assert status == 1
+    assert "SAFE STOP: trial 1 at t = " in out
+    rows = (here / "run.csv").read_text().splitlines()
+    assert len(rows) > 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--on", "mars"], "--on mars: no such target; there is: simulation"),
+        (["--on", "simulation", "--hide", "stribek@1"], 'there is no effect "stribek"'),
+        (["--on", "simulation", "--hide", "viscous@1:coefficient=1"], "bench has this effect already; --set changes"),
+        (["--on", "simulation", "--set", "stribeck@1:torque=1"], "bench does not have this effect here; --hide puts"),
+        (
+            ["--on", "simulation", "--set", "viscous@1"],
+            "--set viscous@1: sets nothing; write --set viscous@1:KEY=VALUE",
+        ),
+        (["--on", "simulation", "--set", "viscous@1:coefficient=-1"], "expected a value from 0 to inf"),
+        (["--on", "simulation", "--hide", "torque_delay@1:time=-1e-3"], "cannot be simulated forwards"),
+        (["--on", "simulation", "--out", "bench.toml"], "bench.toml: is read here; choose another name"),
+        (["--on", "simulation", "--out", "no/run.csv"], "there is no directory no"),
+    ],
+)
+def test_mistakes_are_one_line(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    before = {p.name: p.read_bytes() for p in here.iterdir()}
+    status, out, err = called(capsys, "bench.toml", "plan.json", *arguments)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+    assert {p.name: p.read_bytes() for p in here.iterdir()} == before
+
+
+def test_a_model_without_a_controller_says_what_to_add(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = BENCH.replace("[joint.controller]\nkp = 40.0\nkd = 6.0\n", "")
+    (here / "bench.toml").write_text(text)
+    status, _, err = called(capsys, "bench.toml", "plan.json", "--on", "simulation")
+    assert status == 2
+    assert "[joint.controller] at joint 1" in err
