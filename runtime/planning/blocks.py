@@ -8,7 +8,7 @@ a sweep an unknown.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -98,8 +98,20 @@ def _dm(matrix: sparse.spmatrix) -> ca.DM:
     return ca.DM(pattern, column.data)
 
 
-def assemble(blocks: Sequence[Block], name: str, options: dict[str, Any]) -> ca.Function:
-    """The IPOPT solver of the sum of the blocks, with exact derivatives."""
+@dataclass(frozen=True)
+class Sum:
+    """The sum of blocks as CasADi's solvers take it: the problem, and its exact derivatives."""
+
+    problem: dict[str, ca.MX]
+    derivatives: dict[str, ca.Function]
+
+    def solver(self, options: Mapping[str, Any]) -> ca.Function:
+        """IPOPT."""
+        return ca.nlpsol("plan", "ipopt", self.problem, {**options, **self.derivatives})
+
+
+def assemble(blocks: Sequence[Block]) -> Sum:
+    """One nonlinear program."""
     size, p = blocks[0].places.shape[1], ca.MX.sym("p", blocks[0].p.numel())
     x = ca.MX.sym("x", size)
     parts = [block.values(x, p) for block in blocks]
@@ -121,4 +133,4 @@ def assemble(blocks: Sequence[Block], name: str, options: dict[str, Any]) -> ca.
             ["triu_hess_gamma_x_x"],
         ),
     }
-    return ca.nlpsol(name, "ipopt", {"x": x, "p": p, "f": cost, "g": rows}, {**options, **functions})
+    return Sum({"x": x, "p": p, "f": cost, "g": rows}, functions)

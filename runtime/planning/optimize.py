@@ -24,6 +24,8 @@ WIDTH = 0.1
 _SOFT = 1.0
 """The same while searching: so smooth that each start finds its basin in some thirty steps."""
 _STARTS = 4
+_SPRUNG = 2
+"""Starts whose springs are sought: those that are best without."""
 _OFFSETS = 41
 
 
@@ -53,7 +55,9 @@ class Plan:
     smooth_cost what the program, smooth at standstill, made of it
     free        stiffness (N/m) by joint before a spring was chosen from a catalogue
     choices     the springs of the catalogue that were compared, the chosen one first
-    attempts    of the search, in order; setup_seconds, seconds: to build the programs, and altogether
+    attempts    of the search, in order; refined: the best of them on the fine program
+    setup_seconds, seconds   to build the programs, and altogether
+    left_out    effects of the model that a plan cannot hold, and why
     """
 
     scenario: Scenario
@@ -64,6 +68,7 @@ class Plan:
     free: Mapping[int, float]
     choices: tuple[Choice, ...]
     attempts: tuple[Attempt, ...]
+    refined: Attempt
     setup_seconds: float
     seconds: float
     left_out: Mapping[str, str]
@@ -97,21 +102,19 @@ class Planner:
         self.fine = Solver(Program(model, scenario, _many), 1e-6, 400)
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
-        return self.finish([self.search(random_start(self.coarse.program, rng)) for _ in range(starts)])
+        return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
 
-    def search(self, x: Array) -> Attempt:
-        """A coarse solution from the guess x; springs begin as they suit the motion without them."""
-        count = len(self.scenario.springs)
-        if not count:
-            return self.coarse.run(x, _SOFT)
-        bare = self.coarse.run(x, _SOFT, dict.fromkeys(range(count), 0.0))
-        sprung = self.coarse.run(self._sprung(bare.x), _SOFT)
-        return sprung if sprung.met or not bare.met else self.coarse.run(bare.x, _SOFT)
+    def search(self, guesses: Sequence[Array]) -> list[Attempt]:
+        """Coarse solutions, the best first. Springs begin as they suit the best motions without them."""
+        none = dict.fromkeys(range(len(self.scenario.springs)), 0.0)
+        bare = sorted((self.coarse.run(x, _SOFT, none) for x in guesses), key=_rank)
+        if not none:
+            return bare
+        return sorted((self.coarse.refine(self._sprung(a.x), _SOFT) for a in bare[:_SPRUNG]), key=_rank)
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
-        """The best attempt refined, and its springs chosen."""
-        best = min(attempts, key=lambda a: (not a.met, a.cost if a.met else a.missed.amount if a.missed else 0.0))
-        free = self.fine.run(best.x, WIDTH)
+        """The first attempt refined, and its springs chosen."""
+        free = self.fine.refine(attempts[0].x, WIDTH)
         if free.missed is not None:
             raise Infeasible(self.scenario, free.missed, attempts)
         chosen, choices = self._chosen(free)
@@ -128,6 +131,7 @@ class Planner:
             free={s.joint: free.x[self._spring(k)][0] * STIFFNESS_UNIT for k, s in enumerate(self.scenario.springs)},
             choices=choices,
             attempts=tuple(attempts),
+            refined=free,
             setup_seconds=setup,
             seconds=setup + sum(a.seconds for a in every),
             left_out={str(term): why for term, why in self.fine.program.physics.left_out.items()},
@@ -165,7 +169,7 @@ class Planner:
         tried = []
         for combination in product(*(o or (None,) for o in options)):
             fixed = {k: value for k, value in enumerate(combination) if value is not None}
-            tried.append((fixed, self.fine.run(free.x, WIDTH, fixed)))
+            tried.append((fixed, self.fine.refine(free.x, WIDTH, fixed)))
         tried.sort(key=lambda item: (not item[1].met, item[1].cost))
         if tried[0][1].missed is not None:
             raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
@@ -204,6 +208,11 @@ class Planner:
             if library[term.effect].scope == "contact"
         }
         return Trajectory(self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction, mounted, contact)
+
+
+def _rank(attempt: Attempt) -> tuple[bool, float]:
+    """The cheapest that meets all constraints, else the one that misses them least."""
+    return not attempt.met, attempt.cost if attempt.missed is None else attempt.missed.amount
 
 
 def neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:

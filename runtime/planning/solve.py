@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +18,14 @@ Array = NDArray[np.float64]
 
 MET = 1e-4
 """By which a constraint may be missed, in its own unit, and still counts as met."""
+_NEAR = {
+    "ipopt.mu_init": 1e-2,
+    "ipopt.bound_push": 1e-4,
+    "ipopt.bound_frac": 1e-4,
+    "ipopt.slack_bound_push": 1e-4,
+    "ipopt.slack_bound_frac": 1e-4,
+}
+"""From a guess that is good: the barrier does not push it out of its basin."""
 _QUIET = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 
 
@@ -56,18 +65,26 @@ class Solver:
         self.program = program
         options = {**_QUIET, "ipopt.tol": accuracy, "ipopt.max_iter": iterations}
         started = time.perf_counter()
-        self._solver = assemble(program.blocks, "plan", options)
+        whole = assemble(program.blocks)
+        self._far, self._near = whole.solver(options), whole.solver({**options, **_NEAR})
         self.setup_seconds = time.perf_counter() - started
         self._rows = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
 
     def run(self, x: Array, width: float, stiffness: Mapping[int, float] | None = None) -> Attempt:
-        """A solution from the guess x (nx,); width of the switches in rad/s (m/s).
+        """A solution from the rough guess x (nx,); width of the switches in rad/s (m/s).
 
         stiffness   N/m by number of the spring (0-based): fixed, not sought
         """
-        lower, upper = self.bounds(stiffness or {})
+        return self._run(self._far, x, width, stiffness or {})
+
+    def refine(self, x: Array, width: float, stiffness: Mapping[int, float] | None = None) -> Attempt:
+        """The solution in whose basin x lies."""
+        return self._run(self._near, x, width, stiffness or {})
+
+    def _run(self, solver: ca.Function, x: Array, width: float, stiffness: Mapping[int, float]) -> Attempt:
+        lower, upper = self.bounds(stiffness)
         started = time.perf_counter()
-        found = self._solver(
+        found = solver(
             x0=np.clip(x, lower, upper),
             p=self.program.p.vector(self.program.values(width)),
             lbx=lower,
@@ -75,7 +92,7 @@ class Solver:
             lbg=self._rows[0],
             ubg=self._rows[1],
         )
-        seconds, stats = time.perf_counter() - started, self._solver.stats()
+        seconds, stats = time.perf_counter() - started, solver.stats()
         rows = np.array(found["g"]).ravel()
         return Attempt(
             np.array(found["x"]).ravel(),

@@ -1,0 +1,114 @@
+"""A plan, or the reason why there is none, with every figure: what --json gives and what the terminal shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from runtime.loader import Model
+from runtime.planning.evaluate import at_times
+from runtime.planning.optimize import Infeasible, Plan
+from runtime.planning.scenario import Scenario
+from runtime.planning.solve import Attempt
+
+SAMPLES = 400
+"""Of one cycle, in the document."""
+UNIT = {"peak_torque": "1", "electrical_energy": "J", "positive_work": "J"}
+
+
+def document(model: Model, plan: Plan) -> dict[str, Any]:
+    """A plan. SI units; costs in (N m)² s."""
+    return {
+        "scenario": plan.scenario.name,
+        "arm": model.name,
+        "feasible": True,
+        "cycle_time": plan.scenario.cycle_time,
+        "friction": plan.scenario.friction,
+        "objective": {**_goal(model, plan.scenario), "value": plan.cost, "smooth": plan.smooth_cost},
+        "joints": [
+            {
+                "joint": i + 1,
+                "cost": float(plan.effort.cost[i]),
+                "peak_torque": float(np.abs(plan.effort.tau[i]).max()),
+                "peak_speed": float(np.abs(plan.effort.motion.qd[i]).max()),
+                "range": [float(plan.effort.motion.q[i].min()), float(plan.effort.motion.q[i].max())],
+            }
+            for i in range(model.n)
+        ],
+        "springs": [
+            {"joint": joint, **values, "sought": float(plan.free[joint])}
+            for joint, values in sorted(plan.trajectory.springs.items())
+        ],
+        "catalogue": [
+            {"stiffness": {str(j): k for j, k in choice.stiffness.items()}, "cost": choice.cost}
+            for choice in plan.choices
+        ],
+        "trajectory": plan.trajectory.to_json(),
+        "samples": _samples(model, plan),
+        "solver": {
+            "attempts": [_attempt(a) for a in plan.attempts],
+            "refined": _attempt(plan.refined),
+            "setup_seconds": plan.setup_seconds,
+            "seconds": plan.seconds,
+        },
+        "left_out": dict(plan.left_out),
+        "warnings": warnings(model, plan.scenario),
+    }
+
+
+def refusal(model: Model, scenario: Scenario, error: Infeasible) -> dict[str, Any]:
+    """Why there is no plan: the constraint that the best attempt misses most."""
+    missed = error.missed
+    return {
+        "scenario": scenario.name,
+        "arm": model.name,
+        "feasible": False,
+        "reason": str(error),
+        "missed": {"where": missed.where, "what": missed.what, "amount": missed.amount, "unit": missed.unit},
+        "solver": {"attempts": [_attempt(a) for a in error.attempts]},
+    }
+
+
+def warnings(model: Model, scenario: Scenario) -> list[str]:
+    """What a person should know before they believe the plan."""
+    unlimited = [j for j in scenario.moving if model.joints[j - 1].speed_limit is None]
+    found = []
+    if scenario.friction and unlimited:
+        found.append(
+            f"no speed limit for joint {_listed(unlimited)}: a friction map holds up to the speeds that it was "
+            "identified at, and beyond them a plan may find friction that is not there; add [joint.limits] speed"
+        )
+    return found
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
+def _goal(model: Model, scenario: Scenario) -> dict[str, Any]:
+    joints = list(scenario.objective.joints or scenario.moving)
+    kinds = {model.joints[j - 1].force_unit for j in joints}
+    squared = f"({'/'.join(sorted(kinds))})^2 s"
+    goal = scenario.objective.goal
+    return {"goal": goal, "joints": joints, "unit": UNIT.get(goal, squared)}
+
+
+def _samples(model: Model, plan: Plan) -> dict[str, Any]:
+    t = np.linspace(0.0, plan.trajectory.duration, SAMPLES, endpoint=False)
+    seen = at_times(model, plan.trajectory, t)
+    motion = seen.motion
+    series = {"q": motion.q, "qd": motion.qd, "qdd": motion.qdd, "tau": seen.tau, "spring": seen.spring}
+    return {"t": t.tolist(), **{k: v.tolist() for k, v in series.items()}, "tip": seen.tip.tolist()}
+
+
+def _attempt(a: Attempt) -> dict[str, Any]:
+    return {
+        "cost": a.cost,
+        "met": a.met,
+        "status": a.status,
+        "iterations": a.iterations,
+        "seconds": a.seconds,
+        "missed": None if a.missed is None else str(a.missed),
+    }
