@@ -62,11 +62,15 @@ class Source:
         return cls(path, model_file.read_text(path), library, effects_file is not None)
 
     @classmethod
-    def shipped(cls, name: str) -> Source:
-        """An arm that comes with the toolkit."""
+    def shipped(cls, name: str, effects_file: Path | None = None) -> Source:
+        """An arm that comes with the toolkit. Raises UsageError."""
         import symbolic
 
-        return cls.read(Path(symbolic.__file__).parent / "arms" / f"{name}.toml", None)
+        arms = Path(symbolic.__file__).parent / "arms"
+        names = sorted(path.stem for path in arms.glob("*.toml"))
+        if name not in names:
+            raise UsageError(f'"{name}" is no model file here and no arm of the toolkit, which has {", ".join(names)}')
+        return cls.read(arms / f"{name}.toml", effects_file)
 
     def arm(self, text: str | None = None) -> Arm:
         from symbolic import model_file
