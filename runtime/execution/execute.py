@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from runtime.execution import results
+from runtime.execution.actual import actual
 from runtime.execution.controller import Controller
 from runtime.execution.loop import RUN_IN, Guard, Trial, length, recorded, run
-from runtime.execution.mounted import actual, mounted
 from runtime.execution.plan import Excess, Plan
 from runtime.execution.plant import Plant
 from runtime.execution.simulated import SimulatedArm
@@ -107,13 +107,12 @@ def execute(
     """
     compensated = trajectory.friction if friction is None else friction
     driver = Controller(controller, model, trajectory, friction=compensated)
-    terms = mounted(model, trajectory)
+    plan = Plan(model, trajectory)
     seconds = length(trajectory, cycles)
-    values = actual(model, terms, changed, hidden)
+    values = actual(model, plan.terms, changed, hidden)
     if hidden or changed:
         t = np.arange(round(seconds * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
-    plan = Plan(model, trajectory, terms)
     excess = tuple(plan.exceeded())
     done: list[Trial] = []
     if not excess:

@@ -10,57 +10,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.loader import Model
+from runtime.planning.evaluate import Effort, at_times, effort, mounted
 from runtime.planning.trajectory import Motion, Trajectory
-from runtime.simulate import torque_along
 from runtime.terms import Structure, Term
 
 Array = NDArray[np.float64]
 
 RATE = 4000.0  # Hz
-_EXACT = 1e-6
-"""Of a limit: what exceeds it by less is rounding."""
+_SLACK = {"position": 1e-6, "speed": 5e-3, "torque": 5e-3}
+"""Of a limit: what exceeds it by less is let pass. An optimization keeps limits at its nodes, not between them."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A trajectory along one cycle, on an arm with the effects `terms` (the model's, none hidden)."""
+    """A trajectory along one cycle, on its arm with what the model knows of it and nothing hidden."""
 
     model: Model
     trajectory: Trajectory
-    terms: Structure
 
     @cached_property
-    def motion(self) -> Motion:
-        count = round(self.trajectory.duration * RATE)
-        t = np.linspace(0.0, self.trajectory.duration, count + 1)
+    def terms(self) -> Structure:
+        return mounted(self.model, self.trajectory)
+
+    @cached_property
+    def planned(self) -> Effort:
+        """As it was planned: without friction if that was left out."""
+        return effort(self.model, self.trajectory)
+
+    @cached_property
+    def modelled(self) -> Effort:
+        """With everything that the model knows."""
+        return self.planned if self.trajectory.friction else effort(self.model, self.trajectory, friction=True)
+
+    @cached_property
+    def dense(self) -> Effort:
+        """The same at even times, ends included."""
+        t = np.linspace(0.0, self.trajectory.duration, round(self.trajectory.duration * RATE) + 1)
         # Just before the end: the end of a periodic motion is its beginning.
         t[-1] = np.nextafter(t[-1], 0.0)
-        return self.trajectory.at(self.model, t)
+        return at_times(self.model, self.trajectory, t, friction=True)
 
-    @cached_property
-    def torque(self) -> Array:
-        """(n, N) with everything that the model knows."""
-        return self._torque(self.terms)
-
-    @cached_property
-    def planned_torque(self) -> Array:
-        """(n, N) as the trajectory was planned: without friction if that was left out."""
-        if self.trajectory.friction:
-            return self.torque
-        return self._torque({t: v for t, v in self.terms.items() if self.model.library[t.effect].family != "friction"})
-
-    def _torque(self, terms: Structure) -> Array:
-        m = self.motion
-        return torque_along(self.model, m.q, m.qd, m.qdd, (len(m.t) - 1) / self.trajectory.duration, terms)
-
-    def cost(self, torque: Array) -> Array:
-        """(n,) integral of the squared torque over the cycle."""
-        return np.asarray(np.trapezoid(torque**2, self.motion.t, axis=1))
+    @property
+    def motion(self) -> Motion:
+        return self.dense.motion
 
     @cached_property
     def tip_y(self) -> float:
         """Smallest y of the end-effector, m."""
-        return float(self.model.tip(self.motion.q)[1].min())
+        return float(self.dense.tip[1].min())
 
     def exceeded(self) -> Iterator[Excess]:
         """Where the plan asks for more than a joint's limits allow, the worst of each kind and joint."""
@@ -73,13 +70,13 @@ class Plan:
                 speed, unit = np.abs(m.qd[i]), f"{joint.position_unit}/s"
                 yield from self._excess("speed", i, speed, 0.0, joint.speed_limit, unit)
             if joint.torque_limit is not None:
-                torque = np.abs(self.torque[i])
+                torque = np.abs(self.dense.tau[i])
                 yield from self._excess("torque", i, torque, 0.0, joint.torque_limit, joint.force_unit)
 
     def _excess(self, what: str, joint: int, x: Array, low: float, high: float, unit: str) -> Iterator[Excess]:
         over = np.maximum(x - high, low - x)
         k = int(np.argmax(over))
-        if over[k] > _EXACT * max(abs(low), abs(high)):
+        if over[k] > _SLACK[what] * max(abs(low), abs(high)):
             limit = high if x[k] > high else low
             yield Excess(what, joint + 1, float(self.motion.t[k]), float(x[k]), float(limit), unit)
 

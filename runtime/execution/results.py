@@ -89,7 +89,7 @@ def document(plan: Plan, trials: Sequence[Trial], dt: float) -> dict[str, Any]:
 
 def plan_document(plan: Plan) -> dict[str, Any]:
     """The plan's own figures. `cost` as it was planned, `modelled` with all that the model knows."""
-    cost, modelled = plan.cost(plan.planned_torque), plan.cost(plan.torque)
+    cost, modelled = plan.planned.cost, plan.modelled.cost
     return {
         "scenario": plan.trajectory.scenario,
         "duration": plan.trajectory.duration,
@@ -98,7 +98,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "cost": cost,
         "total": cost.sum(),
         "modelled": {"cost": modelled, "total": modelled.sum()},
-        "peak_torque": np.abs(plan.planned_torque).max(axis=1),
+        "peak_torque": np.abs(plan.planned.tau).max(axis=1),
         "q_min": plan.motion.q.min(axis=1),
         "q_max": plan.motion.q.max(axis=1),
         "tip_y": plan.tip_y,

@@ -1,4 +1,4 @@
-"""The effects of an arm as a trajectory finds it: with its springs and contact, and what a user hides or changes."""
+"""The effects that a simulated arm has: those of its model, with other values and hidden ones as a user wants them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,15 @@ from collections.abc import Sequence
 
 from runtime.execution.equations import PlantError, check_complete
 from runtime.loader import Model
-from runtime.planning.trajectory import SPRING, Trajectory
 from runtime.simulate import Hidden
-from runtime.terms import Structure, Term, structure
-
-
-def mounted(model: Model, trajectory: Trajectory) -> Structure:
-    """What the model file activates, the trajectory's springs and contact in place of the file's."""
-    found = {t: v for t, v in structure(model).items() if t.effect != SPRING and not _is_contact(model, t)}
-    springs = {Term(SPRING, joint): dict(values) for joint, values in trajectory.springs.items()}
-    contact = {Term(name): dict(values) for name, values in trajectory.contact.items()}
-    return {**found, **springs, **contact}
+from runtime.terms import Structure
 
 
 def actual(model: Model, terms: Structure, changed: Sequence[Hidden], hidden: Sequence[Hidden]) -> Structure:
-    """The arm's own: `terms` with other values, and with effects that the model has not. Raises PlantError."""
+    """`terms` with other values, and with effects that the model has not; these may lack values yet.
+
+    Raises PlantError: nothing to change, something there already, or a value of the model's own that nobody knows.
+    """
     found = {term: dict(values) for term, values in terms.items()}
     for item in changed:
         if item.term not in found:
@@ -34,7 +28,3 @@ def actual(model: Model, terms: Structure, changed: Sequence[Hidden], hidden: Se
             raise PlantError(f"--hide {item.term}: {model.name} has this effect already; --set changes its values")
         found[item.term] = dict(item.values)
     return found
-
-
-def _is_contact(model: Model, term: Term) -> bool:
-    return model.library[term.effect].scope == "contact"
