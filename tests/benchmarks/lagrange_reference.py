@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import casadi
 import sympy as sp
 from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
 
@@ -13,14 +16,7 @@ def c_code(arm: Arm, name: str) -> tuple[str, int]:
 
     For revolute joints without gravity; the model file's numbers are folded in, which favours this variant.
     """
-    n = len(arm.joints)
-    q, time = dynamicsymbols(f"q1:{n + 1}"), dynamicsymbols._t
-    equations = LagrangesMethod(_kinetic_energy(arm, q, time), q).form_lagranges_equations()
-    groups = [sp.symbols(f"{letter}0:{n}", real=True) for letter in ("q", "v", "a")]
-    for order in (2, 1, 0):
-        known = {sp.diff(x, time, order): s for x, s in zip(q, groups[order], strict=True)}
-        equations = equations.subs(known)
-    shared, outputs = sp.cse([e.evalf(17) for e in equations], order="none")
+    groups, shared, outputs = _equations(arm)
     operations = int(sp.count_ops([e for _, e in shared] + outputs))
     lines = ["#include <math.h>", f"void {name}(const double *q, const double *qd, const double *qdd, double *tau);"]
     lines.append(f"void {name}(const double *q, const double *qd, const double *qdd, double *tau)\n{{")
@@ -32,6 +28,35 @@ def c_code(arm: Arm, name: str) -> tuple[str, int]:
     lines += [f"    const double {s} = {sp.ccode(e, user_functions=printer)};" for s, e in shared]
     lines += [f"    tau[{i}] = {sp.ccode(e, user_functions=printer)};" for i, e in enumerate(outputs)]
     return "\n".join([*lines, "}", ""]), operations
+
+
+def casadi_function(arm: Arm) -> casadi.Function:
+    """The same equations: tau of q, qd, qdd."""
+    groups, shared, outputs = _equations(arm)
+    symbols = [casadi.SX.sym(name, len(arm.joints)) for name in ("q", "qd", "qdd")]
+    known = {s: x for group, symbol in zip(groups, symbols, strict=True) for s, x in zip(group, symbol.nz, strict=True)}
+    for name, expression in shared:
+        known[name] = _in_casadi(expression, known)
+    return casadi.Function("lagrange", symbols, [casadi.vertcat(*(_in_casadi(e, known) for e in outputs))])
+
+
+def _in_casadi(expression: sp.Expr, known: Mapping[sp.Symbol, casadi.SX]) -> casadi.SX:
+    names = sorted(expression.free_symbols, key=str)
+    functions = {"sin": casadi.sin, "cos": casadi.cos}
+    return sp.lambdify(names, expression, modules=[functions, "math"])(*(known[s] for s in names))
+
+
+def _equations(arm: Arm) -> tuple[list[tuple[sp.Symbol, ...]], list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Symbols of q, qd, qdd, common subexpressions, and the torques."""
+    n = len(arm.joints)
+    q, time = dynamicsymbols(f"q1:{n + 1}"), dynamicsymbols._t
+    equations = LagrangesMethod(_kinetic_energy(arm, q, time), q).form_lagranges_equations()
+    groups = [sp.symbols(f"{letter}0:{n}", real=True) for letter in ("q", "v", "a")]
+    for order in (2, 1, 0):
+        known = {sp.diff(x, time, order): s for x, s in zip(q, groups[order], strict=True)}
+        equations = equations.subs(known)
+    shared, outputs = sp.cse([e.evalf(17) for e in equations], order="none")
+    return groups, shared, outputs
 
 
 def _kinetic_energy(arm: Arm, q: list[sp.Expr], time: sp.Symbol) -> sp.Expr:

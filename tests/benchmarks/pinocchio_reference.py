@@ -18,6 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import casadi
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,13 +116,11 @@ extern "C" int pinocchio_emit(int n, const double *links, char *text, size_t roo
     for (int i = 0; i < n; ++i) {
         tau(i) = data.tau[i];
     }
-    casadi::CodeGenerator generator("pinocchio_c");
-    generator.add(casadi::Function("pinocchio_rnea", {q, qd, qdd}, {tau}));
-    const std::string code = generator.dump();
-    if (code.size() >= room) {
+    const std::string found = casadi::Function("pinocchio_rnea", {q, qd, qdd}, {tau}).serialize();
+    if (found.size() >= room) {
         return 1;
     }
-    std::memcpy(text, code.c_str(), code.size() + 1);
+    std::memcpy(text, found.c_str(), found.size() + 1);
     return 0;
 }
 """
@@ -150,13 +149,19 @@ class Reference:
         links = ctypes.c_void_p(self.links.ctypes.data)
         self._loop.pinocchio_loop(n, links, ctypes.c_size_t(rounds), ctypes.c_size_t(count), *arrays)
 
-    def c_code(self) -> str:
-        """rnea<casadi::SX> as C: `int pinocchio_rnea(const double **arg, double **res, ...)`, parameters folded in."""
+    def function(self) -> casadi.Function:
+        """rnea<casadi::SX>: tau of q, qd, qdd, parameters folded in."""
         text = ctypes.create_string_buffer(1 << 20)
         links = ctypes.c_void_p(self.links.ctypes.data)
         if self._emit.pinocchio_emit(len(self.links), links, text, ctypes.c_size_t(len(text))):
-            raise Missing("CasADi's C of Pinocchio's model is longer than expected")
-        return text.value.decode()
+            raise Missing("Pinocchio's model as a CasADi function is longer than expected")
+        return casadi.Function.deserialize(text.value.decode())
+
+    def c_code(self) -> str:
+        """The same as C: `int pinocchio_rnea(const double **arg, double **res, ...)`."""
+        generator = casadi.CodeGenerator("pinocchio_c")
+        generator.add(self.function())
+        return generator.dump()
 
 
 def _prefix() -> Path:
@@ -180,8 +185,6 @@ def _loop_library() -> Path:
 
 
 def _emit_library() -> Path:
-    import casadi
-
     home = Path(casadi.__file__).parent
     # Run once, so not optimised: that halves the minute of compilation.
     return _library(_EMIT, ("-O0", f"-I{home / 'include'}"), (f"-L{home}", "-lcasadi", f"-Wl,-rpath,{home}"))

@@ -1,0 +1,220 @@
+"""Motion and springs optimized: Tendon, CasADi's Opti by hand, SLSQP and trust-constr on one program, in one run."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import lagrange_reference
+import numpy as np
+import pytest
+from by_hand import ByHand, Solved, scipy_solution
+from harness import show
+from numpy.typing import NDArray
+from opti_reference import OptiByHand
+from pinocchio_reference import Missing, Reference
+
+from runtime.loader import Model
+from runtime.planning import scenario_file
+from runtime.planning.evaluate import effort, objective
+from runtime.planning.optimize import WIDTH, Infeasible, Planner, optimize
+from runtime.planning.program import Program
+from runtime.planning.scenario import Scenario
+from runtime.planning.solve import MET
+from runtime.planning.starts import StartError, random_start
+from symbolic.arm import Arm
+
+Array = NDArray[np.float64]
+
+CAP = float(os.environ.get("TENDON_BENCHMARK_CAP", "60"))
+"""Seconds after which a solver is stopped, a problem."""
+STARTS = int(os.environ.get("TENDON_BENCHMARK_STARTS", "20"))
+"""Random starts a problem."""
+ONLY = os.environ.get("TENDON_BENCHMARK_CASES", "")
+"""Beginning of the names of the cases to be run, "2D" for instance."""
+
+STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"
+NEAR = 1.01
+"""Of the best cost: what counts as the same."""
+
+
+@pytest.fixture(scope="module")
+def cases(model: Model) -> dict[str, Scenario]:
+    """The paper's problems by name."""
+    first, second = (
+        scenario_file.fitted(scenario_file.read(STUDY / f"{name}.toml"), model, name)
+        for name in ("scenario1", "scenario2")
+    )
+    found = {}
+    for T in (1.2, 2.0):
+        for letter, friction, springs in (
+            ("A", False, False),
+            ("B", False, True),
+            ("C", True, False),
+            ("D", True, True),
+        ):
+            own = first if springs else first.without_springs()
+            found[f"1{letter} {T:.1f} s"] = replace(own.at(T), friction=friction)
+    for stiffness in (600.0, 1300.0):
+        contact = {**second.contact, "plate": {**second.contact["plate"], "stiffness": stiffness}}
+        for letter, own in (("C", second.without_springs()), ("D", second)):
+            found[f"2{letter} {stiffness / 1000:.1f} kN/m"] = replace(own.at(1.6), contact=contact)
+    return {name: scenario for name, scenario in found.items() if name.startswith(ONLY)}
+
+
+@pytest.fixture(scope="module")
+def rnea(vishard4: Arm) -> ca.Function:
+    """Somebody else's inverse dynamics in CasADi."""
+    try:
+        return Reference(vishard4).function()
+    except Missing as error:
+        print(f"\nwithout Pinocchio: {error}; SymPy's LagrangesMethod stands in")
+        return lagrange_reference.casadi_function(vishard4)
+
+
+def free(scenario: Scenario) -> Scenario:
+    """Any stiffness, not those of a catalogue."""
+    return replace(scenario, springs=tuple(replace(s, catalogue=()) for s in scenario.springs))
+
+
+def load() -> str:
+    one, five, _ = os.getloadavg()
+    return f"{os.cpu_count()} cores with a load of {one:.1f} at the end, {five:.1f} over the last five minutes"
+
+
+# --- side by side ---
+
+
+def test_side_by_side(model: Model, vishard4: Arm, rnea: ca.Function, cases: dict[str, Scenario]) -> None:
+    """One and the same start for all; that all solve one program is asserted, and that Tendon met its constraints."""
+    rows: list[list[str]] = []
+    for name, scenario in cases.items():
+        table = _compared(model, vishard4, rnea, name, free(scenario))
+        rows += table
+        print("\n".join("  ".join(row) for row in table), flush=True)
+    notes = [
+        "cost: exact torques of the motion found, by one evaluator; missed: the worst constraint, in its own unit",
+        "s: processor time with all that is set up; ratio: of that, to Tendon's; all of them run in one thread",
+        "Tendon: a search with few nodes, then the same nodes as the others, from the one start that all have",
+        load(),
+    ]
+    head = ("case", "solver", "cost", "missed", "s", "wall s", "steps", "ratio", "")
+    show("Motion and springs by four solvers", head, rows, notes)
+
+
+def _compared(model: Model, arm: Arm, rnea: ca.Function, name: str, scenario: Scenario) -> list[list[str]]:
+    judge = Planner(model, scenario)
+    program = judge.fine.program
+    start = random_start(program, np.random.default_rng(0))
+    by_hand = ByHand(program, WIDTH)
+    _assert_same(program, by_hand, start)
+    bounds = judge.fine.bounds({})
+    solvers: dict[str, Callable[[], Solved]] = {
+        "Tendon": lambda: _tendon(model, scenario, start),
+        "Opti": lambda: _opti(program, arm, rnea, start),
+        "SLSQP": lambda: scipy_solution(program, WIDTH, "SLSQP", start, bounds, CAP),
+        "trust-constr": lambda: scipy_solution(program, WIDTH, "trust-constr", start, bounds, CAP),
+    }
+    found = {solver: solve() for solver, solve in solvers.items()}
+    assert by_hand.violation(found["Tendon"].x) < MET
+    unit = found["Tendon"].cpu
+    rows = []
+    for solver, solved in found.items():
+        cost = objective(scenario, effort(model, judge.trajectory(solved.x)))
+        figures = (f"{cost:.2f}", f"{by_hand.violation(solved.x):.0e}", f"{solved.cpu:.2f}", f"{solved.seconds:.2f}")
+        rows.append(
+            [name, solver, *figures, str(solved.iterations), f"{solved.cpu / unit:.1f}", "stopped" * solved.stopped]
+        )
+    return rows
+
+
+def _tendon(model: Model, scenario: Scenario, start: Array) -> Solved:
+    wall, cpu = time.perf_counter(), time.process_time()
+    planner = Planner(model, scenario)
+    plan = planner.finish(planner.search([start]))
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    steps = plan.refined.iterations + sum(attempt.iterations for attempt in plan.attempts)
+    return Solved(plan.refined.x, wall, cpu, steps, False, plan.refined.status)
+
+
+def _opti(program: Program, arm: Arm, rnea: ca.Function, start: Array) -> Solved:
+    wall, cpu = time.perf_counter(), time.process_time()
+    solved = OptiByHand(program, arm, rnea, WIDTH).solve(start, CAP)
+    return replace(solved, seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu)
+
+
+def _assert_same(program: Program, by_hand: ByHand, x: Array) -> None:
+    """Tendon's program and the one by hand have the same cost and the same largest miss."""
+    at, p = ca.MX.sym("x", len(x)), ca.DM(program.p.vector(program.values(WIDTH)))
+    values = [block.values(at, p) for block in program.blocks]
+    whole = ca.Function("whole", [at], [sum(cost for cost, _ in values), ca.vertcat(*(rows for _, rows in values))])
+    cost, rows = whole(x)
+    lower, upper = (np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper"))
+    miss = np.maximum(lower - np.ravel(rows), np.ravel(rows) - upper).max()
+    np.testing.assert_allclose([by_hand.cost(x), by_hand.violation(x)], [float(cost), miss], rtol=1e-9)
+
+
+# --- as a user has it ---
+
+
+def test_from_the_scenario_to_the_plan(model: Model, cases: dict[str, Scenario]) -> None:
+    """`tendon optimize` without reading and writing: all starts, and the springs of the catalogue."""
+    rows, wall, cpu = [], {}, {}
+    for name, scenario in cases.items():
+        started, busy = time.perf_counter(), time.process_time()
+        plan = optimize(model, scenario)
+        wall[name], cpu[name] = time.perf_counter() - started, time.process_time() - busy
+        springs = ", ".join(f"{s['stiffness'] / 1000:.1f}" for s in plan.trajectory.springs.values())
+        figures = f"{plan.cost:.2f}", f"{plan.smooth_cost:.2f}", springs, f"{cpu[name]:.2f}", f"{wall[name]:.2f}"
+        rows.append([name, *figures])
+    eight = [name for name in cases if name.startswith("1")]
+    rows.append(["scenario 1, all", "", "", "", *(f"{sum(t[n] for n in eight):.2f}" for t in (cpu, wall))])
+    notes = ["aimed at: all of scenario 1 under 1 s, each of scenario 2 under 2 s", load()]
+    show("From a scenario to its plan", ("case", "cost", "smooth", "kN/m", "s", "wall s"), rows, notes)
+
+
+# --- random starts ---
+
+
+def test_random_starts(model: Model, cases: dict[str, Scenario]) -> None:
+    """How many of the single starts, and of whole optimizations with another seed, come near the best."""
+    rows, said = [], Counter[str]()
+    for name, scenario in cases.items():
+        single, whole = _random(model, free(scenario), said)
+        best = min(single + whole)
+        shares = [f"{_share(costs, best):.0%}" for costs in (single, whole)]
+        failed = f"{sum(np.isinf(single)) + sum(np.isinf(whole))}"
+        rows.append([name, f"{best:.2f}", *shares, failed, f"{max(whole):.2f}"])
+        print("  ".join(rows[-1]), flush=True)
+    notes = [
+        f"{STARTS} of each (TENDON_BENCHMARK_STARTS); near: within 1 % of the best of the row; aimed at: 95 %",
+        *(f"{count} times: {what}" for what, count in said.most_common(8)),
+        load(),
+    ]
+    show("Random starts", ("case", "best", "one start", "optimize", "failed", "worst"), rows, notes)
+
+
+def _random(model: Model, scenario: Scenario, said: Counter[str]) -> tuple[list[float], list[float]]:
+    """Costs of searches from one random start each, and of whole optimizations."""
+    planner = Planner(model, scenario)
+    single = [
+        _cost(lambda seed=seed: planner.plan(1, np.random.default_rng(seed)).cost, said) for seed in range(STARTS)
+    ]
+    return single, [_cost(lambda seed=seed: optimize(model, scenario, seed=seed).cost, said) for seed in range(STARTS)]
+
+
+def _cost(work: Callable[[], float], said: Counter[str]) -> float:
+    try:
+        return work()
+    except (Infeasible, StartError) as error:
+        said[str(error)] += 1
+        return np.inf
+
+
+def _share(costs: Sequence[float], best: float) -> float:
+    return float(np.mean([cost <= NEAR * best for cost in costs]))
