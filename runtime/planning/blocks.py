@@ -23,9 +23,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Block:
-    """cost(z, p), a scalar or None, and rows(z, p), constraints, at several places.
+    """cost(z, p), a scalar, the sum of squares(z, p), and rows(z, p), constraints, at several places.
 
     z, p      SX symbols (nz,), (np,); p is what one solution may change from the next without a new program
+    cost, squares   what is not there is zero, or has no rows; both count
     places    (N nz, nx) sparse, place after place; offset (N nz,)
     weights   (N,) of the cost
     lower, upper   (N, rows)
@@ -36,7 +37,8 @@ class Block:
     p: ca.SX
     places: sparse.csr_matrix
     offset: Array
-    cost: ca.SX | None
+    cost: ca.SX
+    squares: ca.SX
     weights: Array
     rows: ca.SX
     lower: Array
@@ -57,18 +59,22 @@ class Block:
         return ca.reshape(self._map @ x + ca.DM(self.offset), self.z.numel(), self.count)
 
     @cached_property
-    def _cost(self) -> ca.SX:
-        return ca.SX(0) if self.cost is None else self.cost
+    def _lean(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Cost, squares and rows, equal parts computed once: effects share much, and derivatives inherit it."""
+        cost, squares, rows = ca.cse([self.cost, self.squares, self.rows])
+        return cost, squares, rows
 
     def values(self, x: Any, p: Any) -> tuple[Any, Any]:
         """Weighted cost, and all rows place after place."""
-        function = ca.Function("values", [self.z, self.p], [self._cost, self.rows])
+        cost, squares, rows = self._lean
+        function = ca.Function("values", [self.z, self.p], [cost + ca.sumsqr(squares), rows])
         cost, rows = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
         return ca.dot(ca.DM(self.weights).T, cost), ca.vec(rows)
 
     def first(self, x: Any, p: Any) -> tuple[Any, Any]:
         """Gradient of the cost (nx,), Jacobian of the rows (N rows, nx)."""
-        gradient, jacobian = ca.gradient(self._cost, self.z), ca.jacobian(self.rows, self.z)
+        cost, squares, rows = self._lean
+        gradient, jacobian = ca.gradient(cost + ca.sumsqr(squares), self.z), ca.jacobian(rows, self.z)
         function = ca.Function("first", [self.z, self.p], [gradient, jacobian])
         slopes, jacobians = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
         weighted = slopes * ca.repmat(ca.DM(self.weights).T, self.z.numel(), 1)
@@ -77,9 +83,7 @@ class Block:
 
     def second(self, x: Any, p: Any, scale: Any, multipliers: Any) -> Any:
         """Hessian of scale · cost + multipliers · rows, (nx, nx)."""
-        weight, y = ca.SX.sym("weight"), ca.SX.sym("y", self.rows.numel())
-        hessian, _ = ca.hessian(weight * self._cost + ca.dot(y, self.rows), self.z)
-        function = ca.Function("second", [self.z, self.p, weight, y], [hessian])
+        function = self._curvature
         found = function.map(self.count)(
             self.seen(x),
             ca.repmat(p, 1, self.count),
@@ -88,6 +92,18 @@ class Block:
         )
         blocks = ca.horzsplit(found, self.z.numel())
         return self._map.T @ (ca.diagcat(*blocks) @ self._map)
+
+    @cached_property
+    def _curvature(self) -> ca.Function:
+        """Of weight · cost + y · rows at a place, (nz, nz)."""
+        weight, y = ca.SX.sym("weight"), ca.SX.sym("y", self.rows.numel())
+        cost, squares, rows = self._lean
+        # Of a square's two terms, 2 (∇r ∇rᵀ + r ∇²r), the second is derived with r in front as a number: half the work.
+        r = ca.SX.sym("r", squares.numel())
+        curved, _ = ca.hessian(weight * (cost + 2 * ca.dot(r, squares)) + ca.dot(y, rows), self.z)
+        slopes = ca.jacobian(squares, self.z)
+        hessian = ca.substitute(curved, r, squares) + 2 * weight * (slopes.T @ slopes)
+        return ca.Function("second", [self.z, self.p, weight, y], [hessian])
 
 
 def _dm(matrix: sparse.spmatrix) -> ca.DM:

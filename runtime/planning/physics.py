@@ -76,7 +76,10 @@ def widths(rate: float) -> list[float]:
 
 @dataclass(frozen=True)
 class Instant:
-    """Expressions of one instant: q, qd, qdd (n,), spring parameters by joint, p by name."""
+    """Expressions of one instant: q, qd, qdd (n,), spring parameters by joint, p by name.
+
+    apart   the end-effector is known to be off the plate, so that nothing of the contact acts
+    """
 
     physics: Physics
     q: ca.SX
@@ -84,6 +87,7 @@ class Instant:
     qdd: ca.SX
     springs: Mapping[int, ca.SX]
     p: Callable[[str], ca.SX]
+    apart: bool
 
     def _arm(self, name: str, *inputs: Any) -> Any:
         return smooth.arm_function(self.physics.model, name)(self.p("struct"), *inputs)
@@ -120,7 +124,8 @@ class Instant:
             own[joint - 1] += self._torque(SPRING, values, joint - 1, own, 1.0)
         # What reads the predicted torque comes last, when all the rest is in it.
         library = self.physics.model.library
-        for term in sorted(self.physics.terms, key=lambda t: "predicted" in library[t.effect].signals):
+        terms = [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]
+        for term in sorted(terms, key=lambda t: "predicted" in library[t.effect].signals):
             for joint, first in self._joints(term):
                 own[joint] += self._torque(term.effect, self.p(str(term)), joint, own, first)
         return ca.vertcat(*own)

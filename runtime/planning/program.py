@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from math import sqrt
 from typing import Any
 
 import casadi as ca
@@ -19,6 +19,7 @@ from runtime.loader import Model
 from runtime.planning.blocks import Block
 from runtime.planning.physics import Instant, Physics
 from runtime.planning.scenario import PhasePlan, Point, Scenario
+from runtime.planning.unknowns import Parameters, Unknowns
 
 Array = NDArray[np.float64]
 Row = tuple[ca.SX, float, float, str, str]
@@ -29,71 +30,13 @@ STIFFNESS_UNIT = 1000.0
 CLEAR_OF_SINGULAR = 0.05
 """Least |sin q_2| in contact: at zero J_w is singular."""
 INF = float("inf")
+NONE = ca.SX(0, 1)
 
 
 def bernstein(degree: int, s: Array, derivative: int = 0) -> Array:
     """(N, M + 1): what each control point of (9) contributes at s in [0, 1], or to a derivative by s."""
     basis = BPoly(np.eye(degree + 1)[:, None, :], [0.0, 1.0])
     return np.asarray(basis.derivative(derivative)(s) if derivative else basis(s))
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """The vector p of a program by name: what changes from one solution to the next without a new program."""
-
-    symbol: ca.SX
-    place: Mapping[str, slice]
-
-    @classmethod
-    def of(cls, sizes: Mapping[str, int]) -> Parameters:
-        ends = np.cumsum([0, *sizes.values()])
-        place = {name: slice(int(a), int(b)) for name, (a, b) in zip(sizes, pairwise(ends), strict=True)}
-        return cls(ca.SX.sym("p", int(ends[-1])), place)
-
-    def __call__(self, name: str) -> ca.SX:
-        return self.symbol[self.place[name]]
-
-    def vector(self, values: Mapping[str, Sequence[float]]) -> Array:
-        found = np.full(self.symbol.numel(), np.nan)
-        for name, place in self.place.items():
-            found[place] = values[name]
-        return found
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """Where the unknowns stand in x: control points phase by phase and coordinate by coordinate, springs, the peak.
-
-    free   by phase: coordinates (0-based) that are sought; the others are constant
-    """
-
-    scenario: Scenario
-    free: tuple[tuple[int, ...], ...]
-
-    @cached_property
-    def _starts(self) -> list[int]:
-        sizes = [len(free) * (p.degree + 1) for free, p in zip(self.free, self.scenario.phases, strict=True)]
-        return np.cumsum([0, *sizes]).tolist()
-
-    def points(self, phase: int, row: int) -> slice:
-        """Control points of the row-th free coordinate of a phase."""
-        count = self.scenario.phases[phase].degree + 1
-        first = self._starts[phase] + row * count
-        return slice(first, first + count)
-
-    def spring(self, k: int) -> slice:
-        """Stiffness (kN/m) and offset of the k-th spring."""
-        first = self._starts[-1] + 2 * k
-        return slice(first, first + 2)
-
-    @property
-    def peak(self) -> int:
-        """The largest torque over its limit, where the objective is that."""
-        return self._starts[-1] + 2 * len(self.scenario.springs)
-
-    @cached_property
-    def size(self) -> int:
-        return self.peak + (self.scenario.objective.goal == "peak_torque")
 
 
 @dataclass(frozen=True)
@@ -156,13 +99,13 @@ class Program:
         a = self._embedded(phase, ca.vertsplit(css / T**2)) if k else still
         at = self._coordinates(phase, ca.vertsplit(c))
         if self.scenario.phases[phase].kind == "free":
-            return Instant(self.physics, at, v, a, springs, self.p)
+            return Instant(self.physics, at, v, a, springs, self.p, apart=self._kept_off)
         struct = self.p("struct")
         q = smooth.arm_function(self.model, "contact_inverse")(struct, at, self.scenario.elbow)
         solve = smooth.arm_function(self.model, "contact_acceleration")
         # Without rates b_w is zero, and the map of accelerations is that of rates.
         qd = solve(struct, q, ca.SX.zeros(self.model.n), v)
-        return Instant(self.physics, q, qd, solve(struct, q, qd, a), springs, self.p)
+        return Instant(self.physics, q, qd, solve(struct, q, qd, a), springs, self.p, apart=False)
 
     def _embedded(self, phase: int, free: Sequence[ca.SX]) -> ca.SX:
         """Rates of all coordinates: those that are not free stand still."""
@@ -208,41 +151,46 @@ class Program:
             p=self.p.symbol,
             places=places,
             offset=np.zeros(places.shape[0]),
-            cost=None if peak else self._cost(at) * self.p("duration")[phase],
+            cost=self._cost(at) * self.p("duration")[phase],
+            squares=self._squares(at) * ca.sqrt(self.p("duration")[phase]),
             weights=weights,
             where=tuple(f"phase {phase + 1} ({plan.start} to {plan.end}) at {x:.0%} of it" for x in s),
             **_rows(rows, len(s)),
         )
 
     def _sample_places(self, phase: int, s: Array) -> sparse.csr_matrix:
+        """(N nz, nx): at each place the free coordinates, their first and second derivatives, springs, and the peak."""
         u, degree = self.unknowns, self.scenario.phases[phase].degree
-        basis = [bernstein(degree, s, d) for d in range(3)]
-        k, springs = len(u.free[phase]), len(self.scenario.springs)
-        peak = self.scenario.objective.goal == "peak_torque"
-        rows = 3 * k + 2 * springs + peak
-        found = sparse.lil_matrix((rows * len(s), u.size))
-        for i in range(len(s)):
-            for d in range(3):
-                for c in range(k):
-                    found[rows * i + d * k + c, u.points(phase, c)] = basis[d][i]
-            for c in range(2 * springs):
-                found[rows * i + 3 * k + c, u.spring(0).start + c] = 1.0
-            if peak:
-                found[rows * i + rows - 1, u.peak] = 1.0
-        return found.tocsr()
+        k = len(u.free[phase])
+        other = np.arange(u.spring(0).start, u.size)
+        width = 3 * k + len(other)
+        rows = np.arange(len(s))[:, None] * width
+        parts = [_entries(rows + 3 * k + np.arange(len(other)), other, np.ones((len(s), len(other))))]
+        for d in range(3):
+            basis = bernstein(degree, s, d)
+            for c in range(k):
+                points = u.points(phase, c)
+                parts.append(_entries(rows + d * k + c, np.arange(points.start, points.stop), basis))
+        i, j, value = (np.concatenate(p) for p in zip(*parts, strict=True))
+        return sparse.csr_matrix((value, (i, j)), shape=(width * len(s), u.size))
 
     def _counted(self) -> list[int]:
         """Joints (0-based) whose torque counts."""
         return [j - 1 for j in self.scenario.objective.joints or self.scenario.moving]
 
     def _cost(self, at: Instant) -> ca.SX:
-        objective = self.scenario.objective
-        if objective.goal == "positive_work":
-            power = [at.torque[i] * at.qd[i] for i in self._counted()]
-            return ca.sum(ca.vertcat(*(ca.fmax(w, 0) for w in power)))
-        if objective.goal == "electrical_energy":
-            return ca.sum(ca.vertcat(*(self._loss(i) * at.torque[i] ** 2 for i in self._counted())))
-        return ca.sumsqr(at.torque[self._counted()])
+        """What a phase costs per time, without the squares."""
+        if self.scenario.objective.goal != "positive_work":
+            return ca.SX(0)
+        power = [at.torque[i] * at.qd[i] for i in self._counted()]
+        return ca.sum(ca.vertcat(*(ca.fmax(w, 0) for w in power)))
+
+    def _squares(self, at: Instant) -> ca.SX:
+        """What costs its square per time, (k,)."""
+        goal = self.scenario.objective.goal
+        if goal == "electrical_energy":
+            return ca.vertcat(*(sqrt(self._loss(i)) * at.torque[i] for i in self._counted()))
+        return at.torque[self._counted()] if goal == "torque_squared" else NONE
 
     def _loss(self, i: int) -> float:
         """W per squared torque: R/k²."""
@@ -261,7 +209,7 @@ class Program:
         z = ca.SX.sym("z")
         places = sparse.csr_matrix(([1.0], ([0], [self.unknowns.peak])), shape=(1, self.unknowns.size))
         none: list[Row] = []
-        return Block(z, self.p.symbol, places, np.zeros(1), z, np.ones(1), where=("",), **_rows(none, 1))
+        return Block(z, self.p.symbol, places, np.zeros(1), z, NONE, np.ones(1), where=("",), **_rows(none, 1))
 
     def _path(self, phase: int, at: Instant) -> list[Row]:
         plan = self.scenario.phases[phase]
@@ -283,10 +231,15 @@ class Program:
             way = self._tip_way(plan)
             if plan.monotone and way:
                 rows.append((way * at.tip_rate[1], 0.0, INF, "end-effector must not turn back", "m/s"))
-        elif any(p.kind == "contact" for p in self.scenario.phases):
+        elif self._kept_off:
             above = at.tip[1] - self.physics.plate_position(self.p)
             rows.append((above, 0.0, INF, "end-effector above the plate", "m"))
         return rows
+
+    @property
+    def _kept_off(self) -> bool:
+        """Whether free phases stay above the plate: where others press it."""
+        return any(plan.kind == "contact" for plan in self.scenario.phases)
 
     def _rates(self, plan: PhasePlan, i: int) -> tuple[float, float]:
         limit = self.model.joints[i].speed_limit or INF
@@ -332,7 +285,8 @@ class Program:
             p=self.p.symbol,
             places=places,
             offset=np.zeros(places.shape[0]),
-            cost=None,
+            cost=ca.SX(0),
+            squares=NONE,
             weights=np.ones(1),
             where=(f"point {name}",),
             **_rows(rows, 1),
@@ -385,11 +339,16 @@ class Program:
         return rows
 
 
+def _entries(rows: NDArray[np.int64], columns: NDArray[np.int64], values: Array) -> tuple[Array, ...]:
+    """Row, column and value of each entry, of arrays that broadcast to one shape."""
+    return tuple(a.ravel() for a in np.broadcast_arrays(rows, columns, values))
+
+
 def _rows(rows: Sequence[Row], count: int) -> dict[str, Any]:
     """The fields of a block that describe its rows."""
     lower, upper = ([row[k] for row in rows] for k in (1, 2))
     return {
-        "rows": ca.vertcat(*(row[0] for row in rows)) if rows else ca.SX(0, 1),
+        "rows": ca.vertcat(*(row[0] for row in rows)) if rows else NONE,
         "lower": np.tile(np.array(lower, dtype=float), (count, 1)),
         "upper": np.tile(np.array(upper, dtype=float), (count, 1)),
         "what": tuple((row[3], row[4]) for row in rows),
