@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from math import isfinite
 from typing import Any
 
@@ -51,6 +52,7 @@ class Controller:
             ],
             "types": [record.typedef() for record in self.records if not record.declared],
             "routines": [self._routine(function) for function in self.compensation.functions],
+            "reciprocals": [F32.language.literal(Fraction(1, max(k, 1))) for k in range(MAX_DEGREE - 1)],
             "sizes": size_lines(self.records, "sizes"),
         }
 

@@ -93,6 +93,7 @@ def _phase(name: str, coordinates: Coordinates) -> Record:
         Field("degree", "uint32_t", "", f"of the polynomials, 2 to {name.upper()}_MAX_DEGREE"),
         Field("duration", "float", "s", "not less than a control period"),
         Field("points", "float", "", f"degree + 1 control points of {n} coordinates each", kind="pointer"),
+        Field("contact", f"{name}_contact_f32", "", "the plate that it touches, or null", kind="pointer"),
     )
 
 
@@ -107,7 +108,6 @@ def _trajectory(name: str, coordinates: Coordinates) -> Record:
         Field("elbow", "float", "1", "sign of sin q_2 in contact coordinates"),
         Field("springs", f"{name}_spring_f32", "", "parallel to the joints", n),
         Field("phases", f"{name}_phase_f32", "", "one after another", kind="pointer"),
-        Field("contact", f"{name}_contact_f32", "", "the plate; null where there is none", kind="pointer"),
     )
 
 

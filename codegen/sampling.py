@@ -11,8 +11,10 @@ import sympy as sp
 
 from codegen.reference import Reference
 from symbolic.arm import Arm
+from symbolic.compensation import C_E, C_U, PLATE_SITES, Compensation, spring_sites
 from symbolic.effects.declaration import DT, Effect, Parameter
 from symbolic.functions import SymbolicFunction
+from symbolic.model import ArmModel
 from symbolic.primitives import WIDTHS
 
 Values = dict[sp.Symbol, float]
@@ -60,6 +62,15 @@ def arm_values(
             numbers = [single(rng.uniform(-scale, scale)) for _ in argument.symbols]
         values |= dict(zip(argument.symbols, numbers, strict=True))
     return values
+
+
+def controller_values(rng: random.Random, model: ArmModel, found: Compensation) -> Values:
+    """Arguments of a controller's compensation: a random state, and parameters within their bounds."""
+    values = arm_values(rng, model.arm, model.function("coriolis"), {})
+    sites = (*found.compensated, *spring_sites(len(model.arm.joints)), *PLATE_SITES)
+    for site in sites:
+        values |= {site.symbol(p): single(_parameter(rng, p)) for p in site.effect.parameters}
+    return values | {C_U: single(rng.uniform(0.0, 1.0)), C_E: single(rng.uniform(1.0, 200.0))}
 
 
 def effect_values(rng: random.Random, effect: Effect) -> Values:

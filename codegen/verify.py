@@ -1,4 +1,4 @@
-"""SymPy against C double, C float and CasADi, for every function of an arm and every effect.
+"""SymPy against C double, C float and CasADi, for every function of an arm, its controller and every effect.
 
 Each target is held against the SymPy expressions lowered by the same rule and evaluated to 50 digits, at inputs
 that a float holds exactly: |error| <= tolerance * sum of |terms|, where the sum carries the condition number of
@@ -24,6 +24,7 @@ from codegen import build, render, sampling
 from codegen import effect_functions as ef
 from codegen.reference import Reference
 from codegen.tape import Lowering, Tape
+from symbolic.compensation import compensation
 from symbolic.effects.declaration import SIGNALS, Effect
 from symbolic.functions import SymbolicFunction
 from symbolic.model import derive
@@ -134,7 +135,8 @@ def verify(arm: Arm, samples: int = 20, seed: int = 0, effects: Iterable[Effect]
     from symbolic.effects import LIBRARY
 
     chosen = tuple(LIBRARY.values()) if effects is None else tuple(effects)
-    subjects = [*arm_subjects(arm), *effect_subjects(chosen)]
+    library = {**LIBRARY, **{effect.name: effect for effect in chosen}}
+    subjects = [*arm_subjects(arm), *controller_subjects(arm, library), *effect_subjects(chosen)]
     cases: list[Case] = []
     vectors: list[Vector] = []
     for subject in subjects:
@@ -255,6 +257,21 @@ def _arm_call(library: ctypes.CDLL, suffix: str, arm: str, function: SymbolicFun
 
 def _array(real: Any, symbols: Sequence[sp.Symbol], values: sampling.Values) -> Any:
     return (real * max(len(symbols), 1))(*(values[s] for s in symbols))
+
+
+def controller_subjects(arm: Arm, library: Mapping[str, Effect]) -> list[Subject]:
+    """What the controller adds to the inverse dynamics, in C float."""
+    model = derive(arm)
+    found = compensation(model, library)
+    files = render.arm_files(model) | render.controller_files(model, library)
+    chosen = {path: text for path, text in files.items() if path.endswith(("_f32.c", "_f32.h"))}
+    compiled = ctypes.CDLL(str(build.shared_library(chosen, f"{arm.name}_controller_f32")))
+
+    def subject(function: SymbolicFunction) -> Subject:
+        targets = {_TARGET["f32"]: _arm_call(compiled, "f32", arm.name, function)}
+        return Subject(function, targets, lambda rng: sampling.controller_values(rng, model, found))
+
+    return [subject(function) for function in found.functions]
 
 
 def _casadi_call(kernel: Any, function: SymbolicFunction, widths: bool) -> Run:

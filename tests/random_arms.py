@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 from symbolic.arm import Arm, Joint, Link
+from symbolic.effects import LIBRARY
 
 
 def arm(types: str, gravity: tuple[float, float], seed: int = 1) -> Arm:
@@ -33,3 +35,17 @@ MIXED = {
         ("rrprrrr", (3.0, -9.0)),
     )
 }
+
+EVERY_JOINT_EFFECT = {
+    name: {p.name: 0.5 for p in effect.parameters}
+    for name, effect in LIBRARY.items()
+    if effect.scope == "joint" and name != "parallel_spring"
+}
+
+
+def loaded(arm: Arm) -> Arm:
+    """The arm with every effect of the library somewhere."""
+    everything = {"gravity": {"gx": 0.1, "gy": 0.2}, "payload": {"mass": 1.0, "time": 0.0}}
+    first, *others = arm.joints
+    effects = EVERY_JOINT_EFFECT | ({"coupled_friction": {"torque": 0.2}} if others else {})
+    return replace(arm, joints=(replace(first, effects=effects), *others), effects=everything)

@@ -7,7 +7,6 @@
 #include "tendon_math_f32.h"
 
 #define JOINTS 4U
-#define LARGEST 3.4028235e38f
 
 /* joint_compensation: Torques of friction, springs and the other static effects of joints and arm at the measured
  *   motion.
@@ -126,50 +125,43 @@ void vishard4_controller_sizes_f32(uint32_t sizes[9])
     sizes[8] = (uint32_t)sizeof(vishard4_output_f32);
 }
 
+/* 1/k; what stands at 0 is not read. */
+static const float RECIPROCAL[28] = {
+    1.0f, 1.0f, 0.5f, 0.33333334f, 0.25f, 0.2f,
+    0.16666667f, 0.14285715f, 0.125f, 0.11111111f, 0.1f, 0.09090909f,
+    0.083333336f, 0.07692308f, 0.071428575f, 0.06666667f, 0.0625f, 0.05882353f,
+    0.055555556f, 0.05263158f, 0.05f, 0.04761905f, 0.045454547f, 0.04347826f,
+    0.041666668f, 0.04f, 0.03846154f, 0.037037037f,
+};
+
 /* b - a counts; an encoder's counter may overflow in between. */
-static float difference(int32_t a, int32_t b)
+static inline float difference(int32_t a, int32_t b)
 {
     return (float)(int32_t)((uint32_t)b - (uint32_t)a);
 }
 
-/* Positions, and rates by a low-pass on the difference of whole counts. */
-static void measure(
+/* Position of a joint, and its rate by a low-pass on the difference of whole counts. */
+static inline void measure(
     const vishard4_config_f32 *config,
     vishard4_state_f32 *state,
-    const int32_t counts[JOINTS],
-    float q[JOINTS],
-    float qd[JOINTS])
+    vishard4_output_f32 *output,
+    size_t j,
+    int32_t counts)
 {
-    for (size_t j = 0; j < JOINTS; ++j) {
-        const float raw = difference(state->counts[j], counts[j]) * (config->position_per_count[j] * config->rate);
-        q[j] = difference(config->zero[j], counts[j]) * config->position_per_count[j];
-        state->qd[j] += config->velocity_gain * (raw - state->qd[j]);
-        state->counts[j] = counts[j];
-        qd[j] = state->qd[j];
-    }
-}
-
-/* binomial(degree, k) s^k (1 - s)^(degree - k) for k = 0 ... degree. */
-static void bernstein(uint32_t degree, float s, float weight[VISHARD4_MAX_DEGREE - 1U])
-{
-    uint32_t binomial = 1U;
-    float power = 1.0f;
-    for (uint32_t k = 0U; k <= degree; ++k) {
-        weight[k] = (float)binomial * power;
-        power *= s;
-        binomial = (binomial * (degree - k)) / (k + 1U);
-    }
-    power = 1.0f;
-    for (uint32_t k = degree; k > 0U; --k) {
-        power *= 1.0f - s;
-        weight[k - 1U] *= power;
-    }
+    const float scale = config->position_per_count[j];
+    const float raw = difference(state->counts[j], counts) * (scale * config->rate);
+    const float qd = state->qd[j] + config->velocity_gain * (raw - state->qd[j]);
+    output->q[j] = difference(config->zero[j], counts) * scale;
+    output->qd[j] = qd;
+    state->qd[j] = qd;
+    state->counts[j] = counts;
 }
 
 /* Equation (9) and its derivatives by time, at the part s of the phase, 0 to 1.
- * The weights of two degrees less carry three sums a coordinate: of the points, of their first and of their second
- * differences. These are what de Casteljau's scheme has left before its last two steps, in as many products as the
- * weights of the full degree would take for the position alone. */
+ * Three sums a coordinate, of the points from the first, the second and the third one on, share the weights of two
+ * degrees less: they are the three points that de Casteljau's scheme has left before its last two steps. The weights
+ * binomial(inner, k) s^k (1 - s)^(inner - k) follow from each other, from the end that s is nearer to, so that their
+ * ratio stays below 1; all are positive, so nothing cancels. */
 static void bezier(
     const vishard4_phase_f32 *phase,
     float s,
@@ -178,33 +170,68 @@ static void bezier(
     float cdd[JOINTS])
 {
     const uint32_t inner = phase->degree - 2U;
-    const float m = (float)phase->degree;
-    const float per_second = 1.0f / phase->duration;
-    const float first_scale = m * per_second;
-    const float second_scale = (first_scale * (m - 1.0f)) * per_second;
-    float weight[VISHARD4_MAX_DEGREE - 1U];
-    bernstein(inner, s, weight);
-    for (size_t j = 0; j < JOINTS; ++j) {
-        const float *point = &phase->points[j];
-        float value = point[0];
-        float step = point[JOINTS] - value;
-        float position = 0.0f;
-        float first = 0.0f;
-        float second = 0.0f;
-        for (uint32_t k = 0U; k <= inner; ++k) {
-            const float last = point[JOINTS];
-            const float next = point[2U * JOINTS] - last;
-            position += weight[k] * value;
-            first += weight[k] * step;
-            second += weight[k] * (next - step);
-            value = last;
-            step = next;
-            point = &point[JOINTS];
-        }
-        c[j] = position + s * (2.0f * first + s * second);
-        cd[j] = first_scale * (first + s * second);
-        cdd[j] = second_scale * second;
+    const float degree = (float)phase->degree;
+    const float first_scale = degree / phase->duration;
+    const float second_scale = first_scale * ((degree - 1.0f) / phase->duration);
+    const bool late = s > 0.5f;
+    const float near = late ? s : (1.0f - s);
+    const float ratio = (late ? (1.0f - s) : s) / near;
+    const int32_t stride = late ? -(int32_t)JOINTS : (int32_t)JOINTS;
+    const float *point = &phase->points[late ? (inner * JOINTS) : 0U];
+    float left = (float)inner;
+    float weight = 1.0f;
+    for (uint32_t k = 0U; k < inner; ++k) {
+        weight *= near;
     }
+    float a0 = weight * point[0];
+    float b0 = weight * point[4];
+    float c0 = weight * point[8];
+    float a1 = weight * point[1];
+    float b1 = weight * point[5];
+    float c1 = weight * point[9];
+    float a2 = weight * point[2];
+    float b2 = weight * point[6];
+    float c2 = weight * point[10];
+    float a3 = weight * point[3];
+    float b3 = weight * point[7];
+    float c3 = weight * point[11];
+    for (uint32_t k = 1U; k <= inner; ++k) {
+        point = &point[stride];
+        weight *= (ratio * RECIPROCAL[k]) * left;
+        left -= 1.0f;
+        a0 += weight * point[0];
+        b0 += weight * point[4];
+        c0 += weight * point[8];
+        a1 += weight * point[1];
+        b1 += weight * point[5];
+        c1 += weight * point[9];
+        a2 += weight * point[2];
+        b2 += weight * point[6];
+        c2 += weight * point[10];
+        a3 += weight * point[3];
+        b3 += weight * point[7];
+        c3 += weight * point[11];
+    }
+    b0 -= a0;
+    c0 -= a0 + 2.0f * b0;
+    c[0] = a0 + s * (2.0f * b0 + s * c0);
+    cd[0] = first_scale * (b0 + s * c0);
+    cdd[0] = second_scale * c0;
+    b1 -= a1;
+    c1 -= a1 + 2.0f * b1;
+    c[1] = a1 + s * (2.0f * b1 + s * c1);
+    cd[1] = first_scale * (b1 + s * c1);
+    cdd[1] = second_scale * c1;
+    b2 -= a2;
+    c2 -= a2 + 2.0f * b2;
+    c[2] = a2 + s * (2.0f * b2 + s * c2);
+    cd[2] = first_scale * (b2 + s * c2);
+    cdd[2] = second_scale * c2;
+    b3 -= a3;
+    c3 -= a3 + 2.0f * b3;
+    c[3] = a3 + s * (2.0f * b3 + s * c3);
+    cd[3] = first_scale * (b3 + s * c3);
+    cdd[3] = second_scale * c3;
 }
 
 /* Coordinates (13) of the contact and their derivatives, in place, to those of the joints. */
@@ -253,7 +280,7 @@ static bool plan(
         }
     }
     if (found && (state->finished != 0U)) {
-        for (size_t j = 0; j < JOINTS; ++j) {
+        for (size_t j = 0U; j < JOINTS; ++j) {
             qd[j] = 0.0f;
             qdd[j] = 0.0f;
         }
@@ -283,25 +310,53 @@ static void advance(
     }
 }
 
-/* Limits the torques; none at all if one of them is not finite. Returns bits of the status. */
-static uint32_t limit(const vishard4_config_f32 *config, float torque[JOINTS])
+/* Adds the force of the plate, in a phase that touches it. */
+static void add_contact(
+    const vishard4_config_f32 *config,
+    const vishard4_phase_f32 *phase,
+    const vishard4_output_f32 *output,
+    float torque[JOINTS])
 {
-    bool finite = true;
-    bool reached = false;
-    for (size_t j = 0; j < JOINTS; ++j) {
-        finite = finite && (tendon_abs_f32(torque[j]) <= LARGEST);
-        reached = reached || (tendon_abs_f32(torque[j]) > config->torque_limit[j]);
+    if (phase->contact != NULL) {
+        float contact[JOINTS];
+        vishard4_contact_compensation_f32(
+            &config->parameters, &config->effects, phase->contact, output->q, output->qd, contact);
+        for (size_t j = 0U; j < JOINTS; ++j) {
+            torque[j] += contact[j];
+        }
     }
-    for (size_t j = 0; j < JOINTS; ++j) {
-        const float most = config->torque_limit[j];
-        torque[j] = finite ? tendon_max_f32(-most, tendon_min_f32(torque[j], most)) : 0.0f;
+}
+
+/* The torque of a joint, within its limits. `doubt` stays 0 as long as every torque is a finite number: x - x is 0 for
+ * all of those and for nothing else. Returns whether the limit was reached. */
+static inline bool drive(
+    const vishard4_config_f32 *config,
+    vishard4_output_f32 *output,
+    size_t j,
+    float qd_desired,
+    float modelled,
+    float *doubt)
+{
+    const float control = config->kp[j] * (output->q_desired[j] - output->q[j])
+        + config->kd[j] * (qd_desired - output->qd[j]);
+    const float torque = modelled + control;
+    const float limit = config->torque_limit[j];
+    bool reached = true;
+    *doubt += torque - torque;
+    if (torque > limit) {
+        output->torque[j] = limit;
+    } else if (torque < -limit) {
+        output->torque[j] = -limit;
+    } else {
+        output->torque[j] = torque;
+        reached = false;
     }
-    return finite ? (reached ? VISHARD4_SATURATED : 0U) : VISHARD4_INVALID;
+    return reached;
 }
 
 void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t counts[4])
 {
-    for (size_t j = 0; j < JOINTS; ++j) {
+    for (size_t j = 0U; j < JOINTS; ++j) {
         state->counts[j] = counts[j];
         state->qd[j] = 0.0f;
     }
@@ -321,31 +376,34 @@ void vishard4_controller_step_f32(
     float qd_desired[JOINTS];
     float qdd_desired[JOINTS];
     float dynamics[JOINTS];
-    float joints[JOINTS];
-    float contact[JOINTS] = {0.0f};
-    measure(config, state, counts, output->q, output->qd);
+    float compensation[JOINTS];
+    float doubt = 0.0f;
+    bool saturated = false;
+    bool found;
+    measure(config, state, output, 0U, counts[0]);
+    measure(config, state, output, 1U, counts[1]);
+    measure(config, state, output, 2U, counts[2]);
+    measure(config, state, output, 3U, counts[3]);
     output->phase = state->phase;
-    if (plan(config, trajectory, state, output->q_desired, qd_desired, qdd_desired)) {
+    output->status = 0U;
+    found = plan(config, trajectory, state, output->q_desired, qd_desired, qdd_desired);
+    if (found) {
         vishard4_inverse_dynamics_f32(&config->parameters, output->q_desired, qd_desired, qdd_desired, dynamics);
         vishard4_joint_compensation_f32(
-            &config->parameters, &config->effects, trajectory->springs, output->q, output->qd, joints);
-        if (trajectory->contact != NULL) {
-            vishard4_contact_compensation_f32(
-                &config->parameters, &config->effects, trajectory->contact, output->q, output->qd, contact);
-        }
-        for (size_t j = 0; j < JOINTS; ++j) {
-            const float control = config->kp[j] * (output->q_desired[j] - output->q[j])
-                + config->kd[j] * (qd_desired[j] - output->qd[j]);
-            output->torque[j] = (dynamics[j] + control) + (joints[j] + contact[j]);
-        }
-        output->status = limit(config, output->torque)
-            | ((state->finished != 0U) ? VISHARD4_FINISHED : 0U);
+            &config->parameters, &config->effects, trajectory->springs, output->q, output->qd, compensation);
+        add_contact(config, &trajectory->phases[state->phase], output, dynamics);
+        saturated = drive(config, output, 0U, qd_desired[0], dynamics[0] + compensation[0], &doubt) || saturated;
+        saturated = drive(config, output, 1U, qd_desired[1], dynamics[1] + compensation[1], &doubt) || saturated;
+        saturated = drive(config, output, 2U, qd_desired[2], dynamics[2] + compensation[2], &doubt) || saturated;
+        saturated = drive(config, output, 3U, qd_desired[3], dynamics[3] + compensation[3], &doubt) || saturated;
+        output->status = (saturated ? VISHARD4_SATURATED : 0U) | ((state->finished != 0U) ? VISHARD4_FINISHED : 0U);
         advance(config, trajectory, state);
-    } else {
-        for (size_t j = 0; j < JOINTS; ++j) {
-            output->q_desired[j] = output->q[j];
-            output->torque[j] = 0.0f;
-        }
+    }
+    if (!found || (doubt != 0.0f)) {
         output->status = VISHARD4_INVALID;
+        output->torque[0] = 0.0f;
+        output->torque[1] = 0.0f;
+        output->torque[2] = 0.0f;
+        output->torque[3] = 0.0f;
     }
 }

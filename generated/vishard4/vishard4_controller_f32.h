@@ -83,6 +83,7 @@ typedef struct {
     uint32_t degree; /* of the polynomials, 2 to VISHARD4_MAX_DEGREE */
     float duration; /* s: not less than a control period */
     const float *points; /* degree + 1 control points of 4 coordinates each */
+    const vishard4_contact_f32 *contact; /* the plate that it touches, or null */
 } vishard4_phase_f32;
 
 /* What the controller follows. */
@@ -92,7 +93,6 @@ typedef struct {
     float elbow; /* 1: sign of sin q_2 in contact coordinates */
     vishard4_spring_f32 springs[4]; /* parallel to the joints */
     const vishard4_phase_f32 *phases; /* one after another */
-    const vishard4_contact_f32 *contact; /* the plate; null where there is none */
 } vishard4_trajectory_f32;
 
 /* What the controller keeps between two steps. */

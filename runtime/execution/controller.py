@@ -20,6 +20,8 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
 UNLIMITED = float(np.finfo(np.float32).max)
+TOUCH = 1e-4  # m, below which the end-effector has not reached the plate
+LOOKS = 200  # a phase, for the plate
 BANDWIDTH = 2.0  # Hz, of the gains that are proposed where the model file has none
 
 
@@ -39,7 +41,8 @@ class Controller:
     """
 
     def __init__(self, directory: Path, model: Model, trajectory: Trajectory, friction: bool = True) -> None:
-        self._data: dict[str, Any] = json.loads((Path(directory) / "controller.json").read_text(encoding="utf-8"))
+        self.directory = Path(directory)
+        self._data: dict[str, Any] = json.loads((self.directory / "controller.json").read_text(encoding="utf-8"))
         self.name: str = self._data["name"]
         self.n: int = self._data["n"]
         if (self.name, self.n) != (model.name, model.n) or trajectory.arm != model.name:
@@ -54,10 +57,10 @@ class Controller:
         turns = np.array([joint.encoder_counts * joint.gear_ratio for joint in model.joints if joint.encoder_counts])
         self.position_per_count: NDArray[np.float64] = 2.0 * pi / turns
         self._types = structures(self._data["records"])
-        self._library = ctypes.CDLL(str(Path(directory) / "lib.so"))
+        self._library = ctypes.CDLL(str(self.directory / "lib.so"))
         self._check_sizes()
         self._config = self._make_config(model, friction)
-        self._phases = self._make_phases(trajectory)
+        self._phases = self._make_phases(model, trajectory)
         self._plan = self._make_trajectory(trajectory)
         self._state, self._output = self._new("state"), self._new("output")
         self._counts: Int32 = np.zeros(self.n, dtype=np.int32)
@@ -138,8 +141,9 @@ class Controller:
         config.torque_limit[:] = [UNLIMITED if limit is None else limit for limit in limits]
         return config
 
-    def _make_phases(self, trajectory: Trajectory) -> Any:
+    def _make_phases(self, model: Model, trajectory: Trajectory) -> Any:
         phases = (self._types[f"{self.name}_phase_f32"] * len(trajectory.phases))()
+        contact, touching = self._make_contact(trajectory), _touching(model, trajectory)
         for number, (made, phase) in enumerate(zip(phases, trajectory.phases, strict=True), 1):
             points = _points(phase)
             degree, most = len(points) - 1, self._data["max_degree"]
@@ -152,6 +156,8 @@ class Controller:
             made.coordinates = self._data["coordinates"][phase.coordinates]
             made.degree, made.duration = degree, phase.duration
             made.points = (ctypes.c_float * points.size)(*points.ravel().tolist())
+            if number - 1 in touching:
+                made.contact = ctypes.pointer(contact)
         return phases
 
     def _make_trajectory(self, trajectory: Trajectory) -> Any:
@@ -160,12 +166,23 @@ class Controller:
         plan.phases = self._phases
         for joint, values in trajectory.springs.items():
             _fill(plan.springs[joint - 1], values, f"{SPRING}@{joint}")
-        if "plate" in trajectory.contact:
-            contact = self._new("contact")
-            for effect, values in trajectory.contact.items():
-                _fill(contact, {f"{effect}_{key}": value for key, value in values.items()}, effect)
-            plan.contact = ctypes.pointer(contact)
         return plan
+
+    def _make_contact(self, trajectory: Trajectory) -> Any:
+        contact = self._new("contact")
+        for effect, values in trajectory.contact.items():
+            _fill(contact, {f"{effect}_{key}": value for key, value in values.items()}, effect)
+        return contact
+
+
+def _touching(model: Model, trajectory: Trajectory) -> set[int]:
+    """The phases (from 0) in which the plan touches the plate; in the others it costs no time to look for it."""
+    if "plate" not in trajectory.contact:
+        return set()
+    t = np.linspace(0.0, trajectory.duration, LOOKS * len(trajectory.phases), endpoint=False)
+    motion = trajectory.at(model, t)
+    below = model.tip(motion.q)[1] < trajectory.contact["plate"]["position"] - TOUCH
+    return set(motion.phase[below].tolist()) | {k for k, p in enumerate(trajectory.phases) if p.coordinates == "w"}
 
 
 def _points(phase: Phase) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import sympy as sp
-from random_arms import MIXED
+from random_arms import MIXED, loaded
 
 from codegen import build, render, workspace
 from symbolic.arm import Arm, Contact, Joint
@@ -21,26 +21,12 @@ from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, Effect
 from symbolic.model import derive
 
-EVERY_JOINT_EFFECT = {
-    name: {p.name: 0.5 for p in effect.parameters}
-    for name, effect in LIBRARY.items()
-    if effect.scope == "joint" and name != "parallel_spring"
-}
-
 
 def sources(arm: Arm, library: dict[str, Effect] = LIBRARY) -> dict[str, str]:
     """All float C of an arm."""
     model = derive(arm)
     files = render.arm_files(model) | render.controller_files(model, library)
     return {path: text for path, text in files.items() if path.endswith(("_f32.c", "_f32.h"))}
-
-
-def loaded(arm: Arm) -> Arm:
-    """The arm with every effect of the library somewhere."""
-    everything = {"gravity": {"gx": 0.1, "gy": 0.2}, "payload": {"mass": 1.0, "time": 0.0}}
-    first, *others = arm.joints
-    effects = EVERY_JOINT_EFFECT | ({"coupled_friction": {"torque": 0.2}} if others else {})
-    return replace(arm, joints=(replace(first, effects=effects), *others), effects=everything)
 
 
 @pytest.mark.parametrize("name", ["r", "rp", "rprrp"])
@@ -155,6 +141,7 @@ def test_a_prepared_controller_is_prepared_once(monkeypatch: pytest.MonkeyPatch)
 
 
 SANITIZED = """
+#include <stddef.h>
 #include <stdio.h>
 #include "vishard4_controller_f32.h"
 
@@ -164,8 +151,8 @@ int main(void)
     static vishard4_state_f32 state;
     static float points[4 * 30];
     vishard4_contact_f32 contact = {686.0f, 24.0f, 2.0f, 1.0f, 3.0f};
-    vishard4_phase_f32 phases[2] = {{0U, 29U, 0.02f, points}, {1U, 7U, 0.02f, points}};
-    vishard4_trajectory_f32 trajectory = {2U, 1U, 1.0f, {{0}}, phases, &contact};
+    vishard4_phase_f32 phases[2] = {{0U, 29U, 0.02f, points, NULL}, {1U, 7U, 0.02f, points, &contact}};
+    vishard4_trajectory_f32 trajectory = {2U, 1U, 1.0f, {{0}}, phases};
     vishard4_output_f32 output;
     int32_t counts[4] = {INT32_MAX, INT32_MIN, -1, 0};
     config.rate = 1000.0f;

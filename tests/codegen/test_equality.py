@@ -7,7 +7,7 @@ import random
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from random_arms import MIXED
+from random_arms import MIXED, loaded
 
 from codegen import verify
 from symbolic import model_file
@@ -66,6 +66,21 @@ def mixed_subjects(request: pytest.FixtureRequest) -> list[verify.Subject]:
     return verify.arm_subjects(MIXED[request.param])
 
 
+@pytest.fixture(scope="module", params=["paper", "rp", "rprrp"])
+def controller_subjects(request: pytest.FixtureRequest, vishard4: Arm) -> list[verify.Subject]:
+    arm = vishard4 if request.param == "paper" else loaded(MIXED[request.param])
+    return verify.controller_subjects(arm, LIBRARY)
+
+
+@given(rng=RANDOM)
+@settings(QUIET, max_examples=10)
+def test_compensation(controller_subjects: list[verify.Subject], rng: random.Random) -> None:
+    """With all effects of the library at the first joint, friction by (7), springs and the plate."""
+    assert {s.function.name for s in controller_subjects} == {"joint_compensation", "contact_compensation"}
+    for subject in controller_subjects:
+        hold(subject, rng)
+
+
 @given(rng=RANDOM)
 @settings(QUIET, max_examples=5)
 def test_any_mixture_of_joints(mixed_subjects: list[verify.Subject], rng: random.Random) -> None:
@@ -95,11 +110,13 @@ def test_vectors_replay(vishard4: Arm) -> None:
     assert report.equal
     page = report.to_json()
     assert page["equal"] is True
-    subjects = {s.function.name: s for s in verify.arm_subjects(vishard4)}
+    every = [*verify.arm_subjects(vishard4), *verify.controller_subjects(vishard4, LIBRARY)]
+    subjects = {s.function.name: s for s in every}
     assert {v["function"] for v in page["vectors"]} == set(subjects)
     for vector in page["vectors"]:
         function = subjects[vector["function"]].function
-        groups = {a.name: a.symbols for a in function.inputs} | {function.struct.name: function.struct.symbols}
+        groups = {a.name: a.symbols for a in function.inputs}
+        groups |= {function.struct.name: function.struct.symbols} if function.struct else {}
         values = {
             symbol: float.fromhex(text)
             for name, symbols in groups.items()

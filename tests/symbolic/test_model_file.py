@@ -10,9 +10,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from symbolic import model_file
-from symbolic.arm import Arm
+from symbolic.arm import Arm, Control, Gains
 from symbolic.model_file import ModelError
 
+CONTROL = "rate = 1000\nvelocity_cutoff = 80\nfriction_scale = 0.9\nfriction_slope = 100\n"
 LINK = "length = 0.3\nmass = 2.0\ncom = [0.2, 0.01]\ninertia = 0.05\n"
 JOINT = f'[[joint]]\ntype = "revolute"\nrotor_inertia = 0.1\ngear_ratio = 100\n[joint.link]\n{LINK}'
 GOOD = f'name = "arm2"\ngravity = [0.0, -9.81]\n\n{JOINT}[joint.effects.viscous]\ncoefficient = 1.5\n\n{JOINT}'
@@ -41,14 +42,18 @@ def test_a_good_file():
     assert arm.joints[1].link.com == (0.2, 0.01)
     assert arm.joints[1].effects == {}
     assert arm.contact is None
+    assert arm.controller is None
+    assert (arm.joints[0].gains, arm.joints[0].encoder_counts) == (None, None)
 
 
 def test_optional_keys():
     text = (
         'name = "a"\ngravity = [0, 0]\n[contact]\nx = 0.4\n[contact.effects.plate]\n[effects.gravity]\ngx = 1\n'
         "[inertial]\nJ1 = 0.25\n"
+        "[controller]\nrate = 2000\nvelocity_cutoff = 80\nfriction_scale = 0.9\nfriction_slope = 100\n"
         '[[joint]]\ntype = "prismatic"\nrotor_inertia = 0\ngear_ratio = 1\ntorque_constant = 12.5\n'
         f"[joint.limits]\nposition = [-1, 2]\nspeed = 3\ntorque = 4\n[joint.link]\n{LINK}"
+        "[joint.controller]\nkp = 30\nkd = 2.5\n[joint.encoder]\ncounts = 4096\n"
     )
     arm = model_file.parse(text, "a.toml")
     joint = arm.joints[0]
@@ -57,6 +62,8 @@ def test_optional_keys():
     assert arm.contact.effects == {"plate": {}}
     assert arm.effects == {"gravity": {"gx": 1.0}}
     assert arm.inertial == {"J1": 0.25}
+    assert arm.controller == Control(rate=2000.0, velocity_cutoff=80.0, friction_scale=0.9, friction_slope=100.0)
+    assert (joint.gains, joint.encoder_counts) == (Gains(kp=30.0, kd=2.5), 4096)
 
 
 def test_a_byte_order_mark_and_windows_line_ends_are_read():
@@ -99,6 +106,26 @@ def test_the_message_of_the_design():
         ("gear_ratio = 100", "gear_ratio = 100\nlimits = {position = [1, 0]}", "limits: position is [1, 0]; expected"),
         ("gear_ratio = 100", "gear_ratio = 100\nlimits = 3", "joint 1: limits: found 3; expected a table"),
         ('type = "revolute"', 'type = "rotary"', 'type is the text "rotary"; expected "revolute" or "prismatic"'),
+        ("gear_ratio = 100", "gear_ratio = 100\nencoder = {}", 'joint 1: encoder: missing key "counts"'),
+        ("gear_ratio = 100", "gear_ratio = 100\nencoder = {counts = 0.5}", "counts is 0.5; expected a whole number"),
+        ("gear_ratio = 100", "gear_ratio = 100\ncontroller = {kp = 1}", 'joint 1: controller: missing key "kd"'),
+        (
+            "gear_ratio = 100",
+            "gear_ratio = 100\ncontroller = {kp = -1, kd = 0}",
+            "kp is -1; expected a number in N m/rad",
+        ),
+        ("\n\n[[joint]]", f"\n[controller]\n{CONTROL}gain = 1\n[[joint]]", 'controller: unknown key "gain"'),
+        ("\n\n[[joint]]", "\n[controller]\nrate = 1000\n[[joint]]", 'controller: missing key "velocity_cutoff"'),
+        (
+            "\n\n[[joint]]",
+            f"\n[controller]\n{CONTROL.replace('80', '600')}[[joint]]",
+            "controller: velocity_cutoff is 600; expected a number in Hz <= 500",
+        ),
+        (
+            "\n\n[[joint]]",
+            f"\n[controller]\n{CONTROL.replace('0.9', '1.1')}[[joint]]",
+            "controller: friction_scale is 1.1; expected a number <= 1",
+        ),
         ('type = "revolute"', "type = 1", 'joint 1: type is 1; expected "revolute" or "prismatic"'),
         ("coefficient", "coeficient", 'viscous: unknown parameter "coeficient"; did you mean "coefficient"?'),
         ("coefficient = 1.5", "coefficient = true", "viscous: coefficient is the boolean true; expected a number"),
