@@ -125,19 +125,11 @@ void vishard4_controller_sizes_f32(uint32_t sizes[9])
     sizes[8] = (uint32_t)sizeof(vishard4_output_f32);
 }
 
-/* 1/k; what stands at 0 is not read. */
-static const float RECIPROCAL[28] = {
-    1.0f, 1.0f, 0.5f, 0.33333334f, 0.25f, 0.2f,
-    0.16666667f, 0.14285715f, 0.125f, 0.11111111f, 0.1f, 0.09090909f,
-    0.083333336f, 0.07692308f, 0.071428575f, 0.06666667f, 0.0625f, 0.05882353f,
-    0.055555556f, 0.05263158f, 0.05f, 0.04761905f, 0.045454547f, 0.04347826f,
-    0.041666668f, 0.04f, 0.03846154f, 0.037037037f,
-};
-
 /* b - a counts; an encoder's counter may overflow in between. */
 static inline float difference(int32_t a, int32_t b)
 {
-    return (float)(int32_t)((uint32_t)b - (uint32_t)a);
+    const uint32_t counts = (uint32_t)b - (uint32_t)a;
+    return (float)(int32_t)counts;
 }
 
 /* Position of a joint, and its rate by a low-pass on the difference of whole counts. */
@@ -169,6 +161,14 @@ static void bezier(
     float cd[JOINTS],
     float cdd[JOINTS])
 {
+    /* 1/k; what stands at 0 is not read. */
+    static const float reciprocal[28] = {
+        1.0f, 1.0f, 0.5f, 0.33333334f, 0.25f, 0.2f,
+        0.16666667f, 0.14285715f, 0.125f, 0.11111111f, 0.1f, 0.09090909f,
+        0.083333336f, 0.07692308f, 0.071428575f, 0.06666667f, 0.0625f, 0.05882353f,
+        0.055555556f, 0.05263158f, 0.05f, 0.04761905f, 0.045454547f, 0.04347826f,
+        0.041666668f, 0.04f, 0.03846154f, 0.037037037f,
+    };
     const uint32_t inner = phase->degree - 2U;
     const float degree = (float)phase->degree;
     const float first_scale = degree / phase->duration;
@@ -197,7 +197,7 @@ static void bezier(
     float c3 = weight * point[11];
     for (uint32_t k = 1U; k <= inner; ++k) {
         point = &point[stride];
-        weight *= (ratio * RECIPROCAL[k]) * left;
+        weight *= (ratio * reciprocal[k]) * left;
         left -= 1.0f;
         a0 += weight * point[0];
         b0 += weight * point[4];
@@ -242,11 +242,11 @@ static bool joints_of_contact(
     float qd[JOINTS],
     float qdd[JOINTS])
 {
-    const float still[JOINTS] = {0.0f};
+    const float still[JOINTS] = {0.0f, 0.0f, 0.0f, 0.0f};
     float w[JOINTS];
     float wd[JOINTS];
     float wdd[JOINTS];
-    for (size_t j = 0; j < JOINTS; ++j) {
+    for (size_t j = 0U; j < JOINTS; ++j) {
         w[j] = q[j];
         wd[j] = qd[j];
         wdd[j] = qdd[j];
@@ -295,10 +295,11 @@ static void advance(
     vishard4_state_f32 *state)
 {
     const float duration = trajectory->phases[state->phase].duration;
-    const float elapsed = state->begin + (float)(state->tick + 1U) / config->rate;
+    const uint32_t tick = state->tick + 1U;
+    const float elapsed = state->begin + (float)tick / config->rate;
     const bool last = (state->phase + 1U) >= trajectory->count;
     if (elapsed < duration) {
-        state->tick += 1U;
+        state->tick = tick;
     } else if (last && (trajectory->periodic == 0U)) {
         state->finished = 1U;
         state->begin = duration;
@@ -396,7 +397,12 @@ void vishard4_controller_step_f32(
         saturated = drive(config, output, 1U, qd_desired[1], dynamics[1] + compensation[1], &doubt) || saturated;
         saturated = drive(config, output, 2U, qd_desired[2], dynamics[2] + compensation[2], &doubt) || saturated;
         saturated = drive(config, output, 3U, qd_desired[3], dynamics[3] + compensation[3], &doubt) || saturated;
-        output->status = (saturated ? VISHARD4_SATURATED : 0U) | ((state->finished != 0U) ? VISHARD4_FINISHED : 0U);
+        if (saturated) {
+            output->status |= VISHARD4_SATURATED;
+        }
+        if (state->finished != 0U) {
+            output->status |= VISHARD4_FINISHED;
+        }
         advance(config, trajectory, state);
     }
     if (!found || (doubt != 0.0f)) {
