@@ -19,8 +19,6 @@ PLATE = {
     "plate_damping": {"coefficient": 5.0},
 }
 EPSILON = 2.0**-24
-LEVER = 2.0
-"""Joint angles a coordinate of the contact, in POSTURE."""
 POSTURE = np.array([0.4, 0.9, -0.6, 0.3])
 
 
@@ -75,7 +73,9 @@ class Composition:
         """What a rounding of the control points to float does to the torque, a few times over (n, N)."""
         phases = [self.plan.phases[k] for k in m.phase]
         slope = np.array([(phase.points.shape[1] - 1) / phase.duration for phase in phases])
-        size = [np.abs(phase.points).max() * (1.0 if phase.coordinates == "q" else LEVER) for phase in phases]
+        # By how much a coordinate of the contact moves a joint.
+        lever = np.abs(np.linalg.inv(self.model.contact_jacobian(POSTURE))).sum(axis=1).max()
+        size = [np.abs(phase.points).max() * (1.0 if phase.coordinates == "q" else lever) for phase in phases]
         inertia = np.abs(self.model.inertia(m.q)).sum(axis=1)
         return 8 * EPSILON * np.array(size) * (self.gain("kp") + self.gain("kd") * slope + inertia * slope**2)
 
