@@ -165,6 +165,8 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Te
             if parameter.grid is not None and parameter.grid.continuous:
                 values = grids.axis(problem.regressors, term, parameter, shape)
                 low, high = float(values[0]), float(values[-1])
+                if not low < high:  # at a joint that is held
+                    continue
                 names.append((term, parameter.name))
                 lower.append(low)
                 upper.append(high)

@@ -26,6 +26,8 @@ _MOST_PERIODS = 0.85
 """Rows this close to standstill are left out: there the sign of the rate is noise. Below the sharp cut-off the encoder
 limits the band, and blurs when standstill was: by the filter's length, and by what the rate's noise makes of it; up to
 that part of a period of the cut-off."""
+_HELD = {"revolute": 5e-3, "prismatic": 5e-4}
+"""rad, m: a joint that never leaves a range like this is held by its friction, which has no direction then."""
 _NOISE_MULTIPLE = 4.0
 _OF_TOP_SPEED = 0.002
 _WINDOWS = 8
@@ -104,7 +106,7 @@ class Piece:
 class Motion:
     """All pieces, and which of their in-band rows may be used for each joint.
 
-    standstill (n,): rates below which a joint counts as at rest.
+    standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
     """
 
     band: Band
@@ -226,7 +228,10 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     top = np.max([np.abs(p.qd).max(axis=1) for p in pieces], axis=0)
     smoothing = 2 * band.cutoff
     noise = np.sqrt(band.position_density * (2 * np.pi) ** 2 * smoothing**3 / 3)
-    motion = Motion(band, tuple(pieces), np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n])
+    standstill = np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n]
+    low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
+    held = high - low < [_HELD[kind] for kind in recordings[0].types]
+    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")

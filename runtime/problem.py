@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from runtime.constrained import minimise
 from runtime.loader import Model
 from runtime.motion import Motion
-from runtime.terms import Prediction, Regressors, Term, Values, joints_of
+from runtime.terms import Prediction, Regressors, Term, Values, joints_of, structure
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,13 +45,17 @@ class Fit:
 
 @dataclass(frozen=True)
 class Layout:
-    """Order of the linear unknowns: base inertial parameters, then each term's coefficients."""
+    """Order of the linear unknowns: base inertial parameters, then each term's coefficients.
+
+    lower, upper  (K,) bounds     stated  (K,) what the model file says, 0 where nothing: what no row tells stays there
+    """
 
     terms: tuple[Term, ...]
     slices: dict[Term, slice]
     lumps: slice
     lower: Array
     upper: Array
+    stated: Array
 
     @property
     def size(self) -> int:
@@ -60,7 +64,8 @@ class Layout:
     @classmethod
     def of(cls, model: Model, terms: Sequence[Term], rigid_given: bool) -> Layout:
         """rigid_given: the inertial parameters act on no torque and stay at the file's values."""
-        start, slices = len(model.lumps), {}
+        start, slices, known = len(model.lumps), {}, structure(model)
+        stated = [*model.lump_values]
         lower = [*model.lump_values] if rigid_given else [-np.inf] * start
         upper = [*model.lump_values] if rigid_given else [np.inf] * start
         for term in terms:
@@ -69,7 +74,10 @@ class Layout:
             start += len(info.coefficients)
             lower += [c.bounds[0] for c in info.coefficients]
             upper += [c.bounds[1] for c in info.coefficients]
-        return cls(tuple(terms), slices, slice(0, len(model.lumps)), np.array(lower), np.array(upper))
+            # The coefficients of a form are others than the file's parameters.
+            values = known.get(term, {}) if info.recover is None else {}
+            stated += [values.get(c.name, 0.0) for c in info.coefficients]
+        return cls(tuple(terms), slices, slice(0, len(model.lumps)), *map(np.array, (lower, upper, stated)))
 
 
 @dataclass(frozen=True)
@@ -176,7 +184,8 @@ class Problem:
             parts.append((x, y, use, index))
         free = np.full(columns.size, np.inf)
         lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
-        theta = minimise(gram, moment, lower, upper, self._inertia_cuts)
+        stated = np.append(self.layout.stated, np.zeros(columns.size))
+        theta = minimise(gram, moment, lower, upper, self._inertia_cuts, stated)
         residual = [_spread(y - theta[index] @ x, use) for x, y, use, index in parts]
         return Solved(theta[:size], theta[size:], gram, residual)
 

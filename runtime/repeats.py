@@ -66,7 +66,9 @@ def find(motion: Motion) -> Repeats:
 def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     factor = piece.low_pass.factor
     stride = max(1, round(1 / (piece.dt * _SEARCH_HZ * factor)))
-    q, qd = piece.q[:, piece.centres], piece.qd[:, piece.centres]
+    # A joint that is held comes back to where its friction leaves it; that says nothing of the motion.
+    free = np.isfinite(standstill)
+    q, qd, standstill = piece.q[free][:, piece.centres], piece.qd[free][:, piece.centres], standstill[free]
     coarse = q[:, ::stride]
     width = round(_WINDOW_S / (piece.dt * factor * stride))
     found = []

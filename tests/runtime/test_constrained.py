@@ -46,3 +46,20 @@ def test_a_cut_is_respected() -> None:
     theta = minimise(np.eye(2), np.array([1.0, -2.0]), -free, free, lambda x: cut if x @ cut <= 0 else None)
     assert np.allclose(theta, [1.0, 0.0], atol=1e-5)
     assert theta[1] > 0
+
+
+def test_an_unseen_direction_stays_near_what_is_stated() -> None:
+    column = np.random.default_rng(1).standard_normal(50)
+    x = np.stack([column, column, np.zeros(50)], axis=1)
+    # The sum is seen, the difference and the third coefficient are not.
+    theta = solve(x.T @ x, x.T @ (4 * column), np.array([5.0, 1.0, -7.0]))
+    assert np.allclose(theta, [4.0, 0.0, -7.0])
+
+
+def test_a_cut_counts_from_the_origin_whatever_is_stated() -> None:
+    """The first coefficient is seen and cut at 0, the second unseen: it stays."""
+    gram, moment = np.diag([1.0, 0.0]), np.array([-2.0, 0.0])
+    cut, free = np.array([1.0, 0.0]), np.full(2, np.inf)
+    near = np.array([3.0, 5.0])
+    theta = minimise(gram, moment, -free, free, lambda x: cut if x @ cut <= 0 else None, near)
+    assert np.allclose(theta, [0.0, 5.0], atol=1e-5)

@@ -11,6 +11,7 @@ from runtime.compare import compare, structure_shares
 from runtime.identify import identify
 from runtime.loader import Model
 from runtime.recording import Recording
+from runtime.simulate import simulate
 from runtime.terms import Term
 from tests.runtime.conftest import recorded
 
@@ -93,3 +94,25 @@ def test_leaving_the_range_of_the_data_warns(drive: Model) -> None:
     document = compare(drive, [recorded(None, 5)]).to_json()
     assert len(document["warnings"]) == 1
     assert "drives the joint" in document["warnings"][0]
+
+
+def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
+    """One joint of four moves; the others give way by less than a milliradian, where friction has no direction."""
+    t = np.arange(20_000) / 1000.0
+    swing = -0.8 + 0.7 * np.sin(2 * np.pi * 0.31 * t) * np.cos(2 * np.pi * 0.9 * t)
+    held = [2e-4 * np.sin(2 * np.pi * f * t) for f in (1.1, 1.7, 2.3)]
+    made, _ = simulate(model, motion=np.array([*held, swing]), seed=3)
+    found = identify(model, [made])
+    fit = found.fit.prediction
+    for number, (lump, value) in enumerate(zip(model.lumps, fit.lumps, strict=True)):
+        if lump.joint < 4:
+            assert value == pytest.approx(lump.value), number
+    # What joint 4 sees with the others at rest is the sum of its own.
+    seen = sum(v for lump, v in zip(model.lumps, fit.lumps, strict=True) if lump.name in ("J4", "I4"))
+    stated = sum(lump.value for lump in model.lumps if lump.name in ("J4", "I4"))
+    assert seen == pytest.approx(stated, rel=0.02)
+    assert fit.values[Term("viscous", 1)] == model.joints[0].effects["viscous"]
+    assert fit.values[Term("viscous", 4)]["coefficient"] == pytest.approx(1.14, rel=0.05)
+    residual = found.fit.residual[3]
+    # The noise of the torque is 3 % of it, and all that is left.
+    assert np.sqrt(np.mean(residual**2)) < 0.03 * np.sqrt(np.mean(made.tau[3] ** 2))
