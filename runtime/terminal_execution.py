@@ -78,7 +78,7 @@ def _signed(ratio: float) -> str:
 
 def _plate(document: Document) -> None:
     planned, reached = document["plan"]["compression"], document["mean"]["compression"]
-    if reached is not None:
+    if reached or planned:
         say(f"Plate: pressed down by {100 * reached:.2f} cm, planned {100 * planned:.2f} cm.")
 
 
