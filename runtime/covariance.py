@@ -24,7 +24,10 @@ _SHARE = 0.2
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval; `with_others`: parameters with which it can only be told together."""
+    """A value with its 95 % interval; `with_others`: parameters with which it can only be told together.
+
+    No interval and no others: no row says anything of it, and it is as the model file has it.
+    """
 
     value: float
     interval: tuple[float, float] | None
@@ -86,14 +89,16 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     """
     names, jacobian = _jacobian(problem, fit)
     bread, meat = _sandwich_parts(problem, fit, jacobian)
-    scale = np.sqrt(np.diag(bread))
-    scale = np.where(scale > 0, scale, 1.0)
-    value, vector = np.linalg.eigh(bread / np.outer(scale, scale))
-    unseen = value < _SEPARABLE**2 * max(float(value[-1]), 1e-300)
+    there = np.flatnonzero(np.diag(bread) > 0)
+    part, scale = np.ix_(there, there), np.sqrt(np.diag(bread)[there])
+    value, vector = np.linalg.eigh(bread[part] / np.outer(scale, scale))
+    unseen = value < _SEPARABLE**2 * value.max(initial=1e-300)
     inverse = np.where(unseen, 0.0, 1 / np.where(unseen, 1.0, value))
     inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
-    covariance = inverted @ meat @ inverted
-    tangled = _tangled(names, vector[:, unseen])
+    # What no row says anything of has no end to its interval.
+    covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
+    covariance[part] = inverted @ meat[part] @ inverted
+    tangled = _tangled(names, there, vector[:, unseen])
     layout = problem.layout
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
@@ -164,10 +169,11 @@ def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[
     return bread, scores.T @ scores * used / max(1, used - size)
 
 
-def _tangled(names: list[str], null: Array) -> dict[int, tuple[str, ...]]:
+def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int, tuple[str, ...]]:
+    """By index of an unknown, the names of those with which it can only be told together; null: of those `there`."""
     found: dict[int, set[str]] = {}
     for direction in null.T:
-        members = np.flatnonzero(np.abs(direction) > _SHARE)
+        members = there[np.abs(direction) > _SHARE]
         for k in members:
             found.setdefault(int(k), set()).update(names[int(j)] for j in members if j != k)
     return {k: tuple(sorted(others)) for k, others in found.items()}
@@ -175,7 +181,8 @@ def _tangled(names: list[str], null: Array) -> dict[int, tuple[str, ...]]:
 
 def _estimate(value: float, variance: float, unit: str, others: tuple[str, ...]) -> Estimate:
     spread = _SIGMAS * float(np.sqrt(max(variance, 0.0)))
-    return Estimate(float(value), None if others else (float(value) - spread, float(value) + spread), unit, others)
+    told = not others and np.isfinite(spread)
+    return Estimate(float(value), (float(value) - spread, float(value) + spread) if told else None, unit, others)
 
 
 def _term_estimates(
@@ -205,6 +212,8 @@ def _term_estimates(
     found = {}
     for name, value in base.items():
         others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in tangled.get(k, ())}
-        variance = float(gradient[name] @ part_covariance @ gradient[name])
+        used = np.flatnonzero(gradient[name])
+        slope = gradient[name][used]
+        variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
         found[name] = _estimate(value, variance, unit_of(problem.model, term, name), tuple(sorted(others)))
     return found

@@ -238,11 +238,18 @@ def _refusal(step: Step) -> str | None:
     seconds = [seconds_moving(motion, i) for i in range(motion.n)]
     if max(seconds) < LEAST_MOVING_S:
         return f"the joints move for {max(seconds):.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
+    able = [s >= LEAST_MOVING_S for s in seconds]
     tangled = [
-        f"{term} {name}" for term, values in inference.values.items() for name, e in values.items() if e.with_others
+        f"{term} {name}"
+        for term, values in inference.values.items()
+        for name, e in values.items()
+        if e.with_others and (term.joint is None or able[term.joint - 1])
     ]
+    # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
     tangled += [
-        lump.name for lump, e in zip(step.identification.model.lumps, inference.lumps, strict=True) if e.with_others
+        lump.name
+        for lump, e in zip(step.identification.model.lumps, inference.lumps, strict=True)
+        if e.with_others and all(able)
     ]
     if tangled:
         return f"the motion does not separate {', '.join(tangled)}; move over more speeds, accelerations and positions"

@@ -111,6 +111,9 @@ def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
     seen = sum(v for lump, v in zip(model.lumps, fit.lumps, strict=True) if lump.name in ("J4", "I4"))
     stated = sum(lump.value for lump in model.lumps if lump.name in ("J4", "I4"))
     assert seen == pytest.approx(stated, rel=0.02)
+    # Nothing is claimed of what no row tells.
+    assert found.inference.lumps[0].interval is None
+    assert found.inference.values[Term("viscous", 1)]["coefficient"].interval is None
     assert fit.values[Term("viscous", 1)] == model.joints[0].effects["viscous"]
     assert fit.values[Term("viscous", 4)]["coefficient"] == pytest.approx(1.14, rel=0.05)
     residual = found.fit.residual[3]
