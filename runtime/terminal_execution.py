@@ -61,7 +61,7 @@ def _range(low: float, high: float) -> str:
 
 def _total(document: Document) -> None:
     plan, mean, spread = document["plan"], document["mean"], document["spread"]
-    unit = "N²m²s" if all(j["force_unit"] == "N m" for j in document["joints"]) else "in SI"
+    unit = "(N m)^2 s" if all(j["force_unit"] == "N m" for j in document["joints"]) else "in SI"
     scatter = "" if spread is None else f" ± {spread['total']:.2g}"
     more = "" if not plan["total"] else f", {_signed(mean['total'] / plan['total'] - 1)}"
     say(f"Cost of a cycle: {figure(mean['total'])}{scatter} {unit}; planned {figure(plan['total'])}{more}.")

@@ -114,15 +114,21 @@ def execute(
         t = np.arange(round(seconds * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
     excess = tuple(plan.exceeded())
+    arm = SimulatedArm(Plant(model, values, driver.dt), driver)
+    guard = Guard.of(model, tracking_limit)
     done: list[Trial] = []
-    if not excess:
-        arm = SimulatedArm(Plant(model, values, driver.dt), driver)
-        start = plan.motion.q[:, 0]
-        guard = Guard.of(model, tracking_limit)
-        for k in range(trials):
-            done.append(run(arm, driver, guard, start, seconds, np.random.default_rng([seed, k])))
-            if done[-1].stop is not None:
-                break
-    names = frozenset(item.term for item in hidden)
-    own = (values, names, seed, noise, excess, tuple(done))
-    return Execution(plan, driver.dt, compensated, driver.uncompensated, *own)
+    while not excess and len(done) < trials and not (done and done[-1].stop):
+        rng = np.random.default_rng([seed, len(done)])
+        done.append(run(arm, driver, guard, plan.motion.q[:, 0], seconds, rng))
+    return Execution(
+        plan=plan,
+        dt=driver.dt,
+        compensated=compensated,
+        uncompensated=driver.uncompensated,
+        arm=values,
+        hidden=frozenset(item.term for item in hidden),
+        seed=seed,
+        noise=noise,
+        excess=excess,
+        trials=tuple(done),
+    )

@@ -11,6 +11,8 @@ from runtime.execution.plant import Plant
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int32]
+_MOST = 2.0**31
+"""Counts that an encoder's register holds."""
 
 
 class SimulatedArm:
@@ -28,9 +30,10 @@ class SimulatedArm:
         return self.counts()
 
     def counts(self) -> Counts:
-        if not np.isfinite(self.plant.q).all():
-            raise Fault(f"the simulated motion is no longer finite; an effect is too stiff for {self.plant.step:.2g} s")
-        return self.controller.counts(self.plant.q + self._offset)
+        place = self.plant.q + self._offset
+        if not (np.abs(place) < _MOST * self.controller.position_per_count).all():
+            raise Fault(f"the simulated motion has left all bounds; an effect is too stiff for {self.plant.step:.2g} s")
+        return self.controller.counts(place)
 
     def apply(self, torque: ArrayLike) -> None:
         """Hold these torques for one control period."""
