@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -45,6 +46,7 @@ class Controller:
             "n": len(self.model.arm.joints),
             "guard": f"TENDON_{name.upper()}_CONTROLLER_F32_H",
             "compensated": self._coverage(),
+            "price": self._price(),
             "max_degree": MAX_DEGREE,
             "coordinates": COORDINATES,
             "status": [
@@ -66,6 +68,18 @@ class Controller:
             "Compensated: the trajectory's springs and plate" + "".join(f", {site}" for site in c.compensated) + ".",
             *(f"Not compensated: {site} ({site.obstacle})." for site in c.uncompensated),
         )
+
+    def _price(self) -> str:
+        """Operations of a step in a free phase, conversions and comparisons apart."""
+        n = len(self.model.arm.joints)
+        inverse = self.model.function("inverse_dynamics")
+        total: Counter[str] = Counter(Tape.of(inverse).count())
+        total.update(Tape.of(self.compensation.functions[0]).count())
+        # A joint takes 6 for its measurement, 9 for its drive and 6 M + 2 for its polynomial; the weights of the
+        # polynomials and the time take 5 M + 1.
+        fixed = total["arithmetic"] + n * (6 + 9 + 2) + 1
+        others = " and ".join(f"{total[op]} {op}" for op in ("sincos", "exp") if total[op])
+        return f"Operations in a free phase of degree M: {fixed} + {6 * n + 5} M" + (f", {others}." if others else ".")
 
     def _routine(self, function: SymbolicFunction) -> Routine:
         """As codegen.c_code.call, with a struct for each of the first three arguments."""

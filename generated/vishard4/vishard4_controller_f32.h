@@ -161,7 +161,8 @@ void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t coun
  * Position and rate are measured, the trajectory is evaluated, and
  *   torque = inverse dynamics of the desired motion + kp (q_d - q) + kd (qd_d - qd) + compensation at the measured motion
  * is limited. Whatever is not a number or has no end gives no torque at all. No memory is allocated, and every loop
- * has a bound. The structures belong to the caller and may not overlap. */
+ * has a bound. The structures belong to the caller and may not overlap.
+ * Operations in a free phase of degree M: 234 + 29 M, 3 sincos and 4 exp. */
 void vishard4_controller_step_f32(
     const vishard4_config_f32 *config,
     const vishard4_trajectory_f32 *trajectory,

@@ -140,6 +140,24 @@ def test_a_prepared_controller_is_prepared_once(monkeypatch: pytest.MonkeyPatch)
     ctypes.CDLL(str(first / "lib.so")).arm_rp_controller_step_f32  # noqa: B018
 
 
+@pytest.mark.skipif(not shutil.which("c++"), reason="needs a C++ compiler")
+def test_the_price_of_a_step_is_what_the_header_says(tmp_path: Path, vishard4: Arm) -> None:
+    """The same C, run with floats that count."""
+    files = sources(vishard4)
+    for path, text in files.items():
+        (tmp_path / path).write_text(text)
+    counting = Path(__file__).with_name("counted.cpp")
+    command = ["c++", "-w", "-fpermissive", f"-I{tmp_path}", str(counting), "-o", "counted"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    printed = subprocess.run(["./counted"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    said = re.search(r"free phase of degree M: (\d+) \+ (\d+) M", files["vishard4_controller_f32.h"])
+    assert said is not None
+    fixed, each = map(int, said.groups())
+    counts = [tuple(map(int, line.split())) for line in printed.splitlines()]
+    assert len(counts) == 28
+    assert all(count == fixed + each * degree for degree, count in counts)
+
+
 SANITIZED = """
 #include <stddef.h>
 #include <stdio.h>
