@@ -245,7 +245,7 @@ def test_what_is_hidden_is_named_from_the_recording(here: Path, capsys: pytest.C
     slow = trajectory(motion(stations, [4.0, 3.0, 2.0, 1.4, 1.0, 0.9, 0.8, 0.7]))
     slow.write(here / "slow.json")
     hide = "stribeck@1:torque=0.6,speed=0.15"
-    arguments = ("bench.toml", "slow.json", "--on", "simulation", "--hide", hide, "--trials", 2, "--cycles", 2)
+    arguments = ("bench.toml", "slow.json", "--on", "simulation", "--hide", hide, "--trials", 1, "--cycles", 2)
     status, out, _ = called(
         capsys, *arguments, "--out", "run.csv.gz", "--model-out", "mounted.toml", "--json", "e.json"
     )

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from codegen.workspace import prepare_arm, prepare_effects
+from codegen.workspace import prepare_arm
 from runtime.execution.equations import RATE_WIDTH, PlantError
 from runtime.execution.plant import Plant
-from runtime.loader import Library, Model, load_library, load_model
+from runtime.loader import Library, Model, load_model
 from runtime.simulate import complete, torque_along
 from runtime.terms import Structure, Term, structure
 from symbolic import model_file
+from symbolic.effects import LIBRARY
 
 PERIOD = 1e-3
 DRIVE_INERTIA, ROTOR = 0.2365, 0.10  # kg m^2, of drive.toml: 0.10 + 0.0565 + 2 * 0.2^2
@@ -159,7 +160,7 @@ STATED: dict[str, dict[str, float]] = {
 }
 # Backwards, a transmission guesses its load ahead and a gap's impacts are means over a sample; a bristle is a kink.
 LOOSE = {"backlash": 5e-3, "elasticity": 5e-4, "lugre": 3e-3, "torque_delay": 3e-4}
-NAMES = sorted({e["name"] for e in load_library(prepare_effects()).metadata["effects"]})
+NAMES = sorted(LIBRARY)
 
 
 @pytest.mark.parametrize("name", NAMES)
