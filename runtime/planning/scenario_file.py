@@ -183,9 +183,19 @@ def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
             top.inside(f"points.{name}").fail(
                 f"joint {still[0]} does not move; add it to moving, or leave out q{still[0]}"
             )
+        _check_range(top.inside(f"points.{name}"), point, model)
     _check_electrical(top, full, model)
     _check_contact(top, full, model)
     return full
+
+
+def _check_range(place: Place, point: Point, model: Model) -> None:
+    for which, q in point.q.items():
+        joint = model.joints[which - 1]
+        low, high = joint.position_limits or (q, q)
+        if not low <= q <= high:
+            unit = joint.position_unit
+            place.fail(f"q{which} is {q:g} {unit}; joint {which} can go from {low:g} to {high:g} {unit}")
 
 
 def _check_electrical(top: Place, scenario: Scenario, model: Model) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from runtime.cli import open_model
 from runtime.loader import Model
+from runtime.planning import scenario_file
+from runtime.planning.scenario import Scenario
 from runtime.recording import Recording, read
 from tests import plants
 
@@ -25,6 +28,14 @@ def drive(cache: Path) -> Model:  # noqa: ARG001 - the cache is where it is comp
 @pytest.fixture(scope="session")
 def emps(cache: Path) -> Model:  # noqa: ARG001
     return open_model(ROOT / "symbolic" / "arms" / "emps.toml")
+
+
+@pytest.fixture(scope="session")
+def pressing(model: Model) -> Scenario:
+    """The paper's scenario 2 with any spring, not those of a catalogue."""
+    path = ROOT / "runtime" / "study" / "scenario2.toml"
+    found = scenario_file.fitted(scenario_file.read(path), model, path.name)
+    return replace(found, springs=tuple(replace(spring, catalogue=()) for spring in found.springs))
 
 
 @pytest.fixture(scope="session")
