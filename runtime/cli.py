@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime import boundary, measured, planned
+from runtime import boundary, measured, planned, swept
 from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
 
 # The matrices here are small: threads of the linear algebra library would only wait for each other. This
@@ -35,6 +35,7 @@ app = typer.Typer(
 )
 app.add_typer(measured.app)
 app.add_typer(planned.app)
+app.add_typer(swept.app)
 
 
 def main() -> None:

@@ -1,0 +1,163 @@
+"""Variations of one scenario as data: `cycle_time=1.0:3.0:0.2` times `case=A,B,C,D`, and the jobs that follow."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import floor, isfinite, prod
+
+from runtime.loader import Model
+from runtime.planning import scenario_file
+from runtime.planning.scenario import Scenario, SpringPlan
+from runtime.sweep.job import Code, Job, Value
+from symbolic.checks import did_you_mean, printable, quote
+
+CASES = {"A": (False, False), "B": (False, True), "C": (True, False), "D": (True, True)}
+"""The paper's: with friction, with springs."""
+MAX_JOBS = 1_000_000
+_ONE_SPRING = re.compile(r"(stiffness|offset)(?:@([1-9]\d?))?")
+_CONTACT = re.compile(r"(\w+)\.(\w+)", re.ASCII)
+_KNOWN = ("cycle_time", "case", "seed", "stiffness", "stiffness@1", "offset", "offset@1", "plate.stiffness")
+_DIGITS = 12
+"""Of a number in a range: 1.0 + 2 · 0.1 is meant to be 1.2."""
+
+
+class GridError(ValueError):
+    """A grid that cannot be meant; the message says what to write."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What varies, and its values in order: numbers; letters for `case`; whole numbers for `seed`."""
+
+    name: str
+    values: tuple[Value, ...]
+
+
+def parse(texts: Sequence[str]) -> tuple[Axis, ...]:
+    """The axes of `--over NAME=VALUES`, VALUES as `1.0,1.2` or `1.0:3.0:0.2`. Raises GridError."""
+    axes = tuple(_axis(text) for text in texts)
+    names = [axis.name for axis in axes]
+    for name in names:
+        if names.count(name) > 1:
+            raise GridError(f"--over {name}: given twice; give all its values at once, {name}=1,2,3")
+        bare, at, _ = name.partition("@")
+        if at and bare in names:
+            raise GridError(f"--over {name}: {bare} of all springs varies already; give a joint to each, or to none")
+    return axes
+
+
+def _axis(text: str) -> Axis:
+    name, equals, values = (part.strip() for part in text.partition("="))
+    where = f"--over {printable(text)}"
+    if not equals or not name or not values:
+        raise GridError(f"{where}: expected NAME=VALUES, such as cycle_time=1.0,1.2 or cycle_time=1.0:3.0:0.2")
+    if name not in _KNOWN and not _ONE_SPRING.fullmatch(name) and not _CONTACT.fullmatch(name):
+        raise GridError(f"{where}: nothing is called {quote(name)}; {did_you_mean(name, _KNOWN)}")
+    items = [item.strip() for item in values.split(",")]
+    if name == "case":
+        unknown = [item for item in items if item not in CASES]
+        if unknown:
+            raise GridError(f"{where}: there is no case {quote(unknown[0])}; expected some of {', '.join(CASES)}")
+        return Axis(name, tuple(dict.fromkeys(items)))
+    numbers = [x for item in items for x in _numbers(where, item, name == "seed")]
+    for x in numbers:
+        if name == "seed" and (x != int(x) or x < 0):
+            raise GridError(f"{where}: {x:g} is no seed; expected whole numbers from 0 on")
+        if name == "cycle_time" and x <= 0:
+            raise GridError(f"{where}: {x:g} s is no cycle time; expected more than 0 s")
+        if name.startswith("stiffness") and x < 0:
+            raise GridError(f"{where}: {x:g} N/m is no stiffness; expected 0 or more (no spring: case=A,C)")
+    return Axis(name, tuple(int(x) if name == "seed" else x for x in dict.fromkeys(numbers)))
+
+
+def _numbers(where: str, item: str, whole: bool) -> list[float]:
+    """A number, or a range START:END:STEP with both ends in it; the step of whole numbers may be left out."""
+    parts = item.split(":")
+    try:
+        bounds = [float(part) for part in parts]
+    except ValueError:
+        bounds = []
+    if not bounds or not all(map(isfinite, bounds)):
+        raise GridError(f"{where}: {quote(item)} is no number and no range; expected 1.2 or START:END:STEP")
+    if len(bounds) == 1:
+        return bounds
+    if len(bounds) == 2 and whole:
+        bounds.append(1.0)
+    if len(bounds) != 3:
+        raise GridError(f"{where}: {quote(item)} is no range; expected START:END:STEP")
+    start, end, step = bounds
+    if step <= 0 or end < start:
+        raise GridError(f"{where}: {quote(item)} is an empty range; expected START <= END and STEP > 0")
+    count = floor((end - start) / step * (1 + 1e-9) + 1e-9) + 1
+    if count > MAX_JOBS:
+        raise GridError(f"{where}: {quote(item)} has {count} values; expected at most {MAX_JOBS}")
+    return [float(f"{start + k * step:.{_DIGITS}g}") for k in range(count)]
+
+
+# --- variations ---
+
+
+def jobs(scenario: Scenario, axes: Sequence[Axis], model: Model, code: Code, starts: int | None) -> list[Job]:
+    """Every variation with every seed, each once, in the order of the axes. Raises GridError, ModelError.
+
+    starts   random first guesses within one job; None: as many as optimize() takes by itself
+    """
+    seeds = next((axis.values for axis in axes if axis.name == "seed"), (0,))
+    over = [axis for axis in axes if axis.name != "seed"]
+    count = prod(len(axis.values) for axis in over) * len(seeds)
+    if count > MAX_JOBS:
+        raise GridError(f"--over: {count} jobs; expected at most {MAX_JOBS}: fewer values, or several tables")
+    arm = code.identity()
+    found: dict[str, Job] = {}
+    for values in product(*(axis.values for axis in over)):
+        columns, varied = _varied(scenario, dict(zip((axis.name for axis in over), values, strict=True)))
+        fitted = scenario_file.fitted(varied, model, "--over")
+        for seed in seeds:
+            job = Job.of(columns, fitted, int(seed), starts, arm)
+            found.setdefault(job.key, job)
+    return list(found.values())
+
+
+def _varied(scenario: Scenario, setting: Mapping[str, Value]) -> tuple[dict[str, Value | None], Scenario]:
+    """The columns of a variation, and its scenario. A column is blank where the case leaves out what it is about."""
+    columns: dict[str, Value | None] = dict(setting)
+    if "case" in setting:
+        scenario = _case(scenario, str(setting["case"]))
+    for name, value in setting.items():
+        if spring := _ONE_SPRING.fullmatch(name):
+            if not scenario.springs and "case" in setting:
+                columns[name] = None
+                continue
+            scenario = _sprung(scenario, name, spring[1], spring[2], float(value))
+        elif contact := _CONTACT.fullmatch(name):
+            effect, key = contact.groups()
+            own = {**scenario.contact.get(effect, {}), key: float(value)}
+            scenario = replace(scenario, contact={**scenario.contact, effect: own})
+        elif name == "cycle_time":
+            scenario = scenario.at(float(value))
+    return columns, scenario
+
+
+def _case(scenario: Scenario, letter: str) -> Scenario:
+    friction, springs = CASES[letter]
+    if springs and not scenario.springs:
+        raise GridError(f"--over case={letter}: the scenario has no [[spring]]; cases B and D need one")
+    scenario = replace(scenario, friction=friction)
+    return scenario if springs else scenario.without_springs()
+
+
+def _sprung(scenario: Scenario, name: str, what: str, joint: str | None, value: float) -> Scenario:
+    """With a stiffness (N/m) or an offset (rad or m) given, at one joint or at all that have a spring."""
+    there = [spring.joint for spring in scenario.springs]
+    if not there or (joint is not None and int(joint) not in there):
+        known = f"it has springs at joint {', '.join(map(str, there))}" if there else "it has no [[spring]]"
+        raise GridError(f"--over {name}: the scenario has no such spring; {known}")
+    given: Mapping[str, Callable[[SpringPlan], SpringPlan]] = {
+        "stiffness": lambda spring: replace(spring, stiffness=(value, value), catalogue=()),
+        "offset": lambda spring: replace(spring, offset=(value, value)),
+    }
+    chosen = {int(joint)} if joint is not None else set(there)
+    return replace(scenario, springs=tuple(given[what](s) if s.joint in chosen else s for s in scenario.springs))

@@ -1,0 +1,108 @@
+"""The table of a sweep: one row a job, as CSV or Parquet, and what it says of each variation."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from runtime import files
+from runtime.planning.scenario import Scenario
+from runtime.sweep.job import Job, Result
+
+CLOSE = 0.01
+"""Of the best cost: starts that come this near have found the same."""
+_TYPES = {"case": "string", "seed": "int64", "feasible": "boolean", "iterations": "Int64", "message": "string"}
+
+
+class TableError(ValueError):
+    """A table that cannot be written."""
+
+
+def check(path: Path) -> None:
+    """Refuse before any work what could not be written after it. Raises TableError."""
+    if path.suffix not in (".csv", ".parquet"):
+        raise TableError(f"{path}: expected a name that ends in .csv or .parquet")
+    if path.suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise TableError(
+            f"{path}: Parquet needs pyarrow, the extra `parquet`; run: {sys.executable} -m pip install pyarrow"
+        )
+
+
+def columns(scenario: Scenario, n: int, axes: Sequence[str]) -> list[str]:
+    """Of the table: the variation, then the result; the same whether or not every job has a plan."""
+    sprung = [spring.joint for spring in scenario.springs]
+    return [
+        *(axis for axis in axes if axis != "seed"),
+        *("seed", "feasible", "cost", "smooth_cost"),
+        *(f"cost_joint{i}" for i in range(1, n + 1)),
+        *(f"{what}_joint{joint}" for joint in sprung for what in ("stiffness", "offset")),
+        *("iterations", "seconds", "message"),
+    ]
+
+
+def write(path: Path, names: Sequence[str], jobs: Sequence[Job], results: Mapping[str, Result]) -> None:
+    """One row a job, in their order; results: by key."""
+    import pandas as pd
+
+    rows = [{**results[job.key], **job.columns, "seed": job.seed} for job in jobs]
+    frame = pd.DataFrame({name: [row.get(name) for row in rows] for name in names})
+    frame = frame.astype({name: _TYPES.get(name, "float64") for name in names})
+    if path.suffix == ".parquet":
+        buffer = io.BytesIO()
+        frame.to_parquet(buffer, engine="pyarrow", index=False)
+        files.replace(path, buffer.getvalue())
+    else:
+        files.replace(path, frame.to_csv(index=False, lineterminator="\n").encode())
+
+
+def summary(jobs: Sequence[Job], results: Mapping[str, Result]) -> list[dict[str, Any]]:
+    """By variation: its best plan, how the costs of its seeds spread, and what did not work."""
+    groups: dict[tuple[Any, ...], list[Job]] = {}
+    for job in jobs:
+        groups.setdefault(tuple(job.columns.items()), []).append(job)
+    return [_variation(group, [results[job.key] for job in group]) for group in groups.values()]
+
+
+def _variation(group: Sequence[Job], results: Sequence[Result]) -> dict[str, Any]:
+    planned = [(r["cost"], job, r) for job, r in zip(group, results, strict=True) if r["feasible"]]
+    costs = [cost for cost, _, _ in planned]
+    messages = Counter(r["message"] for r in results if not r["feasible"])
+    found: dict[str, Any] = {
+        "at": dict(group[0].columns),
+        "jobs": len(group),
+        "feasible": len(planned),
+        "infeasible": sum(r["feasible"] is False for r in results),
+        "failed": sum(r["feasible"] is None for r in results),
+        "best": None,
+        "median": None,
+        "worst": None,
+        "close": None,
+        "seed": None,
+        "springs": [],
+        "reason": messages.most_common(1)[0][0] if messages else None,
+    }
+    if not planned:
+        return found
+    best, job, result = min(planned, key=lambda item: item[0])
+    near = sum(cost <= best + CLOSE * abs(best) for cost in costs)
+    return found | {
+        "best": best,
+        "median": median(costs),
+        "worst": max(costs),
+        "close": near / len(group),
+        "seed": job.seed,
+        "springs": [
+            {
+                "joint": spring.joint,
+                "stiffness": result[f"stiffness_joint{spring.joint}"],
+                "offset": result[f"offset_joint{spring.joint}"],
+            }
+            for spring in job.scenario.springs
+        ],
+    }
