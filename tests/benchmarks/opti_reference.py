@@ -80,7 +80,7 @@ class OptiByHand:
         tip = ca.vertcat(x, y)
         return ca.Function("tip", [q], [tip, ca.jacobian(tip, q)])
 
-    def _effort(self, q: ca.SX, qd: ca.SX, qdd: ca.SX, springs: ca.SX) -> ca.SX:
+    def _effort(self, phase: int, q: ca.SX, qd: ca.SX, qdd: ca.SX, springs: ca.SX) -> ca.SX:
         """Squared torque that counts."""
         tau = self.rnea(q, qd, qdd)
         if self.scenario.friction:
@@ -88,7 +88,7 @@ class OptiByHand:
         for k, spring in enumerate(self.scenario.springs):
             i = spring.joint - 1
             tau[i] += self.laws.spring(k, q[i], springs[2 * k], springs[2 * k + 1])
-        if self._contact:
+        if self.scenario.phases[phase].kind == "contact":
             tip, J = self._tip(q)
             tau -= J[1, :].T * self.laws.plate(tip[1], J[1, :] @ qd)
         return ca.sumsqr(tau[[j - 1 for j in self.scenario.objective.joints or self.scenario.moving]])
@@ -121,7 +121,9 @@ class OptiByHand:
         q, qd, qdd = self._joints(phase, *inputs)
         limits = self._limits(phase, q, qd)
         at = ca.Function(
-            "at", [*inputs, springs], [self._effort(q, qd, qdd, springs), ca.vertcat(*(row[0] for row in limits))]
+            "at",
+            [*inputs, springs],
+            [self._effort(phase, q, qd, qdd, springs), ca.vertcat(*(row[0] for row in limits))],
         )
         many = ca.repmat(self._springs, 1, len(nodes))
         effort, rows = at.map(len(nodes))(*self._sampled(phase, (nodes + 1) / 2, 2), many)
@@ -171,7 +173,7 @@ class OptiByHand:
             self.opti.set_initial(points, np.array([x[u.points(k, row)] for row in range(points.shape[0])]))
         for k in range(len(self.scenario.springs)):
             self.opti.set_initial(self._springs[2 * k : 2 * k + 2], x[u.spring(k)])
-        self.opti.solver("ipopt", {"print_time": False, "show_eval_warnings": False}, {**IPOPT, "max_wall_time": cap})
+        self.opti.solver("ipopt", {"print_time": False, "show_eval_warnings": False}, {**IPOPT, "max_cpu_time": cap})
         wall, cpu = time.perf_counter(), time.process_time()
         # Opti says in this way that IPOPT gave up; what it had then counts.
         with suppress(RuntimeError):
@@ -179,7 +181,7 @@ class OptiByHand:
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         stats = self.opti.stats()
         says = str(stats["return_status"])
-        stopped = says == "Maximum_WallTime_Exceeded"
+        stopped = says == "Maximum_CpuTime_Exceeded"
         return Solved(self._found(x), wall, cpu, int(stats["iter_count"]), stopped, says)
 
     def _found(self, x: Array) -> Array:

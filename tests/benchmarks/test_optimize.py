@@ -32,7 +32,7 @@ from symbolic.arm import Arm
 Array = NDArray[np.float64]
 
 CAP = float(os.environ.get("TENDON_BENCHMARK_CAP", "60"))
-"""Seconds after which a solver is stopped, a problem."""
+"""Seconds of processor time after which a solver is stopped, a problem: other work on the machine costs none."""
 STARTS = int(os.environ.get("TENDON_BENCHMARK_STARTS", "20"))
 """Random starts a problem."""
 ONLY = os.environ.get("TENDON_BENCHMARK_CASES", "")
