@@ -14,6 +14,7 @@ import typer
 
 from runtime import boundary, measured, planned, swept
 from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
+from runtime.study import verb
 
 # The matrices here are small: threads of the linear algebra library would only wait for each other. This
 # must be said before NumPy is imported; who says otherwise in the environment is heard.
@@ -36,6 +37,7 @@ app = typer.Typer(
 app.add_typer(measured.app)
 app.add_typer(planned.app)
 app.add_typer(swept.app)
+app.add_typer(verb.app)
 
 
 def main() -> None:

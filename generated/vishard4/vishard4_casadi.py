@@ -419,13 +419,13 @@ def moment_jacobian():
     v3 = v2 + q[3]
     s4 = ca.sin(v3)
     c4 = ca.cos(v3)
-    v4 = 0.3402 * s4
-    v5 = 0.3402 * c4
-    v6 = v4 + 0.91674905 * s3
-    v7 = v5 + 0.91674905 * c3
-    v8 = v6 + 1.30984909 * s2
-    v9 = v7 + 1.30984909 * c2
-    M = ca.SX(ca.vertcat(ca.horzcat(-(v8 + 2.48515025 * s1), -v8, -v6, -v4), ca.horzcat(v9 + 2.48515025 * c1, v9, v7, v5)))
+    v4 = 0.189284352 * s4
+    v5 = 0.189284352 * c4
+    v6 = v4 + 0.610087785 * s3
+    v7 = v5 + 0.610087785 * c3
+    v8 = v6 + 0.45214776 * s2
+    v9 = v7 + 0.45214776 * c2
+    M = ca.SX(ca.vertcat(ca.horzcat(-(v8 + 1.835569184 * s1), -v8, -v6, -v4), ca.horzcat(v9 + 1.835569184 * c1, v9, v7, v5)))
     inputs, outputs = [parameters, q], [M]
     return ca.Function("moment_jacobian", inputs, outputs, ["parameters", "q"], ["M"])
 

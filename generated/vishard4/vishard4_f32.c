@@ -5,22 +5,22 @@
 /* Fills the structure with the values of the model file. */
 void vishard4_default_parameters_f32(vishard4_parameters_f32 *parameters)
 {
-    parameters->J1 = 0.6316837f;
-    parameters->J2 = -0.009007575f;
-    parameters->J3 = -0.012574905f;
-    parameters->J4 = 0.050544124f;
-    parameters->I2 = 0.49f;
-    parameters->I3 = 0.49f;
-    parameters->I4 = 0.18595588f;
-    parameters->mu2 = 0.08323199f;
-    parameters->mu3 = 0.13944235f;
-    parameters->h4 = 0.057834f;
-    parameters->l1_by_l2 = 1.3529412f;
-    parameters->l3_by_l2 = 1.117647f;
-    parameters->l1 = 0.23f;
-    parameters->l2 = 0.17f;
-    parameters->l3 = 0.19f;
-    parameters->l4 = 0.18f;
+    parameters->J1 = 0.52977437f;
+    parameters->J2 = -0.0013267326f;
+    parameters->J3 = -0.0082315365f;
+    parameters->J4 = 0.02709389f;
+    parameters->I2 = 0.9f;
+    parameters->I3 = 0.58f;
+    parameters->I4 = 0.20940611f;
+    parameters->mu2 = 0.0147733865f;
+    parameters->mu3 = 0.04084079f;
+    parameters->h4 = 0.023281975f;
+    parameters->l1_by_l2 = 3.00813f;
+    parameters->l3_by_l2 = 1.8373984f;
+    parameters->l1 = 0.37f;
+    parameters->l2 = 0.123f;
+    parameters->l3 = 0.226f;
+    parameters->l4 = 0.158f;
 }
 
 /* inverse_dynamics: tau = D(q) qdd + C(q, qd) qd + g(q).
@@ -513,17 +513,17 @@ void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, con
     const float v3 = v2 + q[3];
     float s4, c4;
     tendon_sincos_f32(v3, &s4, &c4);
-    const float v4 = 0.3402f * s4;
-    const float v5 = 0.3402f * c4;
-    const float v6 = v4 + 0.91674906f * s3;
-    const float v7 = v5 + 0.91674906f * c3;
-    const float v8 = v6 + 1.3098491f * s2;
-    const float v9 = v7 + 1.3098491f * c2;
-    M[0] = -(v8 + 2.4851503f * s1);
+    const float v4 = 0.18928435f * s4;
+    const float v5 = 0.18928435f * c4;
+    const float v6 = v4 + 0.6100878f * s3;
+    const float v7 = v5 + 0.6100878f * c3;
+    const float v8 = v6 + 0.45214775f * s2;
+    const float v9 = v7 + 0.45214775f * c2;
+    M[0] = -(v8 + 1.8355691f * s1);
     M[1] = -v8;
     M[2] = -v6;
     M[3] = -v4;
-    M[4] = v9 + 2.4851503f * c1;
+    M[4] = v9 + 1.8355691f * c1;
     M[5] = v9;
     M[6] = v7;
     M[7] = v5;

@@ -5,22 +5,22 @@
 /* Fills the structure with the values of the model file. */
 void vishard4_default_parameters_f64(vishard4_parameters_f64 *parameters)
 {
-    parameters->J1 = 0.6316837107143383;
-    parameters->J2 = -0.00900757463147;
-    parameters->J3 = -0.01257490466525;
-    parameters->J4 = 0.050544125;
-    parameters->I2 = 0.49;
-    parameters->I3 = 0.49;
-    parameters->I4 = 0.185955875;
-    parameters->mu2 = 0.0832319898;
-    parameters->mu3 = 0.1394423555;
-    parameters->h4 = 0.057834;
-    parameters->l1_by_l2 = 1.3529411764705883;
-    parameters->l3_by_l2 = 1.1176470588235294;
-    parameters->l1 = 0.23;
-    parameters->l2 = 0.17;
-    parameters->l3 = 0.19;
-    parameters->l4 = 0.18;
+    parameters->J1 = 0.5297743488618553;
+    parameters->J2 = -0.0013267325404;
+    parameters->J3 = -0.008231536175825;
+    parameters->J4 = 0.027093889265664;
+    parameters->I2 = 0.9;
+    parameters->I3 = 0.58;
+    parameters->I4 = 0.209406111;
+    parameters->mu2 = 0.014773386430154868;
+    parameters->mu3 = 0.04084078804984513;
+    parameters->h4 = 0.023281975296;
+    parameters->l1_by_l2 = 3.008130081300813;
+    parameters->l3_by_l2 = 1.8373983739837398;
+    parameters->l1 = 0.37;
+    parameters->l2 = 0.123;
+    parameters->l3 = 0.226;
+    parameters->l4 = 0.158;
 }
 
 /* inverse_dynamics: tau = D(q) qdd + C(q, qd) qd + g(q).
@@ -986,17 +986,17 @@ void vishard4_moment_jacobian_f64(const vishard4_parameters_f64 *parameters, con
     const double v3 = v2 + q[3];
     double s4, c4;
     tendon_sincos_f64(v3, &s4, &c4);
-    const double v4 = 0.3402 * s4;
-    const double v5 = 0.3402 * c4;
-    const double v6 = v4 + 0.91674905 * s3;
-    const double v7 = v5 + 0.91674905 * c3;
-    const double v8 = v6 + 1.30984909 * s2;
-    const double v9 = v7 + 1.30984909 * c2;
-    M[0] = -(v8 + 2.48515025 * s1);
+    const double v4 = 0.189284352 * s4;
+    const double v5 = 0.189284352 * c4;
+    const double v6 = v4 + 0.610087785 * s3;
+    const double v7 = v5 + 0.610087785 * c3;
+    const double v8 = v6 + 0.45214776 * s2;
+    const double v9 = v7 + 0.45214776 * c2;
+    M[0] = -(v8 + 1.835569184 * s1);
     M[1] = -v8;
     M[2] = -v6;
     M[3] = -v4;
-    M[4] = v9 + 2.48515025 * c1;
+    M[4] = v9 + 1.835569184 * c1;
     M[5] = v9;
     M[6] = v7;
     M[7] = v5;
@@ -1023,17 +1023,17 @@ void vishard4_moment_jacobian_batch_f64(
         const double v3 = v2 + q[3 * count + k];
         double s4, c4;
         tendon_sincos_f64(v3, &s4, &c4);
-        const double v4 = 0.3402 * s4;
-        const double v5 = 0.3402 * c4;
-        const double v6 = v4 + 0.91674905 * s3;
-        const double v7 = v5 + 0.91674905 * c3;
-        const double v8 = v6 + 1.30984909 * s2;
-        const double v9 = v7 + 1.30984909 * c2;
-        M[k] = -(v8 + 2.48515025 * s1);
+        const double v4 = 0.189284352 * s4;
+        const double v5 = 0.189284352 * c4;
+        const double v6 = v4 + 0.610087785 * s3;
+        const double v7 = v5 + 0.610087785 * c3;
+        const double v8 = v6 + 0.45214776 * s2;
+        const double v9 = v7 + 0.45214776 * c2;
+        M[k] = -(v8 + 1.835569184 * s1);
         M[count + k] = -v8;
         M[2 * count + k] = -v6;
         M[3 * count + k] = -v4;
-        M[4 * count + k] = v9 + 2.48515025 * c1;
+        M[4 * count + k] = v9 + 1.835569184 * c1;
         M[5 * count + k] = v9;
         M[6 * count + k] = v7;
         M[7 * count + k] = v5;

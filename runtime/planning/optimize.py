@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from runtime.loader import Model
 from runtime.planning.evaluate import Effort, at_times, effort, objective
 from runtime.planning.program import STIFFNESS_UNIT, Program
-from runtime.planning.scenario import Scenario
+from runtime.planning.scenario import Scenario, SpringPlan
 from runtime.planning.solve import Attempt, Miss, Solver
 from runtime.planning.starts import random_start
 from runtime.planning.trajectory import Phase, Trajectory
@@ -24,8 +24,8 @@ WIDTH = 0.1
 _SOFT = 1.0
 """The same while searching: so smooth that each start finds its basin in some thirty steps."""
 _STARTS = 4
-_SPRUNG = 2
-"""Starts whose springs are sought: those that are best without."""
+_SHARES = (0.01, 0.3)
+"""Of the squared torque of joints whose spring is yet to be chosen, in the motions that it is chosen for."""
 _OFFSETS = 41
 
 
@@ -105,12 +105,20 @@ class Planner:
         return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
 
     def search(self, guesses: Sequence[Array]) -> list[Attempt]:
-        """Coarse solutions, the best first. Springs begin as they suit the best motions without them."""
-        none = dict.fromkeys(range(len(self.scenario.springs)), 0.0)
-        bare = sorted((self.coarse.run(x, _SOFT, none) for x in guesses), key=_rank)
-        if not none:
-            return bare
-        return sorted((self.coarse.refine(self._sprung(a.x), _SOFT) for a in bare[:_SPRUNG]), key=_rank)
+        """Coarse solutions, the best first.
+
+        The motion that suits a spring can be far from the one without: so springs begin as they suit motions for
+        which torque at their joints is nearly free, or costs less.
+        """
+        if not self.scenario.springs:
+            return sorted((self.coarse.run(x, _SOFT) for x in guesses), key=_rank)
+        sprung = []
+        for k, share in enumerate(_SHARES):
+            # Each guess serves one share, and a single one both.
+            own = guesses[k :: len(_SHARES)] or guesses
+            relieved = min((self.coarse.relieved(x, _SOFT, share) for x in own), key=_rank)
+            sprung += [self.coarse.refine(guess, _SOFT) for guess in self._sprung(relieved.x)]
+        return sorted(sprung, key=_rank)
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The first attempt refined, and its springs chosen."""
@@ -142,22 +150,20 @@ class Planner:
 
     # --- springs ---
 
-    def _sprung(self, x: Array) -> Array:
-        """x with the springs that would take most of the squared torque off its motion, by least squares."""
+    def _sprung(self, x: Array) -> list[Array]:
+        """x with springs that take most of the squared torque off its motion, and with others that are always taut.
+
+        The first are often slack for most of the motion, and from there a search does not reach the second.
+        """
         t = np.linspace(0.0, self.scenario.cycle_time, 400, endpoint=False)
         bare = at_times(self.model, self.trajectory(x, springs=False), t)
-        found = x.copy()
+        fitting, taut = x.copy(), x.copy()
         for k, spring in enumerate(self.scenario.springs):
             torque, q = bare.tau[spring.joint - 1], bare.motion.q[spring.joint - 1]
-            best = (np.inf, *found[self._spring(k)])
-            for offset in np.linspace(*spring.offset, _OFFSETS):
-                pull = spring.radius**2 * np.maximum(offset - q, 0.0)
-                size = float(pull @ pull)
-                stiffness = float(np.clip(torque @ pull / size if size else 0.0, *spring.stiffness))
-                left = float(np.sum((torque - stiffness * pull) ** 2))
-                best = min(best, (left, stiffness / STIFFNESS_UNIT, offset))
-            found[self._spring(k)] = best[1:]
-        return found
+            fitting[self._spring(k)] = _relief(torque, q, spring)
+            offset = min(q.max() + np.ptp(q) / 2, spring.offset[1])
+            taut[self._spring(k)] = sum(spring.stiffness) / 2 / STIFFNESS_UNIT, offset
+        return [fitting, taut]
 
     def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[Choice, ...]]:
         """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
@@ -208,6 +214,17 @@ class Planner:
             if library[term.effect].scope == "contact"
         }
         return Trajectory(self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction, mounted, contact)
+
+
+def _relief(torque: Array, q: Array, spring: SpringPlan) -> tuple[float, float]:
+    """Stiffness (kN/m) and offset that leave the least squared torque (N,) at positions q (N,)."""
+    best = (np.inf, 0.0, 0.0)
+    for offset in np.linspace(*spring.offset, _OFFSETS):
+        pull = spring.radius**2 * np.maximum(offset - q, 0.0)
+        size = float(pull @ pull)
+        k = float(np.clip(torque @ pull / size if size else 0.0, *spring.stiffness))
+        best = min(best, (float(np.sum((torque - k * pull) ** 2)), k / STIFFNESS_UNIT, float(offset)))
+    return best[1:]
 
 
 def _rank(attempt: Attempt) -> tuple[bool, float]:

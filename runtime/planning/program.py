@@ -70,15 +70,21 @@ class Program:
     @cached_property
     def p(self) -> Parameters:
         targets = {f"tip {name}": 2 for name, point in self.scenario.points.items() if point.tip is not None}
-        return Parameters.of({**self.physics.sizes, "duration": len(self.scenario.phases), "plate x": 1, **targets})
+        own = {"duration": len(self.scenario.phases), "plate x": 1, "share": len(self._counted())}
+        return Parameters.of({**self.physics.sizes, **own, **targets})
 
-    def values(self, width: float) -> dict[str, list[float]]:
-        """What p is for the scenario as it stands; width of the switches, rad/s."""
+    def values(self, width: float, share: float = 1.0) -> dict[str, list[float]]:
+        """What p is for the scenario as it stands; width of the switches, rad/s.
+
+        share   of the squared torque of sprung joints that counts: while a search has no springs yet, less than all
+        """
+        sprung = {spring.joint - 1 for spring in self.scenario.springs}
+        shares = [share if i in sprung else 1.0 for i in self._counted()]
         s = self.scenario
         x = 0.0 if self.model.contact is None else float(self.model.contact["x"])
         targets = {f"tip {name}": list(point.tip) for name, point in s.points.items() if point.tip is not None}
         durations = [s.cycle_time * phase.part for phase in s.phases]
-        return {**self.physics.values(width), "duration": durations, "plate x": [x], **targets}
+        return {**self.physics.values(width), "duration": durations, "plate x": [x], "share": shares, **targets}
 
     # --- one instant as seen from one side ---
 
@@ -190,7 +196,8 @@ class Program:
         goal = self.scenario.objective.goal
         if goal == "electrical_energy":
             return ca.vertcat(*(sqrt(self._loss(i)) * at.torque[i] for i in self._counted()))
-        return at.torque[self._counted()] if goal == "torque_squared" else NONE
+        own = at.torque[self._counted()] * ca.sqrt(self.p("share"))
+        return own if goal == "torque_squared" else NONE
 
     def _loss(self, i: int) -> float:
         """W per squared torque: R/k²."""
@@ -221,8 +228,9 @@ class Program:
             low, high = self._rates(plan, i)
             if low > -INF or high < INF:
                 rows.append((at.qd[i], low, high, f"speed of joint {i + 1}", f"{unit}/s"))
-            if info.position_limits is not None:
-                rows.append((at.q[i], *info.position_limits, f"position of joint {i + 1}", unit))
+            span = self.span(i)
+            if span is not None:
+                rows.append((at.q[i], *span, f"position of joint {i + 1}", unit))
             if info.torque_limit is not None:
                 limit = info.torque_limit
                 rows.append((at.torque[i], -limit, limit, f"torque of joint {i + 1}", info.force_unit))
@@ -235,6 +243,11 @@ class Program:
             above = at.tip[1] - self.physics.plate_position(self.p)
             rows.append((above, 0.0, INF, "end-effector above the plate", "m"))
         return rows
+
+    def span(self, i: int) -> tuple[float, float] | None:
+        """Where joint i (0-based) may be: within its limits, and within what the scenario narrows them to."""
+        ends = [e for e in (self.model.joints[i].position_limits, self.scenario.ranges.get(i + 1)) if e is not None]
+        return (max(low for low, _ in ends), min(high for _, high in ends)) if ends else None
 
     @property
     def _kept_off(self) -> bool:

@@ -77,6 +77,7 @@ class Objective:
 class Scenario:
     """cycle_time in s; moving: joints (1-based) that move, the others keep `posture` (n,);
     friction: whether it is part of the model; elbow: sign of sin q_2 in contact;
+    ranges: by joint (1-based), of its position, within the joint's own limits;
     contact: parameters of the environment that differ from the model file's, by effect and name.
     """
 
@@ -93,6 +94,7 @@ class Scenario:
     springs: tuple[SpringPlan, ...] = ()
     contact: Mapping[str, Values] = field(default_factory=dict)
     elbow: float = 1.0
+    ranges: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def without_springs(self) -> Scenario:
         return replace(self, springs=())

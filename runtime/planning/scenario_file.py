@@ -34,7 +34,7 @@ def read(path: Path) -> Scenario:
 
 def parse(table: Mapping[str, Any], top: Place) -> Scenario:
     """The scenario that a TOML document describes. Raises ModelError."""
-    optional = ("periodic", "friction", "elbow", "moving", "posture", "objective", "spring", "contact")
+    optional = ("periodic", "friction", "elbow", "moving", "posture", "objective", "spring", "contact", "ranges")
     keys(top, table, ("name", "model", "cycle_time", "points", "phase"), optional)
     points = {
         identifier(top.inside("points"), "name", name): _point(top.inside(f"points.{name}"), value)
@@ -66,6 +66,7 @@ def parse(table: Mapping[str, Any], top: Place) -> Scenario:
             for name, values in table_at(top.inside("contact"), table.get("contact", {}), "[contact.plate]").items()
         },
         elbow=elbow,
+        ranges=_ranges(top.inside("ranges"), table.get("ranges", {})),
     )
     _check_order(top, scenario)
     return scenario
@@ -155,6 +156,19 @@ def _check_order(top: Place, scenario: Scenario) -> None:
         top.fail("two [[spring]] tables for one joint; expected at most one")
 
 
+def _ranges(place: Place, value: Any) -> dict[int, tuple[float, float]]:
+    table = table_at(place, value, "with q1 = [from, to], q2, ... of joints that stay within less than their limits")
+    found = {}
+    for key, ends in table.items():
+        if not re.fullmatch(r"q[1-9]\d?", key):
+            place.fail(f"unknown key {quote(key)}; expected q1, q2, ...")
+        low, high = pair(place, key, ends, "rad or m")
+        if low >= high:
+            place.fail(f"{key} is [{low:g}, {high:g}]; expected the smaller end first")
+        found[int(key[1:])] = (low, high)
+    return found
+
+
 # --- with the arm ---
 
 
@@ -172,6 +186,7 @@ def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
         top.fail(f"posture has {len(full.posture)} numbers; {model.name} has {n} joints")
     named = {"moving": full.moving, "objective: joints": full.objective.joints}
     named |= {f"points.{name}": tuple(point.q) for name, point in full.points.items()}
+    named |= {"ranges": tuple(full.ranges)}
     named |= {"spring": tuple(s.joint for s in full.springs)}
     for name, joints in named.items():
         for joint in joints:

@@ -75,18 +75,26 @@ class Solver:
 
         stiffness   N/m by number of the spring (0-based): fixed, not sought
         """
-        return self._run(self._far, x, width, stiffness or {})
+        return self._run(self._far, x, width, stiffness or {}, 1.0)
+
+    def relieved(self, x: Array, width: float, share: float) -> Attempt:
+        """The motion for springs that are yet to be chosen, from the rough guess x: without them, but only a share of
+        their joints' squared torque counts, as if the springs gave the rest."""
+        none = dict.fromkeys(range(len(self.program.scenario.springs)), 0.0)
+        return self._run(self._far, x, width, none, share)
 
     def refine(self, x: Array, width: float, stiffness: Mapping[int, float] | None = None) -> Attempt:
         """The solution in whose basin x lies."""
-        return self._run(self._near, x, width, stiffness or {})
+        return self._run(self._near, x, width, stiffness or {}, 1.0)
 
-    def _run(self, solver: ca.Function, x: Array, width: float, stiffness: Mapping[int, float]) -> Attempt:
+    def _run(
+        self, solver: ca.Function, x: Array, width: float, stiffness: Mapping[int, float], share: float
+    ) -> Attempt:
         lower, upper = self.bounds(stiffness)
         started = time.perf_counter()
         found = solver(
             x0=np.clip(x, lower, upper),
-            p=self.program.p.vector(self.program.values(width)),
+            p=self.program.p.vector(self.program.values(width, share)),
             lbx=lower,
             ubx=upper,
             lbg=self._rows[0],

@@ -53,7 +53,8 @@ def random_start(program: Program, rng: np.random.Generator) -> Array:
 
 def _limits(program: Program) -> Array:
     """(n, 2) range of each joint's position."""
-    return np.array([j.position_limits or (-_SPAN[j.type], _SPAN[j.type]) for j in program.model.joints])
+    joints = enumerate(program.model.joints)
+    return np.array([program.span(i) or (-_SPAN[j.type], _SPAN[j.type]) for i, j in joints])
 
 
 def _postures(program: Program, rng: np.random.Generator) -> Mapping[str, Array]:

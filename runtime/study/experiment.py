@@ -14,7 +14,7 @@ from runtime.simulate import Hidden, parse_hidden
 from runtime.study.cases import Case
 
 TRIALS = 3
-"""As in the paper."""
+"""Of each case, in the paper."""
 _CYCLES = 2
 HIDDEN: Sequence[str] = ("plate_damping:coefficient=40",)
 """What the simulated arm has and the model has not; assumed. The paper suspects viscous friction at the plate."""
@@ -22,7 +22,7 @@ HIDDEN: Sequence[str] = ("plate_damping:coefficient=40",)
 
 @dataclass(frozen=True)
 class Run:
-    """Three trials of a case. cost in N²m²s, of the joints whose torque counts; reversal: of joint 4, rad;
+    """Trials of a case. cost in N²m²s, of the joints whose torque counts; reversal: of joint 4, rad;
     compression: of the plate, m."""
 
     execution: Execution
@@ -49,17 +49,18 @@ class Run:
 
 @dataclass(frozen=True)
 class Bench:
-    """The arm with its controller. done: called after each case."""
+    """The arm with its controller; trials of each case. done: called after each case."""
 
     model: Model
     controller: Path
+    trials: int
     done: Callable[[Case], None]
 
     def run(self, case: Case, plan: Plan) -> Run:
         """Friction compensation is off in cases A and B; the plate's damper is there where the plate is."""
         hidden = self._hidden() if case.plate is not None else []
         execution = execute(
-            self.model, self.controller, plan.trajectory, TRIALS, _CYCLES, hidden=hidden, friction=case.friction
+            self.model, self.controller, plan.trajectory, self.trials, _CYCLES, hidden=hidden, friction=case.friction
         )
         self.done(case)
         joints = plan.scenario.objective.joints or plan.scenario.moving

@@ -10,6 +10,7 @@ from runtime.planning.optimize import Plan
 from runtime.study import published
 from runtime.study.cases import Case, Plans
 from runtime.study.experiment import Bench, Run
+from runtime.study.identification import Table1
 from runtime.study.published import Cost
 
 SLACK_2 = 0.2
@@ -82,6 +83,19 @@ def _rows(plans: Plans, bench: Bench | None, cases: Mapping[Case, Cost]) -> list
 
 
 # --- what the paper claims ---
+
+
+def claims1(table: Table1) -> list[Claim]:
+    """Each parameter that was hidden comes back: within what is printed of it, or within its interval."""
+    return [
+        Claim(
+            f"joint {p.joint}: {p.column}",
+            f"{p.paper:g}",
+            f"{p.ours.value:.3f} [{', '.join(f'{end:.3f}' for end in p.ours.interval or ())}]",
+            p.met,
+        )
+        for p in table.parameters
+    ]
 
 
 def claims2(rows: list[Row]) -> list[Claim]:

@@ -1,0 +1,127 @@
+"""Figures 5 to 8 of the paper, in its arrangement: light or gray and dark, solid and dashed as the captions say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from runtime.execution.loop import RUN_IN, Trial
+from runtime.plot_style import FAINT, INK, WIDTH, styled
+from runtime.study import published
+from runtime.study.cases import Case
+from runtime.study.tables import Row
+
+Array = NDArray[np.float64]
+
+GRAY = "#9aa5b1"
+_PLATE = "plate of {:g} kN/m"
+
+
+@styled
+def figure5(costs: Mapping[Case, float]) -> Figure:
+    """Costs of scenario 1 over the cycle time; crosses: what Table II prints."""
+    figure = Figure(figsize=(1.35 * WIDTH, 3.2), layout="constrained")
+    ax = figure.subplots()
+    for letter, colour, dash in (("C", INK, "-"), ("D", INK, "--"), ("A", GRAY, "-"), ("B", GRAY, "--")):
+        points = sorted((case.cycle_time, cost) for case, cost in costs.items() if case.letter == letter)
+        times, values = zip(*points, strict=True)
+        words = ("friction" if letter in "CD" else "no friction", "spring" if letter in "BD" else "no spring")
+        ax.plot(times, values, dash, color=colour, marker="o", ms=3, lw=1.3, label=f"1{letter}: {', '.join(words)}")
+    printed = [(T, cost.simulation) for (T, _), cost in published.TABLE_2.items()]
+    ax.plot(*zip(*printed, strict=True), "x", color="#bd4a07", ms=5, mew=1.2, label="Table II")
+    ax.set_xlabel("cycle time T, s")
+    ax.set_ylabel("cost, N²m²s")
+    ax.set_ylim(0, None)
+    ax.legend(frameon=False, fontsize=7.5)
+    return figure
+
+
+@styled
+def figure6(rows: Sequence[Row]) -> Figure:
+    """Commanded torque and angle of joint 4 in the experiment, cases 1B (gray) and 1D (black) at 1.2 s."""
+    figure = Figure(figsize=(1.9 * WIDTH, 2.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for row in rows:
+        if row.case.cycle_time != published.CYCLES_1[0] or row.case.letter not in "BD" or row.run is None:
+            continue
+        colour = GRAY if row.case.letter == "B" else INK
+        t, q, tau = _cycle(row)
+        left.plot(t, tau[3], color=colour, lw=1.2, label=f"1{row.case.letter}")
+        right.plot(t, q[3], color=colour, lw=1.2, label=f"1{row.case.letter}, turns at {q[3].min():.2f} rad")
+    left.set_ylabel("commanded torque of joint 4, N m")
+    right.set_ylabel("q4, rad")
+    for ax in (left, right):
+        ax.set_xlabel("time, s")
+        ax.legend(frameon=False, fontsize=7.5)
+    return figure
+
+
+@styled
+def figure7(rows: Sequence[Row]) -> Figure:
+    """Path of the end-effector, softer plate on top, 2C left and 2D right, at 1.6 s: planned dashed, executed solid."""
+    figure = Figure(figsize=(1.5 * WIDTH, 1.6 * WIDTH), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    for row in rows:
+        if row.case.cycle_time != 1.6 or row.run is None or row.case.plate is None:
+            continue
+        ax = axes[published.PLATES.index(row.case.plate)]["CD".index(row.case.letter)]
+        _path(ax, row)
+        ax.set_title(f"2{row.case.letter}, {_PLATE.format(row.case.plate / 1000)}", fontsize=8.5)
+    for ax in axes[-1]:
+        ax.set_xlabel("x, m")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("y, m")
+    axes[0, 0].legend(frameon=False, fontsize=7.5)
+    return figure
+
+
+def _path(ax: Axes, row: Row) -> None:
+    model = row.plan.effort.model
+    planned = row.plan.effort.tip
+    ax.plot(planned[0], planned[1], "--", color=FAINT, lw=1.1, label="optimized")
+    _, q, _ = _cycle(row)
+    reached = model.tip(np.ascontiguousarray(q))
+    ax.plot(reached[0], reached[1], "-", color=INK, lw=1.1, label="executed")
+    ax.axhline(row.plan.trajectory.contact["plate"]["position"], color=FAINT, lw=0.5, ls=":")
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+@styled
+def figure8(rows: Sequence[Row]) -> Figure:
+    """Torques at joint 4 in the experiment at 1.6 s: motor in 2C black, in 2D gray, its spring gray and dashed."""
+    figure = Figure(figsize=(1.35 * WIDTH, 1.2 * WIDTH), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    for row in rows:
+        if row.case.cycle_time != 1.6 or row.run is None or row.case.plate is None:
+            continue
+        ax = axes[published.PLATES.index(row.case.plate)]
+        t, q, tau = _cycle(row)
+        ax.plot(t, tau[3], color=INK if row.case.letter == "C" else GRAY, lw=1.2, label=f"motor, 2{row.case.letter}")
+        for values in row.plan.trajectory.springs.values():
+            ax.plot(t, _spring(row, q, values), "--", color=GRAY, lw=1.2, label="spring, 2D")
+        ax.set_title(_PLATE.format(row.case.plate / 1000), fontsize=8.5)
+        ax.set_ylabel("torque of joint 4, N m")
+    axes[0].legend(frameon=False, fontsize=7.5)
+    axes[-1].set_xlabel("time, s")
+    return figure
+
+
+def _spring(row: Row, q: Array, values: Mapping[str, float]) -> Array:
+    """What the spring pushes joint 4 forward with, along the executed motion."""
+    library = row.plan.effort.model.library
+    return -library.torque("parallel_spring", {"q": np.ascontiguousarray(q[3])}, values)
+
+
+def _cycle(row: Row) -> tuple[Array, Array, Array]:
+    """t (N,) within the cycle, q and tau (n, N) of the first cycle that counts in the first trial."""
+    if row.run is None:
+        raise ValueError(f"case {row.case} was not executed")
+    trial: Trial = row.run.execution.trials[0]
+    duration, dt = row.plan.trajectory.duration, row.run.execution.dt
+    part = slice(round(RUN_IN * duration / dt), round((RUN_IN + 1) * duration / dt))
+    t = trial.t[part]
+    return t - t[0], trial.q[:, part], trial.tau[:, part]

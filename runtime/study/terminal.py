@@ -1,0 +1,76 @@
+"""The study's tables for the terminal: ours beside the paper's, and which numbers are what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from runtime.study.tables import Claim
+from runtime.terminal_cells import console, empty_table, figure, percent, say
+
+WHAT_IS_WHAT = (
+    "Published: costs and stiffnesses, Table I, gear ratio, pulley, the softer plate, phases and degrees.",
+    "Calibrated on the published costs: what joint 4 moves, its cubic friction; the geometry of the arm, where plate "
+    "and apex are, the plates' friction, the stiffer plate's pretension.",
+    "Assumed: gains, encoders, noise, limits of position, what is hidden in the simulated arm, the springs between 1.3 "
+    "and 5.1 kN/m, the amplitudes of the identification. The arm's file says it number by number.",
+)
+
+
+def costs(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Table II or III."""
+    say(title)
+    experiment = any(row["experiment"] for row in rows)
+    heads = ["case", "T, s"] + (["plate, N/m"] if rows[0]["plate"] else [])
+    heads += ["simulation", "paper", "difference"] + (["experiment", "paper", "difference"] if experiment else [])
+    table = empty_table(*heads, "spring, N/m", "paper")
+    for row in rows:
+        cells = [row["case"], f"{row['cycle_time']:g}"] + ([f"{row['plate']:g}"] if row["plate"] else [])
+        cells += _beside(row["simulation"]) + (_beside(row["experiment"]) if experiment else [])
+        table.add_row(*cells, figure(row["stiffness"]["ours"]), figure(row["stiffness"]["paper"]))
+    console().print(table)
+    say(_summary(rows))
+
+
+def _beside(pair: Mapping[str, float]) -> list[str]:
+    return [f"{pair['ours']:.1f}", f"{pair['paper']:.1f}", percent(pair["difference"])]
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> str:
+    off = [abs(row["simulation"]["difference"]) for row in rows]
+    return f"Simulation: {percent(sum(off) / len(off))} off on average, {percent(max(off))} at most. Costs in N²m²s."
+
+
+def claims(found: Sequence[Claim]) -> None:
+    """What the paper says, and whether it holds here."""
+    table = empty_table("the paper says", "paper", "here", "holds")
+    for claim in found:
+        table.add_row(claim.text, claim.paper, claim.ours, "yes" if claim.holds else "NO")
+    console().print(table)
+
+
+def figure5(spread: Mapping[float, float]) -> None:
+    """By how much the savings with and without friction differ."""
+    worst = max(spread, key=lambda T: spread[T])
+    say(
+        f"Figure 5: from {min(spread):g} to {max(spread):g} s, the spring's savings with and without friction differ "
+        f"by at most {spread[worst]:.2f} N²m²s, at {worst:g} s."
+    )
+
+
+def study(document: Mapping[str, Any]) -> None:
+    """What was asked for."""
+    if "table1" in document:
+        say("Table I: parameters hidden in the simulated arm, and what the identification makes of them")
+        claims([Claim(**claim) for claim in document["table1"]["claims"]])
+    for name, title in (("table2", "Table II: scenario 1"), ("table3", "Table III: scenario 2")):
+        if name in document:
+            costs(title, document[name]["rows"])
+            claims([Claim(**claim) for claim in document[name]["claims"]])
+    for path in document["figures"]:
+        say(f"drawn: {path}")
+    if document["kept"]:
+        stem = document["kept"][0]
+        say(f"kept {len(document['kept'])} executed cases; ask why one differs from its plan:")
+        say(f"  tendon diagnose {stem}.toml {stem}.csv.gz")
+    say("", *WHAT_IS_WHAT)

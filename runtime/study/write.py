@@ -1,0 +1,56 @@
+"""The study's files: figures, and what a diagnosis of its experiments needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime import files, plot_style, recording
+from runtime.study import figure4
+from runtime.study import figures as draw
+from runtime.study.tables import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from runtime.study.study import Study
+
+Values = dict[str, float]
+
+
+def figures(study: Study, wanted: Sequence[str], directory: Path) -> list[str]:
+    """Draws those that are wanted and can be; paths."""
+    makers: dict[str, Callable[[], Figure]] = {
+        "figure4": lambda: figure4.friction(study.table1.joint(figure4.JOINT)),
+        "figure5": lambda: draw.figure5(study.curves),
+        "figure6": lambda: draw.figure6(study.table2),
+        "figure7": lambda: draw.figure7(study.table3),
+        "figure8": lambda: draw.figure8(study.table3),
+    }
+    able = [name for name in wanted if name in makers]
+    if able:
+        directory.mkdir(parents=True, exist_ok=True)
+    for name in able:
+        plot_style.save(makers[name](), directory / f"{name}.png")
+    return [str(directory / f"{name}.png") for name in able]
+
+
+def recordings(
+    study: Study, directory: Path, mounted: Callable[[Mapping[int, Values], Mapping[str, Values]], str]
+) -> list[str]:
+    """For every executed case its trajectory, its recording and the model with its spring; paths without ending."""
+    directory.mkdir(parents=True, exist_ok=True)
+    return [_kept(row, directory, mounted) for row in (*study.table2, *study.table3)]
+
+
+def _kept(row: Row, directory: Path, mounted: Callable[[Mapping[int, Values], Mapping[str, Values]], str]) -> str:
+    case, trajectory = row.case, row.plan.trajectory
+    number = "1" if case.plate is None else "2"
+    plate = "" if case.plate is None else f"-{case.plate:g}"
+    stem = directory / f"{number}{case.letter}-{case.cycle_time:g}s{plate}"
+    trajectory.write(stem.with_name(f"{stem.name}.json"))
+    files.replace(stem.with_name(f"{stem.name}.toml"), mounted(trajectory.springs, trajectory.contact).encode())
+    if row.run is not None and row.run.execution.recording is not None:
+        recording.write(stem.with_name(f"{stem.name}.csv.gz"), row.run.execution.recording)
+    return str(stem)

@@ -1,0 +1,78 @@
+"""The study of the paper: its tables within the agreed distance, its claims, its experiments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from runtime.cli import Source
+from runtime.loader import Model
+from runtime.study import published
+from runtime.study.cases import Case
+from runtime.study.experiment import Bench
+from runtime.study.study import Study
+
+
+@pytest.fixture(scope="module")
+def source() -> Source:
+    return Source.shipped("vishard4")
+
+
+@pytest.fixture(scope="module")
+def model(source: Source) -> Model:
+    return source.model()
+
+
+@pytest.fixture(scope="module")
+def study(model: Model) -> Study:
+    return Study(model, Path(), 0, lambda _: None)
+
+
+def test_table_2_within_three_percent_or_what_the_print_shows(study: Study) -> None:
+    for row in study.table2:
+        assert row.simulation == pytest.approx(row.paper.simulation, rel=0.03, abs=0.2), row.case
+
+
+def test_the_springs_savings_of_scenario_1(study: Study) -> None:
+    assert [claim for claim in study.claims("table2") if not claim.holds] == []
+
+
+def test_savings_do_not_depend_on_friction_at_any_cycle_time(study: Study) -> None:
+    assert sorted(study.spread) == [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6, 2.8, 3.0]
+    assert max(study.spread.values()) <= 2.0
+
+
+def test_table_3_within_twenty_percent_and_ten_on_average(study: Study) -> None:
+    off = [abs(row.simulation / row.paper.simulation - 1.0) for row in study.table3]
+    assert max(off) <= 0.20
+    assert sum(off) / len(off) <= 0.10
+
+
+def test_what_section_5b_says_of_the_springs_in_contact(study: Study) -> None:
+    told = [claim for claim in study.claims("table3") if "joint 4" not in claim.text]
+    assert [claim for claim in told if not claim.holds] == []
+
+
+def test_bare_cases_have_no_spring_and_sprung_ones_one_that_can_be_bought(study: Study) -> None:
+    for row in (*study.table2, *study.table3):
+        assert (row.stiffness is not None) == row.case.sprung
+        bought = row.plan.scenario.springs[0].catalogue if row.case.sprung else (row.stiffness,)
+        assert row.stiffness in bought
+
+
+def test_the_arm_is_the_calibrated_one(model: Model) -> None:
+    """D_44, the one figure of the inertia that follows from Table II."""
+    D = model.inertia([0.0, 0.0, 0.0, 0.0])
+    assert D[3, 3] == pytest.approx(0.2365, abs=5e-5)
+
+
+def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:
+    bench = Bench(study.model, source.controller(), 1, lambda _: None)
+    runs = {letter: bench.run(case, study.plans.of(case)) for letter in "BD" if (case := Case(letter, 1.2))}
+    planned = {letter: study.plans.of(Case(letter, 1.2)).cost for letter in "BD"}
+    friction = planned["D"] - planned["B"]
+    assert 0.5 * friction < runs["B"].cost - planned["B"] < 1.2 * friction
+    assert runs["D"].cost == pytest.approx(planned["D"], rel=0.05)
+    assert runs["B"].reversal == pytest.approx(published.REVERSAL["B"], abs=0.03)
+    assert runs["B"].reversal > runs["D"].reversal > -1.5708
