@@ -99,5 +99,9 @@ class Scenario:
     def without_springs(self) -> Scenario:
         return replace(self, springs=())
 
+    def with_any_spring(self) -> Scenario:
+        """Without the catalogues."""
+        return replace(self, springs=tuple(replace(spring, catalogue=()) for spring in self.springs))
+
     def at(self, cycle_time: float) -> Scenario:
         return replace(self, cycle_time=cycle_time)
