@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 WIDTH = 0.1
 """rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
+_WAYS = ((WIDTH,), (2 * WIDTH, WIDTH / 2))
+"""Widths on the way from the search to the result. Where joints stick, each may end in a slightly worse place."""
 _SOFT = 1.0
 """The same while searching: so smooth that each start finds its basin in some thirty steps."""
 _STARTS = 4
@@ -112,18 +114,27 @@ class Planner:
         which torque at their joints is nearly free, or costs less.
         """
         if not self.scenario.springs:
-            return sorted((self.coarse.run(x, _SOFT) for x in guesses), key=_rank)
+            return sorted((self.coarse.run(x, _SOFT) for x in guesses), key=self._rank)
         sprung = []
         for k, share in enumerate(_SHARES):
             # Each guess serves one share, and a single one both.
             own = guesses[k :: len(_SHARES)] or guesses
-            relieved = min((self.coarse.relieved(x, _SOFT, share) for x in own), key=_rank)
+            relieved = min((self.coarse.relieved(x, _SOFT, share) for x in own), key=lambda a: (not a.met, a.cost))
             sprung += [self.coarse.refine(guess, _SOFT) for guess in self._sprung(relieved.x)]
-        return sorted(sprung, key=_rank)
+        return sorted(sprung, key=self._rank)
+
+    def _rank(self, attempt: Attempt) -> tuple[bool, float]:
+        """The cheapest that meets all constraints, else the one that misses them least.
+
+        By the exact cost: between few nodes a kink of a spring can hide.
+        """
+        if attempt.missed is not None:
+            return True, attempt.missed.amount
+        return False, objective(self.scenario, effort(self.model, self.trajectory(attempt.x)))
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The first attempt refined, and its springs chosen."""
-        free = self.fine.refine(attempts[0].x, WIDTH)
+        free = min((self._refined(attempts[0].x, widths) for widths in _WAYS), key=self._rank)
         if free.missed is not None:
             raise Infeasible(self.scenario, free.missed, attempts)
         chosen, choices = self._chosen(free)
@@ -144,6 +155,12 @@ class Planner:
             seconds=time.perf_counter() - self._started,
             left_out={str(term): why for term, why in self.fine.program.physics.left_out.items()},
         )
+
+    def _refined(self, x: Array, widths: Sequence[float]) -> Attempt:
+        for width in widths:
+            found = self.fine.refine(x, width)
+            x = found.x
+        return found
 
     def _spring(self, k: int) -> slice:
         return self.fine.program.unknowns.spring(k)
@@ -225,11 +242,6 @@ def _relief(torque: Array, q: Array, spring: SpringPlan) -> tuple[float, float]:
         k = float(np.clip(torque @ pull / size if size else 0.0, *spring.stiffness))
         best = min(best, (float(np.sum((torque - k * pull) ** 2)), k / STIFFNESS_UNIT, float(offset)))
     return best[1:]
-
-
-def _rank(attempt: Attempt) -> tuple[bool, float]:
-    """The cheapest that meets all constraints, else the one that misses them least."""
-    return not attempt.met, attempt.cost if attempt.missed is None else attempt.missed.amount
 
 
 def neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:

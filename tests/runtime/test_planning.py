@@ -57,7 +57,7 @@ def along(model: Model, plan: Plan, count: int = 2001) -> Any:
 # --- optima on paper ---
 
 
-@settings(max_examples=8)
+@settings(max_examples=8, deadline=None)
 @given(
     turn=st.floats(-2.0, 2.0).filter(lambda q: abs(q) > 0.05), T=st.floats(0.2, 3.0), degree=st.sampled_from([3, 5, 8])
 )
