@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from codegen import build
 from runtime import cli
+from runtime.planning import scenario_file
 from symbolic import model_file
+from symbolic.checks import Place
 from symbolic.effects import load_user_effects
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -48,8 +51,31 @@ def test_its_c_compiles(tmp_path: Path, block: str) -> None:
     assert run.returncode == 0, run.stderr
 
 
+TOML = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
+BACK = """
+[[phase]]
+from = "pressed"
+to = "touch"
+kind = "contact"
+part = 0.1
+degree = 7
+[[phase]]
+from = "touch"
+to = "apex"
+part = 0.4
+degree = 7
+"""
+
+
+def test_its_scenario_is_read() -> None:
+    (block,) = (b for b in TOML if "[[phase]]" in b)
+    scenario = scenario_file.parse(tomllib.loads(block + BACK), Place("README.md"))
+    assert [phase.kind for phase in scenario.phases] == ["free", "contact", "contact", "free"]
+    assert scenario.springs[0].catalogue
+
+
 def test_its_keys_of_the_controller_are_read() -> None:
-    (block,) = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
+    (block,) = (b for b in TOML if "[[joint]]" in b)
     shared, joint = block.split("[[joint]]\n")
     text = (ROOT / "symbolic" / "arms" / "emps.toml").read_text(encoding="utf-8")
     arm = model_file.parse(text.replace("[[joint]]", f"{shared}[[joint]]") + joint, "README.md")
