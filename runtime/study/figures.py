@@ -75,7 +75,8 @@ def figure7(rows: Sequence[Row]) -> Figure:
         ax.set_xlabel("x, m")
     for ax in axes[:, 0]:
         ax.set_ylabel("y, m")
-    axes[0, 0].legend(frameon=False, fontsize=7.5)
+    if axes[0, 0].lines:
+        axes[0, 0].legend(frameon=False, fontsize=7.5)
     return figure
 
 
@@ -87,7 +88,6 @@ def _path(ax: Axes, row: Row) -> None:
     reached = model.tip(np.ascontiguousarray(q))
     ax.plot(reached[0], reached[1], "-", color=INK, lw=1.1, label="executed")
     ax.axhline(row.plan.trajectory.contact["plate"]["position"], color=FAINT, lw=0.5, ls=":")
-    ax.set_aspect("equal", adjustable="datalim")
 
 
 @styled

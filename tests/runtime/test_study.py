@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from runtime.cli import Source
 from runtime.loader import Model
-from runtime.study import published
+from runtime.study import figures, published
 from runtime.study.cases import Case
 from runtime.study.experiment import Bench
 from runtime.study.study import Study
+from runtime.study.tables import Row
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +68,21 @@ def test_the_arm_is_the_calibrated_one(model: Model) -> None:
     """D_44, the one figure of the inertia that follows from Table II."""
     D = model.inertia([0.0, 0.0, 0.0, 0.0])
     assert D[3, 3] == pytest.approx(0.2365, abs=5e-5)
+
+
+def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Source, study: Study) -> None:
+    bench = Bench(study.model, source.controller(), 1, lambda _: None)
+    case = Case("D", 1.6, 600.0)
+    plan = study.plans.of(case)
+    row = Row(case, plan, bench.run(case, plan), published.TABLE_3[1.6, 600.0, "D"])
+    softer = figures.figure7([row]).axes[1]
+    planned, executed = (np.asarray(line.get_ydata()) for line in softer.lines[:2])
+    # 5 cm are planned; the damper at the plate, which the model has not, takes some of them.
+    assert planned.min() == pytest.approx(-0.51, abs=1e-3)
+    assert planned.min() + 0.003 < executed.min() < -0.46
+    motor, spring = figures.figure8([row]).axes[0].lines
+    assert np.asarray(spring.get_ydata()).min() >= 0.0
+    assert np.ptp(np.asarray(motor.get_ydata())) > 5.0
 
 
 def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:
