@@ -419,13 +419,13 @@ def moment_jacobian():
     v3 = v2 + q[3]
     s4 = ca.sin(v3)
     c4 = ca.cos(v3)
-    v4 = 0.189284352 * s4
-    v5 = 0.189284352 * c4
-    v6 = v4 + 0.610087785 * s3
-    v7 = v5 + 0.610087785 * c3
-    v8 = v6 + 0.45214776 * s2
-    v9 = v7 + 0.45214776 * c2
-    M = ca.SX(ca.vertcat(ca.horzcat(-(v8 + 1.835569184 * s1), -v8, -v6, -v4), ca.horzcat(v9 + 1.835569184 * c1, v9, v7, v5)))
+    v4 = 0.189303174 * s4
+    v5 = 0.189303174 * c4
+    v6 = v4 + 0.61017355016 * s3
+    v7 = v5 + 0.61017355016 * c3
+    v8 = v6 + 0.45223869156 * s2
+    v9 = v7 + 0.45223869156 * c2
+    M = ca.SX(ca.vertcat(ca.horzcat(-(v8 + 1.8358518832 * s1), -v8, -v6, -v4), ca.horzcat(v9 + 1.8358518832 * c1, v9, v7, v5)))
     inputs, outputs = [parameters, q], [M]
     return ca.Function("moment_jacobian", inputs, outputs, ["parameters", "q"], ["M"])
 

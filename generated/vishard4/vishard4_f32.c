@@ -5,16 +5,16 @@
 /* Fills the structure with the values of the model file. */
 void vishard4_default_parameters_f32(vishard4_parameters_f32 *parameters)
 {
-    parameters->J1 = 0.52977437f;
-    parameters->J2 = -0.0013267326f;
-    parameters->J3 = -0.0082315365f;
-    parameters->J4 = 0.02709389f;
+    parameters->J1 = 0.5297877f;
+    parameters->J2 = -0.001327554f;
+    parameters->J3 = -0.008233732f;
+    parameters->J4 = 0.027095884f;
     parameters->I2 = 0.9f;
     parameters->I3 = 0.58f;
-    parameters->I4 = 0.20940611f;
-    parameters->mu2 = 0.0147733865f;
-    parameters->mu3 = 0.04084079f;
-    parameters->h4 = 0.023281975f;
+    parameters->I4 = 0.20940411f;
+    parameters->mu2 = 0.01477883f;
+    parameters->mu3 = 0.04084653f;
+    parameters->h4 = 0.02328429f;
     parameters->l1_by_l2 = 3.00813f;
     parameters->l3_by_l2 = 1.8373984f;
     parameters->l1 = 0.37f;
@@ -513,17 +513,17 @@ void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, con
     const float v3 = v2 + q[3];
     float s4, c4;
     tendon_sincos_f32(v3, &s4, &c4);
-    const float v4 = 0.18928435f * s4;
-    const float v5 = 0.18928435f * c4;
-    const float v6 = v4 + 0.6100878f * s3;
-    const float v7 = v5 + 0.6100878f * c3;
-    const float v8 = v6 + 0.45214775f * s2;
-    const float v9 = v7 + 0.45214775f * c2;
-    M[0] = -(v8 + 1.8355691f * s1);
+    const float v4 = 0.18930317f * s4;
+    const float v5 = 0.18930317f * c4;
+    const float v6 = v4 + 0.6101735f * s3;
+    const float v7 = v5 + 0.6101735f * c3;
+    const float v8 = v6 + 0.45223868f * s2;
+    const float v9 = v7 + 0.45223868f * c2;
+    M[0] = -(v8 + 1.8358519f * s1);
     M[1] = -v8;
     M[2] = -v6;
     M[3] = -v4;
-    M[4] = v9 + 1.8355691f * c1;
+    M[4] = v9 + 1.8358519f * c1;
     M[5] = v9;
     M[6] = v7;
     M[7] = v5;

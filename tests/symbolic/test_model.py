@@ -108,11 +108,11 @@ def test_vishard4_reproduces_what_is_published_of_it() -> None:
 
 def test_vishard4_links_are_rods_with_a_mass_at_the_far_end() -> None:
     """The comment in the file, computed; six decimals in the file."""
-    for joint in load(ARMS / "vishard4.toml").joints:
-        l, rod = joint.link.length, 11 * joint.link.length
-        centre = (rod * l / 2 + 0.9 * l) / (rod + 0.9)
-        about = rod * l**2 / 12 + rod * (centre - l / 2) ** 2 + 0.9 * (l - centre) ** 2
-        assert joint.link.mass == pytest.approx(rod + 0.9, abs=1e-6)
+    for joint, end in zip(load(ARMS / "vishard4.toml").joints, (0.23, 0.23, 0.68, 0.86), strict=True):
+        l, rod = joint.link.length, 4.28 * joint.link.length
+        centre = (rod * l / 2 + end * l) / (rod + end)
+        about = rod * l**2 / 12 + rod * (centre - l / 2) ** 2 + end * (l - centre) ** 2
+        assert joint.link.mass == pytest.approx(rod + end, abs=1e-6)
         assert joint.link.com == (pytest.approx(centre, abs=1e-6), 0.0)
         assert joint.link.inertia == pytest.approx(about, abs=1e-6)
 
