@@ -11,11 +11,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from codegen import workspace
 from runtime import loader
 from symbolic import model_file
 from symbolic.arm import Arm
+
+# On a busy machine an example takes as long as it takes.
+settings.register_profile("unhurried", deadline=None)
+settings.load_profile("unhurried")
 
 ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
