@@ -10,13 +10,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.loader import Model
+from runtime.loader import Library, Model
 from runtime.planning.evaluate import Effort, at_times, effort, objective
 from runtime.planning.program import STIFFNESS_UNIT, Program
 from runtime.planning.scenario import Scenario, SpringPlan
 from runtime.planning.solve import Attempt, Miss, Solver
 from runtime.planning.starts import random_start
-from runtime.planning.trajectory import Phase, Trajectory
+from runtime.planning.trajectory import SPRING, Phase, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -177,7 +177,7 @@ class Planner:
         fitting, taut = x.copy(), x.copy()
         for k, spring in enumerate(self.scenario.springs):
             torque, q = bare.tau[spring.joint - 1], bare.motion.q[spring.joint - 1]
-            fitting[self._spring(k)] = _relief(torque, q, spring)
+            fitting[self._spring(k)] = _relief(self.model.library, torque, q, spring)
             offset = min(q.max() + np.ptp(q) / 2, spring.offset[1])
             taut[self._spring(k)] = sum(spring.stiffness) / 2 / STIFFNESS_UNIT, offset
         return [fitting, taut]
@@ -233,11 +233,12 @@ class Planner:
         return Trajectory(self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction, mounted, contact)
 
 
-def _relief(torque: Array, q: Array, spring: SpringPlan) -> tuple[float, float]:
+def _relief(library: Library, torque: Array, q: Array, spring: SpringPlan) -> tuple[float, float]:
     """Stiffness (kN/m) and offset that leave the least squared torque (N,) at positions q (N,)."""
     best = (np.inf, 0.0, 0.0)
     for offset in np.linspace(*spring.offset, _OFFSETS):
-        pull = spring.radius**2 * np.maximum(offset - q, 0.0)
+        unit = {"stiffness": 1.0, "radius": spring.radius, "offset": float(offset), "pretension": 0.0}
+        pull = -library.torque(SPRING, {"q": q}, unit)
         size = float(pull @ pull)
         k = float(np.clip(torque @ pull / size if size else 0.0, *spring.stiffness))
         best = min(best, (float(np.sum((torque - k * pull) ** 2)), k / STIFFNESS_UNIT, float(offset)))

@@ -67,6 +67,8 @@ def study(document: Mapping[str, Any]) -> None:
         if name in document:
             costs(title, document[name]["rows"])
             claims([Claim(**claim) for claim in document[name]["claims"]])
+    if "spread" in document:
+        figure5({float(T): value for T, value in document["spread"].items()})
     for path in document["figures"]:
         say(f"drawn: {path}")
     if document["kept"]:

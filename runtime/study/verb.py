@@ -46,7 +46,8 @@ def paper(
         drawn = write.figures(made, wanted, out)
         kept = write.recordings(made, out, source.mounted) if keep else []
     held = [claim["holds"] for page in document.values() for claim in page["claims"]]
-    emit(json, {**document, "figures": drawn, "kept": kept, "holds": all(held)}, _show)
+    spread = {"spread": made.spread} if "figure5" in wanted else {}
+    emit(json, {**document, **spread, "figures": drawn, "kept": kept, "holds": all(held)}, _show)
     if not all(held):
         raise typer.Exit(boundary.NO)
 
