@@ -113,6 +113,15 @@ class LumpInfo:
 
 
 @dataclass(frozen=True)
+class DriveInfo:
+    """A joint's drive on a CAN bus: node id; direction 1 or −1; rated torque of the motor in N m, None: as it says."""
+
+    node: int
+    direction: int
+    rated_torque: float | None
+
+
+@dataclass(frozen=True)
 class JointInfo:
     """A joint as the model file has it; effects: name -> parameter values (those that are known)."""
 
@@ -125,6 +134,7 @@ class JointInfo:
     torque_limit: float | None
     gains: Mapping[str, float] | None
     encoder_counts: int | None
+    drive: DriveInfo | None
     effects: Mapping[str, Mapping[str, float]]
     force_unit: str
     position_unit: str
@@ -142,6 +152,7 @@ def joint_info(data: Mapping[str, Any]) -> JointInfo:
         torque_limit=limits["torque"],
         gains=data["gains"],
         encoder_counts=data["encoder_counts"],
+        drive=None if data["drive"] is None else DriveInfo(**data["drive"]),
         effects=data["effects"],
         force_unit=data["units"]["force"],
         position_unit=data["units"]["position"],

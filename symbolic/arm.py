@@ -53,6 +53,20 @@ class Control:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """The servo drive of a joint on a CAN bus.
+
+    node           its CANopen node id
+    direction      1; −1 where the motor's positive direction is the joint's negative one
+    rated_torque   of the motor, N m; None: as the drive itself says
+    """
+
+    node: int
+    direction: int = 1
+    rated_torque: float | None = None
+
+
+@dataclass(frozen=True)
 class Joint:
     """rotor_inertia at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A).
 
@@ -68,6 +82,7 @@ class Joint:
     limits: Limits = field(default_factory=Limits)
     gains: Gains | None = None
     encoder_counts: int | None = None
+    drive: Drive | None = None
 
 
 @dataclass(frozen=True)

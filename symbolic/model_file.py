@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from symbolic.arm import Arm, Contact, Control, Gains, Joint, Limits, Link, Values
+from symbolic.arm import Arm, Contact, Control, Drive, Gains, Joint, Limits, Link, Values
 from symbolic.checks import (
     ModelError,
     Place,
@@ -35,6 +35,8 @@ __all__ = ["ModelError", "check_effect", "load", "parse", "read_text"]
 
 MAX_JOINTS = 7
 MAX_BYTES = 1_000_000
+MAX_NODE = 126
+"""Node ids on a CAN bus end at 127, which is left to the computer."""
 
 
 def load(path: Path | str, effects: Mapping[str, Effect] | None = None) -> Arm:
@@ -132,13 +134,15 @@ def _joints(top: Place, value: Any, effects: Mapping[str, Effect]) -> tuple[Join
         top.fail(f"joint is {found(value)}; expected one [[joint]] table a joint, from the base outwards")
     if not 1 <= len(value) <= MAX_JOINTS:
         top.fail(f"found {len(value)} joints; expected 1 to {MAX_JOINTS} [[joint]] tables")
-    return tuple(
+    joints = tuple(
         _joint(top.inside(f"joint {i}"), table, effects, last=i == len(value)) for i, table in enumerate(value, 1)
     )
+    _check_nodes(top, joints)
+    return joints
 
 
 def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], last: bool) -> Joint:
-    optional = ("effects", "torque_constant", "limits", "controller", "encoder")
+    optional = ("effects", "torque_constant", "limits", "controller", "encoder", "drive")
     keys(place, table, ("type", "rotor_inertia", "gear_ratio", "link"), optional)
     kind: Literal["revolute", "prismatic"]
     if table["type"] == "revolute":
@@ -160,6 +164,7 @@ def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], l
         limits=_limits(place.inside("limits"), table.get("limits", {}), kind),
         gains=_gains(place.inside("controller"), table["controller"], kind) if "controller" in table else None,
         encoder_counts=_encoder(place.inside("encoder"), table["encoder"]) if "encoder" in table else None,
+        drive=_drive(place.inside("drive"), table["drive"]) if "drive" in table else None,
     )
 
 
@@ -204,6 +209,31 @@ def _encoder(place: Place, value: Any) -> int:
     if counts != int(counts):
         place.fail(f"counts is {counts:.6g}; expected a whole number, counts per turn of the motor")
     return int(counts)
+
+
+def _drive(place: Place, value: Any) -> Drive:
+    table = table_at(place, value, "[joint.drive] with node")
+    keys(place, table, ("node",), ("direction", "rated_torque"))
+    node, direction = table["node"], table.get("direction", 1)
+    if not isinstance(node, int) or isinstance(node, bool) or not 1 <= node <= MAX_NODE:
+        place.fail(f"node is {found(node)}; expected the drive's CANopen node id, a whole number from 1 to {MAX_NODE}")
+    if isinstance(direction, bool) or direction not in (1, -1):
+        place.fail(f"direction is {found(direction)}; expected 1, or -1 where the motor counts against the joint")
+    rated = table.get("rated_torque")
+    if rated is not None:
+        rated = number(place, "rated_torque", rated, "N m at the motor", positive=True)
+    return Drive(node, int(direction), rated)
+
+
+def _check_nodes(top: Place, joints: tuple[Joint, ...]) -> None:
+    """Every drive answers to an id of its own."""
+    seen: dict[int, int] = {}
+    for i, joint in enumerate(joints, 1):
+        if joint.drive is not None and seen.setdefault(joint.drive.node, i) != i:
+            first, node = seen[joint.drive.node], joint.drive.node
+            top.inside(f"joint {i}").inside("drive").fail(
+                f"node {node} is the drive of joint {first} already; expected an id of its own"
+            )
 
 
 def _control(place: Place, value: Any) -> Control:

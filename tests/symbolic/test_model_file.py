@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from symbolic import model_file
-from symbolic.arm import Arm, Control, Gains
+from symbolic.arm import Arm, Control, Drive, Gains
 from symbolic.model_file import ModelError
 
 CONTROL = "rate = 1000\nvelocity_cutoff = 80\nfriction_scale = 0.9\nfriction_slope = 100\n"
@@ -54,6 +54,7 @@ def test_optional_keys():
         '[[joint]]\ntype = "prismatic"\nrotor_inertia = 0\ngear_ratio = 1\ntorque_constant = 12.5\n'
         f"[joint.limits]\nposition = [-1, 2]\nspeed = 3\ntorque = 4\n[joint.link]\n{LINK}"
         "[joint.controller]\nkp = 30\nkd = 2.5\n[joint.encoder]\ncounts = 4096\n"
+        "[joint.drive]\nnode = 5\ndirection = -1\nrated_torque = 0.35\n"
     )
     arm = model_file.parse(text, "a.toml")
     joint = arm.joints[0]
@@ -64,6 +65,14 @@ def test_optional_keys():
     assert arm.inertial == {"J1": 0.25}
     assert arm.controller == Control(rate=2000.0, velocity_cutoff=80.0, friction_scale=0.9, friction_slope=100.0)
     assert (joint.gains, joint.encoder_counts) == (Gains(kp=30.0, kd=2.5), 4096)
+    assert joint.drive == Drive(node=5, direction=-1, rated_torque=0.35)
+
+
+def test_every_drive_has_an_id_of_its_own():
+    drives = [f"{JOINT}[joint.drive]\nnode = {node}\n" for node in (3, 4, 3)]
+    assert said(f'name = "a"\ngravity = [0, 0]\n{"".join(drives)}') == (
+        "arm.toml: joint 3: drive: node 3 is the drive of joint 1 already; expected an id of its own"
+    )
 
 
 def test_a_byte_order_mark_and_windows_line_ends_are_read():
@@ -108,6 +117,16 @@ def test_the_message_of_the_design():
         ('type = "revolute"', 'type = "rotary"', 'type is the text "rotary"; expected "revolute" or "prismatic"'),
         ("gear_ratio = 100", "gear_ratio = 100\nencoder = {}", 'joint 1: encoder: missing key "counts"'),
         ("gear_ratio = 100", "gear_ratio = 100\nencoder = {counts = 0.5}", "counts is 0.5; expected a whole number"),
+        ("gear_ratio = 100", "gear_ratio = 100\ndrive = {}", 'joint 1: drive: missing key "node"'),
+        ("gear_ratio = 100", "gear_ratio = 100\ndrive = {node = 0}", "node is 0; expected the drive's CANopen node id"),
+        ("gear_ratio = 100", "gear_ratio = 100\ndrive = {node = 127}", "node is 127; expected the drive's CANopen node"),
+        ("gear_ratio = 100", "gear_ratio = 100\ndrive = {node = 1.0}", "node is 1; expected the drive's CANopen node id"),
+        ("gear_ratio = 100", "gear_ratio = 100\ndrive = {node = 1, direction = 0}", "direction is 0; expected 1, or -1"),
+        (
+            "gear_ratio = 100",
+            "gear_ratio = 100\ndrive = {node = 1, rated_torque = 0}",
+            "drive: rated_torque is 0; expected a number in N m at the motor > 0",
+        ),
         ("gear_ratio = 100", "gear_ratio = 100\ncontroller = {kp = 1}", 'joint 1: controller: missing key "kd"'),
         (
             "gear_ratio = 100",
