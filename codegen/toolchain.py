@@ -1,0 +1,261 @@
+"""Cross-compilers for the controller: which there are, their flags, and what they make of the sources."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from codegen import stack
+from codegen.build import WARNINGS, BuildError, cache_directory
+from codegen.elf import Elf
+
+LANGUAGE = ("-std=c99", "-pedantic", "-ffreestanding")
+ARITHMETIC = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+"""The same bits from every compiler, and a square root that is one instruction."""
+SECTIONS = ("-ffunction-sections", "-fdata-sections")
+OPTIMISATION = {"gcc": "-O2", "zig": "-O2"}
+FORBIDDEN = (
+    "__aeabi_d",
+    "__aeabi_f2d",
+    "__aeabi_i2d",
+    "__aeabi_ui2d",
+    "__aeabi_l2d",
+    "malloc",
+    "free",
+    "printf",
+    "_sbrk",
+)
+"""How the names of functions begin that have no place in the image: double precision, a heap, text."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor. gcc, zig: the compilers' flags for it; machine: QEMU's name of a board that has it."""
+
+    name: str
+    meaning: str
+    gcc: tuple[str, ...]
+    zig: tuple[str, ...]
+    machine: str
+
+
+def _cortex(name: str, meaning: str, cpu: str, fpu: str, zig: str, machine: str) -> Target:
+    return Target(
+        name,
+        meaning,
+        (f"-mcpu={cpu}", "-mthumb", f"-mfpu={fpu}", "-mfloat-abi=hard"),
+        ("-target", "thumb-freestanding-eabihf", f"-mcpu={zig}"),
+        machine,
+    )
+
+
+TARGETS = {
+    target.name: target
+    for target in (
+        _cortex(
+            "cortex-m4f",
+            "Arm Cortex-M4 with its single-precision unit",
+            *("cortex-m4", "fpv4-sp-d16", "cortex_m4+vfp4d16sp", "mps2-an386"),
+        ),
+        _cortex(
+            "cortex-m7",
+            "Arm Cortex-M7 with a single-precision unit",
+            *("cortex-m7", "fpv5-sp-d16", "cortex_m7+fp_armv8d16sp", "mps2-an500"),
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Toolchain:
+    """kind: gcc or zig, by whose rules the flags are; why: how it came to be chosen."""
+
+    kind: str
+    compile: tuple[str, ...]
+    link: tuple[str, ...]
+    why: str
+
+    @property
+    def version(self) -> str:
+        """As the compiler says it, for example "clang version 22.1.8"."""
+        return _version(self.compile)
+
+    def flags(self, target: Target, optimisation: str | None = None) -> tuple[str, ...]:
+        """All that decides the machine code; warnings apart."""
+        own = {
+            # Else a loop that clears or copies becomes a call of the C library.
+            "gcc": (*target.gcc, "-fno-tree-loop-distribute-patterns", "-fstack-usage"),
+            "zig": (*target.zig, "-fno-sanitize=all", "-fomit-frame-pointer", "-fstack-size-section"),
+        }[self.kind]
+        return (*own, optimisation or OPTIMISATION[self.kind], *LANGUAGE, *ARITHMETIC, *SECTIONS)
+
+    def link_flags(self, target: Target, script: str) -> tuple[str, ...]:
+        """Of an image that brings its own start-up and needs no library."""
+        if self.kind == "gcc":
+            return (*target.gcc, "-nostdlib", "-Wl,--gc-sections", "-Wl,--build-id=none", "-T", script)
+        return ("--gc-sections", "--build-id=none", "-T", script)
+
+
+@functools.cache
+def _version(command: tuple[str, ...]) -> str:
+    line = _run([*command, "--version"], Path.cwd()).splitlines()
+    return line[0] if line else "unknown"
+
+
+def find(chosen: str | None = None) -> Toolchain:
+    """A cross-compiler: `chosen` ("gcc", "zig"), else $TENDON_ARM_CC, else gcc-arm-none-eabi, else the ziglang wheel.
+
+    Raises BuildError, which says what to install.
+    """
+    if chosen is not None:
+        return _gcc("as chosen") if chosen == "gcc" else _zig("as chosen")
+    if named := os.environ.get("TENDON_ARM_CC"):
+        return _named(named)
+    if shutil.which("arm-none-eabi-gcc"):
+        return _gcc("found first; --toolchain zig takes the ziglang wheel instead")
+    if importlib.util.find_spec("ziglang") is not None:
+        return _zig("arm-none-eabi-gcc is not installed")
+    raise BuildError(
+        "no cross-compiler found (looked for TENDON_ARM_CC, arm-none-eabi-gcc and the ziglang wheel); "
+        f"install gcc-arm-none-eabi, or run: {sys.executable} -m pip install ziglang"
+    )
+
+
+def _gcc(why: str) -> Toolchain:
+    command = shutil.which("arm-none-eabi-gcc")
+    if command is None:
+        raise BuildError("arm-none-eabi-gcc is not there; install gcc-arm-none-eabi or choose --toolchain zig")
+    return Toolchain("gcc", (command,), (command,), why)
+
+
+def _zig(why: str) -> Toolchain:
+    if importlib.util.find_spec("ziglang") is None:
+        raise BuildError(
+            f"the ziglang wheel is not there; run: {sys.executable} -m pip install ziglang, or choose --toolchain gcc"
+        )
+    zig = (sys.executable, "-m", "ziglang")
+    return Toolchain("zig", (*zig, "cc"), (*zig, "ld.lld"), why)
+
+
+def _named(text: str) -> Toolchain:
+    command = tuple(shlex.split(text))
+    if not command or shutil.which(command[0]) is None:
+        raise BuildError(f'the cross-compiler "{text}" of the environment variable TENDON_ARM_CC is not there')
+    why = "named by TENDON_ARM_CC"
+    if "zig" in text:
+        bare = command[:-1] if command[-1] == "cc" else command
+        return Toolchain("zig", (*bare, "cc"), (*bare, "ld.lld"), why)
+    return Toolchain("gcc", command, command, why)
+
+
+@dataclass(frozen=True)
+class Image:
+    """What was compiled. start: address of the binary's first byte; symbols: addresses, without the Thumb bit."""
+
+    elf: Path
+    binary: Path
+    target: Target
+    toolchain: Toolchain
+    start: int
+    text: int
+    data: int
+    bss: int
+    stack: stack.Stack
+    symbols: Mapping[str, int]
+
+    @property
+    def forbidden(self) -> list[str]:
+        """Symbols that have no place on a microcontroller."""
+        return sorted(name for name in self.symbols if name.startswith(FORBIDDEN))
+
+    def to_json(self) -> dict[str, Any]:
+        """The report beside the image; paths are names within its directory."""
+        return {
+            "target": self.target.name,
+            "machine": self.target.machine,
+            "toolchain": {"kind": self.toolchain.kind, "version": self.toolchain.version, "why": self.toolchain.why},
+            "elf": self.elf.name,
+            "binary": self.binary.name,
+            "start": self.start,
+            "text": self.text,
+            "data": self.data,
+            "bss": self.bss,
+            "stack": {**asdict(self.stack), "worst": self.stack.worst},
+            "forbidden": self.forbidden,
+            "symbols": dict(sorted(self.symbols.items())),
+        }
+
+
+def compile_image(
+    directory: Path,
+    sources: Sequence[str],
+    script: str,
+    target: Target,
+    toolchain: Toolchain,
+    *,
+    output: str = "build/firmware",
+    include: Sequence[str] = ("src",),
+    optimisation: str | None = None,
+) -> Image:
+    """Compile and link `sources` of `directory` into output.elf and output.bin there.
+
+    script        linker script
+    output        without suffix; object files go beside it
+    include       directories with headers
+    Paths are relative to `directory`. Raises BuildError with the compiler's first complaint.
+    """
+    stem = directory / output
+    objects = stem.parent / "objects"
+    shutil.rmtree(objects, ignore_errors=True)
+    objects.mkdir(parents=True)
+    flags = [*toolchain.flags(target, optimisation), *WARNINGS, "-g", *(f"-I{path}" for path in include)]
+    outputs = [str((objects / source.replace("/", "_")).with_suffix(".o").relative_to(directory)) for source in sources]
+    for source, compiled in zip(sources, outputs, strict=True):
+        _run([*toolchain.compile, *flags, "-c", source, "-o", compiled], directory)
+    tail = ["-lgcc"] if toolchain.kind == "gcc" else []
+    _run([*toolchain.link, *toolchain.link_flags(target, script), *outputs, *tail, "-o", f"{output}.elf"], directory)
+    path = stem.with_suffix(".elf")
+    elf = Elf.read(path)
+    start, content = elf.binary()
+    stem.with_suffix(".bin").write_bytes(content)
+    frames = stack.frames_of_usage(objects) if toolchain.kind == "gcc" else stack.frames_of_sections(elf)
+    sizes = elf.sizes
+    named = {
+        s.name: s.address & ~1 if s.function else s.address for s in elf.symbols if s.section and s.name[:1] != "$"
+    }
+    return Image(
+        path,
+        stem.with_suffix(".bin"),
+        target,
+        toolchain,
+        start,
+        sizes.text,
+        sizes.data,
+        sizes.bss,
+        stack.worst(elf, frames),
+        {name: address for name, address in named.items() if name and not name.endswith((".c", ".o"))},
+    )
+
+
+def _run(command: Sequence[str], directory: Path) -> str:
+    """Standard output of a compiler's call. Raises BuildError."""
+    zig = str(cache_directory() / "zig")
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": zig, "ZIG_LOCAL_CACHE_DIR": zig}
+    try:
+        result = subprocess.run(command, cwd=directory, capture_output=True, text=True, env=environment, check=False)
+    except OSError as error:
+        raise BuildError(f"cannot run the cross-compiler {command[0]}: {error.strerror}") from error
+    if result.returncode:
+        lines = [line.strip() for line in result.stderr.splitlines() if line.strip()]
+        first = next((line for line in lines if "error" in line), lines[0] if lines else "no message")
+        raise BuildError(f"the cross-compiler {command[0]} failed (exit {result.returncode}): {first[:300]}")
+    return result.stdout
