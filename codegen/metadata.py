@@ -63,6 +63,7 @@ def _joint(joint: Joint) -> dict[str, Any]:
         },
         "gains": None if joint.gains is None else asdict(joint.gains),
         "encoder_counts": joint.encoder_counts,
+        "encoder_zero": joint.encoder_zero,
         "drive": None if joint.drive is None else asdict(joint.drive),
         "effects": _values(joint.effects),
         "units": {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)},

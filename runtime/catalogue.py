@@ -134,6 +134,7 @@ class JointInfo:
     torque_limit: float | None
     gains: Mapping[str, float] | None
     encoder_counts: int | None
+    encoder_zero: int
     drive: DriveInfo | None
     effects: Mapping[str, Mapping[str, float]]
     force_unit: str
@@ -152,6 +153,7 @@ def joint_info(data: Mapping[str, Any]) -> JointInfo:
         torque_limit=limits["torque"],
         gains=data["gains"],
         encoder_counts=data["encoder_counts"],
+        encoder_zero=data["encoder_zero"],
         drive=None if data["drive"] is None else DriveInfo(**data["drive"]),
         effects=data["effects"],
         force_unit=data["units"]["force"],

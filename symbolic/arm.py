@@ -70,7 +70,7 @@ class Drive:
 class Joint:
     """rotor_inertia at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A).
 
-    encoder_counts   per turn of the motor
+    encoder_counts   per turn of the motor; encoder_zero: of them where the position is 0
     """
 
     type: Literal["revolute", "prismatic"]
@@ -82,6 +82,7 @@ class Joint:
     limits: Limits = field(default_factory=Limits)
     gains: Gains | None = None
     encoder_counts: int | None = None
+    encoder_zero: int = 0
     drive: Drive | None = None
 
 

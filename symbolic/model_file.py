@@ -163,7 +163,7 @@ def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], l
         torque_constant=constant,
         limits=_limits(place.inside("limits"), table.get("limits", {}), kind),
         gains=_gains(place.inside("controller"), table["controller"], kind) if "controller" in table else None,
-        encoder_counts=_encoder(place.inside("encoder"), table["encoder"]) if "encoder" in table else None,
+        **(_encoder(place.inside("encoder"), table["encoder"]) if "encoder" in table else {}),
         drive=_drive(place.inside("drive"), table["drive"]) if "drive" in table else None,
     )
 
@@ -202,13 +202,16 @@ def _gains(place: Place, value: Any, kind: str) -> Gains:
     return Gains(number(place, "kp", table["kp"], kp, low=0.0), number(place, "kd", table["kd"], kd, low=0.0))
 
 
-def _encoder(place: Place, value: Any) -> int:
+def _encoder(place: Place, value: Any) -> dict[str, int]:
     table = table_at(place, value, "[joint.encoder] with counts")
-    keys(place, table, ("counts",))
+    keys(place, table, ("counts",), ("zero",))
     counts = number(place, "counts", table["counts"], "counts per turn of the motor", positive=True)
     if counts != int(counts):
         place.fail(f"counts is {counts:.6g}; expected a whole number, counts per turn of the motor")
-    return int(counts)
+    zero = table.get("zero", 0)
+    if not isinstance(zero, int) or isinstance(zero, bool) or not -(2**31) <= zero < 2**31:
+        place.fail(f"zero is {found(zero)}; expected a whole number of 32 bits, what the encoder counts at position 0")
+    return {"encoder_counts": int(counts), "encoder_zero": zero}
 
 
 def _drive(place: Place, value: Any) -> Drive:

@@ -53,7 +53,7 @@ def test_optional_keys():
         "[controller]\nrate = 2000\nvelocity_cutoff = 80\nfriction_scale = 0.9\nfriction_slope = 100\n"
         '[[joint]]\ntype = "prismatic"\nrotor_inertia = 0\ngear_ratio = 1\ntorque_constant = 12.5\n'
         f"[joint.limits]\nposition = [-1, 2]\nspeed = 3\ntorque = 4\n[joint.link]\n{LINK}"
-        "[joint.controller]\nkp = 30\nkd = 2.5\n[joint.encoder]\ncounts = 4096\n"
+        "[joint.controller]\nkp = 30\nkd = 2.5\n[joint.encoder]\ncounts = 4096\nzero = -17\n"
         "[joint.drive]\nnode = 5\ndirection = -1\nrated_torque = 0.35\n"
     )
     arm = model_file.parse(text, "a.toml")
@@ -64,7 +64,7 @@ def test_optional_keys():
     assert arm.effects == {"gravity": {"gx": 1.0}}
     assert arm.inertial == {"J1": 0.25}
     assert arm.controller == Control(rate=2000.0, velocity_cutoff=80.0, friction_scale=0.9, friction_slope=100.0)
-    assert (joint.gains, joint.encoder_counts) == (Gains(kp=30.0, kd=2.5), 4096)
+    assert (joint.gains, joint.encoder_counts, joint.encoder_zero) == (Gains(kp=30.0, kd=2.5), 4096, -17)
     assert joint.drive == Drive(node=5, direction=-1, rated_torque=0.35)
 
 
@@ -117,6 +117,7 @@ def test_the_message_of_the_design():
         ('type = "revolute"', 'type = "rotary"', 'type is the text "rotary"; expected "revolute" or "prismatic"'),
         ("gear_ratio = 100", "gear_ratio = 100\nencoder = {}", 'joint 1: encoder: missing key "counts"'),
         ("gear_ratio = 100", "gear_ratio = 100\nencoder = {counts = 0.5}", "counts is 0.5; expected a whole number"),
+        ("gear_ratio = 100", "gear_ratio = 100\nencoder = {counts = 5, zero = 0.5}", "zero is 0.5; expected a whole"),
         ("gear_ratio = 100", "gear_ratio = 100\ndrive = {}", 'joint 1: drive: missing key "node"'),
         ("gear_ratio = 100", "gear_ratio = 100\ndrive = {node = 0}", "node is 0; expected the drive's CANopen"),
         ("gear_ratio = 100", "gear_ratio = 100\ndrive = {node = 127}", "node is 127; expected the drive's"),

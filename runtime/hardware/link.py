@@ -1,0 +1,33 @@
+"""The line to a board: bytes there and back, and its own clock."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class LinkError(RuntimeError):
+    """The line cannot be opened; the message says what to do."""
+
+
+class LinkLost(RuntimeError):
+    """The line that was there is gone; the message says how."""
+
+
+class Link(Protocol):
+    """Both directions of a line. All may raise LinkLost.
+
+    A link has a time of its own, so that a simulated board is waited for in its time and not in that of a busy
+    machine: every deadline is kept by `now`.
+    """
+
+    def write(self, data: bytes) -> None:
+        """Send these bytes; waits no longer than the line takes."""
+
+    def read(self, timeout: float) -> bytes:
+        """What has come, at once if something has; b"" if nothing comes within `timeout` s of this link's time."""
+
+    def now(self) -> float:
+        """s, from any beginning; grows in `read`."""
+
+    def close(self) -> None:
+        """Give the line back; may be called twice."""

@@ -1,0 +1,145 @@
+"""The firmware's image on a board emulated by QEMU: a process of its own, with real interrupts and real UARTs."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+from runtime.hardware.emulated import PATIENCE, PlantLine
+from runtime.hardware.link import LinkError, LinkLost
+from runtime.hardware.lockstep import Counts, Float32
+
+_PROGRAM = "qemu-system-arm"
+_CHUNK = 65_536
+_ANSWER_WAIT = 1.0
+"""s of real time that an answer to the host may take: it comes beside the control periods, not in them."""
+_DELIMITER = 0
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+
+
+class QemuBoard:
+    """A board with the image `name`.elf of a directory of codegen.workspace.prepare_firmware; n: joints.
+
+    machine   of QEMU: mps2-an386 is a Cortex-M4F, mps2-an500 a Cortex-M7
+    Raises LinkError where QEMU is missing or does not start.
+    """
+
+    def __init__(self, directory: Path, name: str, n: int, machine: str = "mps2-an386") -> None:
+        program = shutil.which(_PROGRAM)
+        if program is None:
+            raise LinkError(f"--on qemu needs {_PROGRAM}, which is not here: apt install qemu-system-arm")
+        self._line = PlantLine(n)
+        self._asked = False
+        self._sockets: list[socket.socket] = []
+        self._place = tempfile.TemporaryDirectory(prefix="tendon-qemu-")
+        self._process: subprocess.Popen[bytes] | None = None
+        try:
+            self._start(program, directory / f"{name}.elf", machine)
+        except BaseException:
+            self.close()
+            raise
+        self._host, self._plant = self._sockets
+
+    def receive(self, data: bytes) -> None:
+        self._put(self._host, data)
+        self._asked = True
+
+    def send(self) -> bytes:
+        """All that has come; whole frames, and an answer if something was asked."""
+        data = self._take(_ANSWER_WAIT if self._asked else 0.0)
+        while data and data[-1] != _DELIMITER and (more := self._take(_ANSWER_WAIT)):
+            data += more
+        if data:
+            self._asked = False
+        return data
+
+    def period(self, counts: Counts, time_us: int, fault: int) -> tuple[bool, Float32]:
+        self._put(self._plant, self._line.period(counts, time_us, fault))
+        return self._line.answer(self._answer())
+
+    def close(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        for line in self._sockets:
+            line.close()
+        self._sockets = []
+        self._place.cleanup()
+
+    def _start(self, program: str, image: Path, machine: str) -> None:
+        paths = [str(Path(self._place.name) / line) for line in ("host", "plant")]
+        listening = [_listener(path) for path in paths]
+        serial = [part for path in paths for part in ("-serial", f"unix:{path}")]
+        command = [program, "-M", machine, "-kernel", str(image), "-nographic", "-monitor", "none", *serial]
+        log = Path(self._place.name) / "log"
+        with log.open("wb") as errors, contextlib.ExitStack() as stack:
+            for line in listening:
+                stack.callback(line.close)
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, preexec_fn=_die_with_parent
+            )
+            self._sockets = [self._accepted(line, log) for line in listening]
+
+    def _accepted(self, listening: socket.socket, log: Path) -> socket.socket:
+        assert self._process is not None
+        deadline = time.monotonic() + PATIENCE
+        while self._process.poll() is None and time.monotonic() < deadline:
+            with contextlib.suppress(TimeoutError):
+                line, _ = listening.accept()
+                return line
+        words = log.read_text(errors="replace").strip().splitlines()
+        raise LinkError(f"{_PROGRAM} does not start: {words[-1] if words else 'it says nothing'}")
+
+    def _put(self, line: socket.socket, data: bytes) -> None:
+        try:
+            line.settimeout(PATIENCE)
+            line.sendall(data)
+        except OSError as error:
+            raise LinkLost(f"the emulated board takes no more bytes ({error})") from error
+
+    def _take(self, timeout: float) -> bytes:
+        self._host.settimeout(timeout)
+        try:
+            return self._host.recv(_CHUNK)
+        except (BlockingIOError, TimeoutError):
+            return b""
+        except OSError as error:
+            raise LinkLost(f"the emulated board is gone ({error})") from error
+
+    def _answer(self) -> bytes:
+        self._plant.settimeout(PATIENCE)
+        found = b""
+        while len(found) < self._line.size:
+            try:
+                more = self._plant.recv(self._line.size - len(found))
+            except TimeoutError as error:
+                raise LinkLost(f"the emulated board has not answered for {PATIENCE:g} s; it hangs") from error
+            except OSError as error:
+                raise LinkLost(f"the emulated board is gone ({error})") from error
+            if not more:
+                raise LinkLost("the emulated board is gone: QEMU has ended")
+            found += more
+        return found
+
+
+def _listener(path: str) -> socket.socket:
+    line = socket.socket(socket.AF_UNIX)
+    line.bind(path)
+    line.listen(1)
+    line.settimeout(0.1)
+    return line
+
+
+_LIBC = ctypes.CDLL(None)
+
+
+def _die_with_parent() -> None:
+    """In the child, before it becomes QEMU: no emulator is left behind by a parent that was killed."""
+    _LIBC.prctl(_DIE_WITH_PARENT, signal.SIGKILL)

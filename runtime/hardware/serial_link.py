@@ -1,0 +1,81 @@
+"""A board on a serial port."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from runtime.hardware.link import LinkError, LinkLost
+
+BAUD = 1_000_000
+SCHEME = "serial"
+_DEVICE = "serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"
+
+
+class SerialLink:
+    """A serial port, held exclusively. Raises LinkError."""
+
+    def __init__(self, device: str, baud: int = BAUD) -> None:
+        try:
+            import serial
+        except ImportError as error:
+            raise LinkError("a serial port needs pyserial: pip install pyserial") from error
+        self.device, self.baud = device, baud
+        self._errors = (serial.SerialException, OSError)
+        try:
+            self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        except (*self._errors, ValueError) as error:
+            raise LinkError(_refusal(device, baud, error)) from error
+        self._port.reset_input_buffer()
+
+    @classmethod
+    def of(cls, url: str) -> SerialLink:
+        """`serial:///dev/ttyACM0?baud=1000000`. Raises LinkError."""
+        parts = urlsplit(url)
+        query = parse_qs(parts.query, keep_blank_values=True)
+        device = parts.netloc + parts.path
+        words = query.pop("baud", [str(BAUD)])[-1]
+        if not device or query or not words.isdigit() or not int(words):
+            raise LinkError(f"--on {url}: expected {_DEVICE}")
+        return cls(device, int(words))
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._port.write(data)
+        except self._errors as error:
+            raise LinkLost(f"{self.device} takes no more bytes: {_words(error)}") from error
+
+    def read(self, timeout: float) -> bytes:
+        try:
+            if data := self._port.read(self._port.in_waiting):
+                return bytes(data)
+            self._port.timeout = timeout
+            first = self._port.read(1)
+            return bytes(first + self._port.read(self._port.in_waiting)) if first else b""
+        except self._errors as error:
+            raise LinkLost(f"{self.device} is gone: {_words(error)}") from error
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def _refusal(device: str, baud: int, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    words = str(error).lower()
+    if number == 2 or "no such file" in words:
+        return f"{device}: there is no such port; is the board plugged in? (ls /dev/ttyACM* /dev/ttyUSB*)"
+    if number == 13 or "permission denied" in words:
+        return f"{device}: no permission; join the group that owns it: sudo usermod -aG dialout $USER, then log in anew"
+    if number in (11, 16) or "exclusively lock" in words or "busy" in words:
+        return f"{device}: another program holds this port; close it first (fuser {device} names it)"
+    if isinstance(error, ValueError):
+        return f"{device}: cannot run at {baud} baud: {_words(error)}"
+    return f"{device}: cannot be opened: {_words(error)}"
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
