@@ -48,6 +48,7 @@ def math_header(precision: Precision) -> str:
         zero=f"0.0{f}",
         one=f"1.0{f}",
         sqrt=f"__builtin_sqrt{f}",
+        abs=f"__builtin_fabs{f}",
         kernels=_page(f"math_{precision.suffix}.h.j2").rstrip(),
     )
 

@@ -9,7 +9,7 @@
 
 static inline float tendon_abs_f32(float x)
 {
-    return (x < 0.0f) ? -x : x;
+    return __builtin_fabsf(x);
 }
 
 static inline float tendon_max_f32(float a, float b)
@@ -51,33 +51,31 @@ typedef union {
     uint32_t bits;
 } tendon_word_f32;
 
-/* Nearest integer, ties to even, for |x| < 2^22. */
-static inline float tendon_round_f32(float x)
-{
-    return (x + 12582912.0f) - 12582912.0f;
-}
-
 /* Sine and cosine: Cody-Waite reduction by pi/2 in four parts, then polynomials of Cephes on
  * [-pi/4, pi/4]. At most 1.5 ulp for |x| <= 4000. */
 static inline void tendon_sincos_f32(float x, float *sine, float *cosine)
 {
-    const float n = tendon_round_f32(x * 0.63661975f);
+    tendon_word_f32 quarters;
+    tendon_word_f32 first;
+    tendon_word_f32 second;
+    /* From 3 * 2^22 on floats are whole numbers: the sum is rounded, and its lowest bits are the quarter of the turn. */
+    quarters.value = x * 0.63661975f + 12582912.0f;
+    const float n = quarters.value - 12582912.0f;
     /* The first three products and the first two differences are exact for |n| < 4096. */
     const float coarse = (x - n * 1.5703125f) - n * 4.8375129699707031e-4f;
     const float fine = n * 7.54953362e-08f;
     const float r = coarse - fine;
     const float rest = ((coarse - r) - fine) - n * 2.56334415e-12f;
     const float z = r * r;
-    const float w = 1.0f - 0.5f * z;
-    const float s = r + ((z * r) * (-1.6666654611e-1f + z * (8.3321608736e-3f - z * 1.9515295891e-4f)) + rest * w);
-    const float c = w + ((z * z) * (4.166664568298827e-2f + z * (-1.388731625493765e-3f
-        + z * 2.443315711809948e-5f)) - rest * r);
-    /* n modulo 4 as -2, -1, 0, 1 or 2 says which of the two, and its sign. */
-    const float m = n - 4.0f * tendon_round_f32(n * 0.25f);
-    const float a = (m * m == 1.0f) ? c : s;
-    const float b = (m * m == 1.0f) ? s : c;
-    *sine = ((m - 0.5f) * (m - 0.5f) > 1.0f) ? -a : a;
-    *cosine = ((m + 0.5f) * (m + 0.5f) > 1.0f) ? -b : b;
+    first.value = r + ((z * r) * (-1.6666654611e-1f + z * (8.3321608736e-3f - z * 1.9515295891e-4f)) + rest);
+    second.value = 1.0f - z * (0.5f - z * (4.166664568298827e-2f + z * (-1.388731625493765e-3f
+        + z * 2.443315711809948e-5f)));
+    /* An odd quarter exchanges the two, the second half of a turn is negative: as bits, without a branch. */
+    const uint32_t exchanged = (first.bits ^ second.bits) & (0U - (quarters.bits & 1U));
+    first.bits ^= exchanged ^ ((quarters.bits & 2U) << 30);
+    second.bits ^= exchanged ^ (((quarters.bits + 1U) & 2U) << 30);
+    *sine = first.value;
+    *cosine = second.value;
 }
 
 /* Exponential: reduction by ln 2, polynomial of Cephes. At most 2 ulp; 0 below -87, saturates above 88. */

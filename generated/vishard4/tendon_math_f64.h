@@ -9,7 +9,7 @@
 
 static inline double tendon_abs_f64(double x)
 {
-    return (x < 0.0) ? -x : x;
+    return __builtin_fabs(x);
 }
 
 static inline double tendon_max_f64(double a, double b)
