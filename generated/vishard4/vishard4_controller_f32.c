@@ -367,6 +367,18 @@ void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t coun
     state->finished = 0U;
 }
 
+void vishard4_controller_measure_f32(
+    const vishard4_config_f32 *config,
+    vishard4_state_f32 *state,
+    const int32_t counts[4],
+    vishard4_output_f32 *output)
+{
+    measure(config, state, output, 0U, counts[0]);
+    measure(config, state, output, 1U, counts[1]);
+    measure(config, state, output, 2U, counts[2]);
+    measure(config, state, output, 3U, counts[3]);
+}
+
 void vishard4_controller_step_f32(
     const vishard4_config_f32 *config,
     const vishard4_trajectory_f32 *trajectory,

@@ -157,6 +157,13 @@ void vishard4_controller_sizes_f32(uint32_t sizes[9]);
 /* Begins the trajectory: the arm stands still where the encoders read `counts`. */
 void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t counts[4]);
 
+/* What a step does first, by itself: q and qd of `output` from the encoders, for an arm that follows nothing. */
+void vishard4_controller_measure_f32(
+    const vishard4_config_f32 *config,
+    vishard4_state_f32 *state,
+    const int32_t counts[4],
+    vishard4_output_f32 *output);
+
 /* One control period: encoders in, torques out.
  * Position and rate are measured, the trajectory is evaluated, and
  *   torque = inverse dynamics of the desired motion + kp (q_d - q) + kd (qd_d - qd) + compensation at the measured motion
