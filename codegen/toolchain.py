@@ -89,20 +89,28 @@ class Toolchain:
         """As the compiler says it, for example "clang version 22.1.8"."""
         return _version(self.compile)
 
-    def flags(self, target: Target, optimisation: str | None = None) -> tuple[str, ...]:
-        """All that decides the machine code; warnings apart."""
+    def processor(self, target: Target) -> tuple[str, ...]:
+        """Flags that name the processor."""
+        return target.gcc if self.kind == "gcc" else target.zig
+
+    def common(self, optimisation: str | None = None) -> tuple[str, ...]:
+        """The other flags that decide the machine code."""
         own = {
             # Else a loop that clears or copies becomes a call of the C library.
-            "gcc": (*target.gcc, "-fno-tree-loop-distribute-patterns", "-fstack-usage"),
-            "zig": (*target.zig, "-fno-sanitize=all", "-fomit-frame-pointer", "-fstack-size-section"),
+            "gcc": ("-fno-tree-loop-distribute-patterns", "-fstack-usage"),
+            "zig": ("-fno-sanitize=all", "-fomit-frame-pointer", "-fstack-size-section"),
         }[self.kind]
-        return (*own, optimisation or OPTIMISATION[self.kind], *LANGUAGE, *ARITHMETIC, *SECTIONS)
+        return (optimisation or OPTIMISATION[self.kind], *LANGUAGE, *ARITHMETIC, *SECTIONS, *own)
 
-    def link_flags(self, target: Target, script: str) -> tuple[str, ...]:
+    def flags(self, target: Target, optimisation: str | None = None) -> tuple[str, ...]:
+        """All that decides the machine code; warnings apart."""
+        return (*self.processor(target), *self.common(optimisation))
+
+    def link_flags(self, target: Target) -> tuple[str, ...]:
         """Of an image that brings its own start-up and needs no library."""
         if self.kind == "gcc":
-            return (*target.gcc, "-nostdlib", "-Wl,--gc-sections", "-Wl,--build-id=none", "-T", script)
-        return ("--gc-sections", "--build-id=none", "-T", script)
+            return (*target.gcc, "-nostdlib", "-Wl,--gc-sections", "-Wl,--build-id=none")
+        return ("--gc-sections", "--build-id=none")
 
 
 @functools.cache
@@ -222,7 +230,8 @@ def compile_image(
     for source, compiled in zip(sources, outputs, strict=True):
         _run([*toolchain.compile, *flags, "-c", source, "-o", compiled], directory)
     tail = ["-lgcc"] if toolchain.kind == "gcc" else []
-    _run([*toolchain.link, *toolchain.link_flags(target, script), *outputs, *tail, "-o", f"{output}.elf"], directory)
+    link = [*toolchain.link, *toolchain.link_flags(target), "-T", script]
+    _run([*link, *outputs, *tail, "-o", f"{output}.elf"], directory)
     path = stem.with_suffix(".elf")
     elf = Elf.read(path)
     start, content = elf.binary()

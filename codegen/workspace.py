@@ -14,13 +14,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from codegen import build
+from codegen import build, toolchain
 
 if TYPE_CHECKING:
     from symbolic.arm import Arm
     from symbolic.effects.declaration import Effect
 
 _F32, _F64 = ("_f32.c", "_f32.h"), ("_f64.c", "_f64.h")
+HOST = "host"
+"""The target that is this computer."""
 _ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -55,11 +57,16 @@ def prepare_arm(arm: Arm) -> Path:
     return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
 
 
-def prepare_controller(arm: Arm, library: Mapping[str, Effect]) -> Path:
-    """The directory that holds controller.json and `lib.so` of the controller's step; library: all effects by name."""
+def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
+    """What the declarations of the effects that an arm activates say."""
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
-    content = [repr(arm), *(repr(library[name]) for name in sorted(active))]
+    return [repr(library[name]) for name in sorted(active)]
+
+
+def prepare_controller(arm: Arm, library: Mapping[str, Effect]) -> Path:
+    """The directory that holds controller.json and `lib.so` of the controller's step; library: all effects by name."""
+    content = [repr(arm), *_active(arm, library)]
 
     def fill(directory: Path) -> None:
         from codegen import render
@@ -71,6 +78,36 @@ def prepare_controller(arm: Arm, library: Mapping[str, Effect]) -> Path:
         _fill(directory, below | own, _F32)
 
     return build.entry(f"controller-{arm.name}-{build.key(_sources(), *content)}", fill)
+
+
+def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
+    """The directory that holds the firmware's tree, controller.json and, compiled,
+
+    target   "host": lib.so of the machine; of toolchain.TARGETS: NAME.elf, NAME.bin, image.json, for the emulated board
+    chosen   cross-compiler, "gcc" or "zig"; None as toolchain.find takes it
+    """
+    content = [repr(arm), *_active(arm, library)]
+    tools = None if target == HOST else toolchain.find(chosen)
+    if tools is not None:
+        content += [repr(tools), tools.version]
+
+    def fill(directory: Path) -> None:
+        from codegen import firmware, metadata, render
+        from codegen.controller import Controller
+        from symbolic.model import derive
+
+        model = derive(arm)
+        files = firmware.firmware_files(model, library)
+        render.write(files, directory)
+        (directory / "controller.json").write_text(metadata.text(Controller.of(model, library).document()), "utf-8")
+        if tools is None:
+            flat = {Path(path).name: text for path, text in files.items() if path in firmware.library_files(files)}
+            shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
+        else:
+            image = firmware.compile_tree(directory, arm.name, toolchain.TARGETS[target], tools)
+            (directory / "image.json").write_text(metadata.text(image.to_json()), "utf-8")
+
+    return build.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None) -> Path:
