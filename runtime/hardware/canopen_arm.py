@@ -1,0 +1,281 @@
+"""An arm whose joints have CiA 402 drives on one CAN bus, driven in cyclic synchronous torque.
+
+A control period is one SYNC (0x080): every drive answers with statusword (0x6041) and position (0x6064), and is then
+sent controlword (0x6040) and target torque (0x6071). Torques are N m (N) at the joints everywhere but on the bus.
+
+What stops the motors, whatever fails:
+  the machine       takes the drives' power: zero torque, then voltage off
+  a drive           leaves operation enabled, restarts, or misses MISSED answers: quick stop for all, then voltage off
+  this computer     its heartbeat is sent from the control loop: without it the drives take the voltage off themselves
+                    (0x1016, 0x6007) after HOST_LOST s
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, NoReturn, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from runtime.hardware import can_bus, cia402
+from runtime.hardware.can_bus import Address, BusError, faults
+from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, Drive
+from runtime.hardware.cia402 import POWERLESS, Command, Scale, State
+from runtime.hardware.lockstep import Fault
+from runtime.hardware.pace import Pace
+from runtime.loader import Model
+
+Counts = NDArray[np.int32]
+
+MISSED = 3
+"""Answers in a row that a drive may miss at most; the periods until then keep its last position."""
+SWITCHING = 3.0
+"""s within which drives have to be switched on; brakes take their time."""
+BRAKING = 0.1
+"""s that a quick stop may take before the voltage is taken off."""
+_OFF = 0.1
+"""s within which drives have to say that they are off."""
+_ANSWERING = 0.6
+"""Part of a period for answers; the rest is for the control step and the commands."""
+_HOST_HEARTBEAT = 0.01  # s
+_SYNC, _NMT, _HEARTBEAT = 0x080, 0x000, 0x700 + HOST_NODE
+_PRE_OPERATIONAL, _OPERATIONAL = 0x80, 5
+_BUS_OFF = 0x40
+"""Of an error frame's identifier under SocketCAN."""
+
+
+class CanopenArm:
+    """The joints of a model on a bus: opened when made, set up by `start`, silent and without power after `close`.
+
+    pace       of the control periods; their length is that of the model's control step
+    patience   s to wait for the answers to a SYNC; None: a part of the period
+    Raises BusError where it cannot be driven as it is, Fault when it no longer can.
+    """
+
+    def __init__(self, model: Model, address: Address, pace: Pace, patience: float | None = None) -> None:
+        without = [i for i, joint in enumerate(model.joints, 1) if joint.drive is None]
+        if without:
+            joints = ", ".join(map(str, without))
+            raise BusError(
+                f'the model file of "{model.name}" names no drive at joint {joints}; add [joint.drive] with node'
+            )
+        self.address, self.model, self.pace = address, model, pace
+        self.load = can_bus.load(model.n, 1.0 / pace.length, address.bitrate)
+        can_bus.check_load(model.n, 1.0 / pace.length, address)
+        self.scales: tuple[Scale, ...] = ()
+        self.missed = 0
+        self.limited = np.zeros(model.n, dtype=np.int64)
+        self._patience = _ANSWERING * pace.length if patience is None else patience
+        self._heard = threading.Condition()
+        self._beats, self._on, self._bus_off = 0, False, False
+        self._fault: str | None = None
+        self._network: Any = can_bus.open_network(address, self._on_error_frame)
+        self._drives = [Drive(self._network, i, j, self._on_answer) for i, j in enumerate(model.joints, 1)]
+        self._sent = [Command.DISABLE_VOLTAGE] * model.n
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        self.close()
+
+    # --- what a board does with an arm ---
+
+    def start(self, q: ArrayLike, rng: np.random.Generator) -> Counts:  # noqa: ARG002 - it stands where it stands
+        """The drives set up, without power yet. What their encoders count (n,)."""
+        if not self.scales:
+            with faults(self.address):
+                self.scales = tuple(drive.set_up(self.pace.length) for drive in self._drives)
+                for drive in self._drives:
+                    drive.operational()
+        self._fault = None
+        return self.counts()
+
+    def counts(self) -> Counts:
+        """Begin a period: a SYNC and the answers to it."""
+        if self._fault is not None:
+            raise Fault(self._fault)
+        self._exchange()
+        self._check()
+        return np.array([drive.counts for drive in self._drives], dtype=np.int32)
+
+    def apply(self, torque: ArrayLike) -> None:
+        """Torques (n,) N m (N), rounded to the drives' resolution and held; nothing while the drives are off."""
+        if self._fault is not None:
+            raise Fault(self._fault)
+        if not self._on:
+            return
+        try:
+            asked = [s.per_mille(float(t)) for s, t in zip(self.scales, np.asarray(torque), strict=True)]
+        except ValueError as error:
+            self._fail(str(error))
+        self._command(Command.ENABLE_OPERATION, asked)
+
+    def enable(self, on: bool) -> None:
+        """Switch the drives on, at zero torque, or off. Both take periods, in which nothing is controlled."""
+        if on:
+            with self.pace.left_out():
+                self._switch_on()
+        elif self._on:
+            with self.pace.left_out():
+                self._on = False
+                self._confirm(self._switch_off())
+
+    def close(self) -> None:
+        """Power off, and the bus given back; may be called twice. Raises Fault if a drive does not say it is off."""
+        if self._network is None:
+            return
+        was_on, self._on = self._on, False
+        try:
+            still = self._switch_off() if was_on else []
+            with suppress(Fault), faults(self.address):
+                for drive in self._drives:
+                    drive.release()
+                self._network.send_message(_NMT, bytes((_PRE_OPERATIONAL, 0)))
+        finally:
+            network, self._network = self._network, None
+            with suppress(Fault), faults(self.address):
+                network.disconnect()
+        self._confirm(still)
+
+    def figures(self) -> dict[str, Any]:
+        """What became of it, in SI: the bus, punctuality, and what a torque is rounded to."""
+        kept = self.pace.kept
+        return {
+            "channel": self.address.channel,
+            "bitrate": self.address.bitrate,
+            "load": self.load,
+            "late_rms": kept.rms,
+            "late_worst": kept.worst,
+            "overruns": kept.overruns,
+            "missed_answers": self.missed,
+            "resolution": [scale.resolution for scale in self.scales],
+            "largest_torque": [scale.largest for scale in self.scales],
+            "limited_by_drive": self.limited.tolist(),
+        }
+
+    # --- a period ---
+
+    def _exchange(self) -> None:
+        """A SYNC, and what the drives say; who says nothing is counted."""
+        with faults(self.address):
+            for drive in self._drives:
+                drive.heard = False
+            self._network.send_message(_SYNC, b"")
+            self._beat()
+            # Nobody waits for a drive that is lost.
+            awaited = [drive for drive in self._drives if drive.misses < MISSED]
+            with self._heard:
+                self._heard.wait_for(lambda: all(drive.heard for drive in awaited), self._patience)
+        for k, drive in enumerate(self._drives):
+            drive.misses = 0 if drive.heard else drive.misses + 1
+            self.missed += not drive.heard
+            self.limited[k] += self._on and cia402.limited(drive.answer.statusword)
+
+    def _check(self) -> None:
+        """Raise Fault, all drives stopped, if one can no longer be relied on."""
+        if self._bus_off:
+            self._fail(f"{self.address}: the bus is off; check wiring, termination and bit rate")
+        for drive in self._drives:
+            if drive.restarted:
+                self._fail(f"{drive.name} has restarted by itself; look at its supply")
+            if drive.misses >= MISSED:
+                state = drive.network_state.lower()
+                also = "" if state == "operational" else f"; its node is {state}"
+                self._fail(f"{drive.name} has not answered {MISSED} times in a row{also}")
+            if self._on and drive.answer.state is not State.ENABLED:
+                state = drive.answer.state.value
+                self._fail(f'{drive.name} left "{State.ENABLED.value}" for "{state}"', drive)
+
+    def _command(self, word: Command, torques: Iterable[int]) -> None:
+        with faults(self.address):
+            for k, (drive, torque) in enumerate(zip(self._drives, torques, strict=True)):
+                drive.command(word, torque)
+                self._sent[k] = word
+
+    def _beat(self) -> None:
+        every = max(1, round(_HOST_HEARTBEAT / self.pace.length))
+        if self._beats % every == 0:
+            self._network.send_message(_HEARTBEAT, bytes((_OPERATIONAL,)))
+        self._beats += 1
+
+    # --- on and off ---
+
+    def _switch_on(self) -> None:
+        for drive in self._drives:
+            drive.emergency, drive.restarted = None, False
+        for _ in range(self._periods(SWITCHING)):
+            self.pace.period()
+            self._exchange()
+            self._check()
+            if all(drive.answer.state is State.ENABLED for drive in self._drives):
+                self._on = True
+                return
+            with faults(self.address):
+                for k, drive in enumerate(self._drives):
+                    self._sent[k] = cia402.towards_enabled(drive.answer.state, self._sent[k])
+                    drive.command(self._sent[k])
+        drive = next(drive for drive in self._drives if drive.answer.state is not State.ENABLED)
+        state = drive.answer.state.value
+        self._fail(f'{drive.name} could not be switched on within {SWITCHING:g} s: it is in "{state}"', drive)
+
+    def _switch_off(self) -> list[Drive]:
+        """Zero torque, then voltage off. The drives that did not say that they are off."""
+        return self._until(Command.DISABLE_VOLTAGE, _OFF, lambda drive: drive.answer.state in POWERLESS)
+
+    def _quick_stop(self) -> list[Drive]:
+        """Braking by the drives as they are set up to (0x605A), then voltage off. Who is not off after it."""
+        self._until(
+            Command.QUICK_STOP, BRAKING, lambda drive: drive.answer.state not in (State.ENABLED, State.QUICK_STOP)
+        )
+        return self._switch_off()
+
+    def _until(self, word: Command, seconds: float, done: Callable[[Drive], bool]) -> list[Drive]:
+        """This word and zero torque, until all drives are done or the time is over; those that are not."""
+        left = list(self._drives)
+        with suppress(Fault):
+            for _ in range(self._periods(seconds)):
+                self._command(word, [0] * len(self._drives))
+                self.pace.period()
+                self._exchange()
+                left = [drive for drive in self._drives if drive.misses or not done(drive)]
+                if all(drive.misses >= MISSED for drive in left):
+                    break
+        return left
+
+    def _fail(self, what: str, drive: Drive | None = None) -> NoReturn:
+        """Stop all drives, and say why; `drive`: the one that knows more."""
+        self._on = False
+        still = self._quick_stop()
+        why = "" if drive is None else f": {drive.error()}"
+        self._fault = f"{what}{why}" + (f"; {_not_off(still)}" if still else "")
+        raise Fault(self._fault)
+
+    def _confirm(self, still: list[Drive]) -> None:
+        if still:
+            self._fault = _not_off(still)
+            raise Fault(self._fault)
+
+    def _periods(self, seconds: float) -> int:
+        return max(2, round(seconds / self.pace.length))
+
+    # --- called by the network's thread ---
+
+    def _on_answer(self) -> None:
+        with self._heard:
+            self._heard.notify_all()
+
+    def _on_error_frame(self, message: Any) -> None:
+        if message.is_error_frame and message.arbitration_id & _BUS_OFF:
+            self._bus_off = True
+
+
+def _not_off(drives: list[Drive]) -> str:
+    return (
+        f"{' and '.join(drive.name for drive in drives)} did not confirm to be off; "
+        f"without this computer's heartbeat the voltage goes off after {HOST_LOST:g} s"
+    )
