@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from codegen import build, render, toolchain
 from codegen.machine import machine_files
-from codegen.toolchain import TARGETS, Image, Target, Toolchain
+from codegen.toolchain import HOST, TARGETS, Target, Toolchain
 from symbolic.effects.declaration import Effect
 from symbolic.kinematics import Coordinates
 from symbolic.model import ArmModel
@@ -70,40 +71,62 @@ def _library(files: Iterable[str]) -> list[str]:
     return sorted(path for path in files if path.startswith("src/") and path.endswith(".c") and path != "src/main.c")
 
 
-def library_files(files: Iterable[str]) -> list[str]:
-    """Sources and headers that do not depend on a board."""
-    found = list(files)
-    return _library(found) + sorted(path for path in found if path.startswith("src/") and path.endswith(".h"))
+def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, Any]:
+    """NAME.elf and NAME.bin in `directory`, of the tree there, for the emulated board; what is known of them.
 
-
-def compile_tree(directory: Path, name: str, target: Target, tools: Toolchain) -> Image:
-    """NAME.elf and NAME.bin in `directory`, of the tree that is there, for the emulated board."""
+    fits: the stack has a bound, within what is set aside, and nothing is linked that has no place there
+    Raises BuildError.
+    """
     sources = sorted(path.relative_to(directory).as_posix() for path in directory.glob("src/*.c"))
     sources += sorted(path.relative_to(directory).as_posix() for path in directory.glob(f"{BOARD}/*.c"))
     image = toolchain.compile_image(directory, sources, f"{BOARD}/mps2.ld", target, tools, output=name)
     shutil.rmtree(directory / "objects")
-    return image
+    fits = not image.stack.unknown and image.stack.worst <= STACK and not image.forbidden
+    return {**image.to_json(), "outputs": [image.elf.name, image.binary.name], "stack_size": STACK, "fits": fits}
 
 
-def kept(files: Iterable[str], directory: Path) -> list[str]:
-    """Those of the files that are there without the banner, and so are their owner's: never replaced, never stale."""
-    return [
-        path
-        for path in files
-        if (directory / path).is_file() and not path.endswith(".json") and not render.has_banner(directory / path)
-    ]
+def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, Any]:
+    """lib.so in `directory`: the machine without a board, for this computer. Raises BuildError."""
+    flat = {Path(path).name: files[path] for path in _library(files)}
+    flat |= {Path(path).name: text for path, text in files.items() if path.startswith("src/") and path.endswith(".h")}
+    shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
+    command = " ".join(build.compiler())
+    tools = {"kind": "host", "version": command, "why": "the C compiler of this computer"}
+    return {"target": HOST, "toolchain": tools, "outputs": ["lib.so"], "stack": None, "fits": True}
 
 
-def stale(files: Mapping[str, str], directory: Path) -> list[str]:
-    """As render.stale, without what is the owner's."""
-    return render.stale(_generated(files, directory), directory)
+@dataclass(frozen=True)
+class FirmwareTree:
+    """The files of a firmware and where they belong.
 
+    A file that is there without the banner is its owner's: never replaced, never stale. So is a board of theirs.
+    """
 
-def write(files: Mapping[str, str], directory: Path) -> None:
-    """As render.write, without what is the owner's."""
-    render.write(_generated(files, directory), directory)
+    files: Mapping[str, str]
+    directory: Path
 
+    @classmethod
+    def of(cls, model: ArmModel, library: Mapping[str, Effect], directory: Path) -> FirmwareTree:
+        return cls(firmware_files(model, library), directory)
 
-def _generated(files: Mapping[str, str], directory: Path) -> dict[str, str]:
-    own = set(kept(files, directory))
-    return {path: text for path, text in files.items() if path not in own}
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """What is there already and its owner's."""
+        return tuple(path for path in self.files if self._is_owners(path))
+
+    def stale(self) -> list[str]:
+        """As render.stale."""
+        return render.stale(self._generated, self.directory)
+
+    def write(self) -> None:
+        """As render.write."""
+        render.write(self._generated, self.directory)
+
+    @property
+    def _generated(self) -> dict[str, str]:
+        return {path: text for path, text in self.files.items() if not self._is_owners(path)}
+
+    def _is_owners(self, path: str) -> bool:
+        # JSON has no comments, so no banner.
+        there = self.directory / path
+        return there.is_file() and there.suffix != ".json" and not render.has_banner(there)

@@ -11,12 +11,14 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from codegen import stack
 from codegen.build import WARNINGS, BuildError, cache_directory
 from codegen.elf import Elf
+from symbolic.checks import quote
 
 LANGUAGE = ("-std=c99", "-pedantic", "-ffreestanding")
 ARITHMETIC = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
@@ -75,6 +77,17 @@ TARGETS = {
 }
 
 
+HOST = "host"
+"""The target that is this computer."""
+
+
+def named_target(name: str) -> Target:
+    """A processor by its name. Raises BuildError."""
+    if name not in TARGETS:
+        raise BuildError(f"--target {quote(name)}: no such target; there are {', '.join(TARGETS)} and {HOST}")
+    return TARGETS[name]
+
+
 @dataclass(frozen=True)
 class Toolchain:
     """kind: gcc or zig, by whose rules the flags are; why: how it came to be chosen."""
@@ -88,6 +101,13 @@ class Toolchain:
     def version(self) -> str:
         """As the compiler says it, for example "clang version 22.1.8"."""
         return _version(self.compile)
+
+    @property
+    def identity(self) -> str:
+        """What would change the machine code besides sources and flags."""
+        wheel = version("ziglang") if "ziglang" in self.compile else ""
+        path = Path(shutil.which(self.compile[0]) or self.compile[0]).resolve()
+        return f"{self} {wheel} {path} {path.stat().st_size} {path.stat().st_mtime_ns}"
 
     def processor(self, target: Target) -> tuple[str, ...]:
         """Flags that name the processor."""
@@ -124,6 +144,8 @@ def find(chosen: str | None = None) -> Toolchain:
 
     Raises BuildError, which says what to install.
     """
+    if chosen not in (None, "gcc", "zig"):
+        raise BuildError(f"--toolchain {quote(chosen)}: no such cross-compiler; there are gcc and zig")
     if chosen is not None:
         return _gcc("as chosen") if chosen == "gcc" else _zig("as chosen")
     if named := os.environ.get("TENDON_ARM_CC"):

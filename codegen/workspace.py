@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from codegen import build, toolchain
+from codegen.toolchain import HOST
 
 if TYPE_CHECKING:
     from symbolic.arm import Arm
     from symbolic.effects.declaration import Effect
 
 _F32, _F64 = ("_f32.c", "_f32.h"), ("_f64.c", "_f64.h")
-HOST = "host"
-"""The target that is this computer."""
 _ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -81,15 +80,16 @@ def prepare_controller(arm: Arm, library: Mapping[str, Effect]) -> Path:
 
 
 def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
-    """The directory that holds the firmware's tree, controller.json and, compiled,
+    """The directory that holds the firmware's tree, controller.json, image.json (facts on what was compiled), and
 
-    target   "host": lib.so of the machine; of toolchain.TARGETS: NAME.elf, NAME.bin, image.json, for the emulated board
-    chosen   cross-compiler, "gcc" or "zig"; None as toolchain.find takes it
+    lib.so                 of the machine, for the target "host"
+    NAME.elf, NAME.bin     for the emulated board, for those of toolchain.TARGETS
+    chosen                 the cross-compiler, "gcc" or "zig"; None as toolchain.find takes it
+    Raises BuildError, also for an unknown target.
     """
-    content = [repr(arm), *_active(arm, library)]
-    tools = None if target == HOST else toolchain.find(chosen)
-    if tools is not None:
-        content += [repr(tools), tools.version]
+    processor = None if target == HOST else toolchain.named_target(target)
+    tools = None if processor is None else toolchain.find(chosen)
+    content = [repr(arm), *_active(arm, library), "" if tools is None else tools.identity]
 
     def fill(directory: Path) -> None:
         from codegen import firmware, metadata, render
@@ -100,12 +100,11 @@ def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST
         files = firmware.firmware_files(model, library)
         render.write(files, directory)
         (directory / "controller.json").write_text(metadata.text(Controller.of(model, library).document()), "utf-8")
-        if tools is None:
-            flat = {Path(path).name: text for path, text in files.items() if path in firmware.library_files(files)}
-            shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
+        if processor is None or tools is None:
+            report = firmware.compile_host(directory, files)
         else:
-            image = firmware.compile_tree(directory, arm.name, toolchain.TARGETS[target], tools)
-            (directory / "image.json").write_text(metadata.text(image.to_json()), "utf-8")
+            report = firmware.compile_board(directory, arm.name, processor, tools)
+        (directory / "image.json").write_text(metadata.text(report), "utf-8")
 
     return build.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
 

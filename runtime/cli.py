@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime import boundary, measured, planned, swept
+from runtime import boundary, embedded, measured, planned, swept
 from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
 from runtime.study import verb
 
@@ -37,6 +37,7 @@ app = typer.Typer(
 app.add_typer(measured.app)
 app.add_typer(planned.app)
 app.add_typer(swept.app)
+app.add_typer(embedded.app)
 app.add_typer(verb.app)
 
 
@@ -93,6 +94,19 @@ class Source:
         from codegen.workspace import prepare_controller
 
         return prepare_controller(self.arm(), self.library)
+
+    def firmware(self, directory: Path) -> embedded.Tree:
+        """The files of the controller's firmware, for a directory."""
+        from codegen.firmware import FirmwareTree
+        from symbolic.model import derive
+
+        return FirmwareTree.of(derive(self.arm()), self.library, directory)
+
+    def board(self, target: str, toolchain: str | None = None) -> Path:
+        """The directory of the firmware, compiled for a target; see codegen.workspace.prepare_firmware."""
+        from codegen.workspace import prepare_firmware
+
+        return prepare_firmware(self.arm(), self.library, target, toolchain)
 
     def add(self, text: str, effect: str, joint: int | None, values: Mapping[str, float] | None = None) -> str:
         """`text` with an effect more."""
