@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
-from codegen import metadata
+from codegen import metadata, protocol_code
 from codegen.controller import Controller
-from codegen.protocol import Protocol
+from codegen.messages import SIZES
+from codegen.protocol import ACKS, HEADER, MISSING, REASONS, TELEMETRY_RECORDS, Protocol
+from codegen.render import BANNER, page
 from symbolic.effects.declaration import Effect
+from symbolic.kinematics import Coordinates
 from symbolic.model import ArmModel
 
 
@@ -16,5 +20,53 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, s
 
     library   all effects by name; those that the model file activates are compensated
     """
-    protocol = Protocol.of(Controller.of(model, library))
-    return {"protocol.json": metadata.text(protocol.document())}
+    name, controller = model.arm.name, Controller.of(model, library)
+    protocol = Protocol.of(controller)
+    own = {"banner": f"/* {BANNER} */", "crc_table": protocol_code.crc_table()}
+    messages = {"banner": f"/* {BANNER} Link to the arm {name}. */", **protocol_code.holes(protocol)}
+    machine = {"banner": f"/* {BANNER} Machine of the arm {name}. */", **_holes(controller, protocol)}
+    files = {
+        "src/tendon_frame.h": page("firmware/tendon_frame.h.j2", **own),
+        "src/tendon_frame.c": page("firmware/tendon_frame.c.j2", **own),
+        f"src/{name}_protocol.h": page("firmware/protocol.h.j2", **messages),
+        f"src/{name}_protocol.c": page("firmware/protocol.c.j2", **messages),
+        f"src/{name}_machine.h": page("firmware/machine.h.j2", **machine),
+        f"src/{name}_machine.c": page("firmware/machine.c.j2", **machine),
+        "protocol.json": metadata.text(protocol.document()),
+    }
+    return dict(sorted(files.items()))
+
+
+def _holes(controller: Controller, protocol: Protocol) -> dict[str, Any]:
+    """What the pages of machine.h and machine.c need."""
+    name = protocol.arm
+    records = {record.name.removeprefix(f"{name}_"): record for record in controller.records}
+    zero = [f"(reason == {name.upper()}_REASON_{reason.name.upper()})" for reason in REASONS if reason.torque == "zero"]
+    return {
+        "name": name,
+        "NAME": name.upper(),
+        "n": len(protocol.types),
+        "guard": f"TENDON_{name.upper()}_MACHINE_H",
+        "force": Coordinates(protocol.types).force,
+        "telemetry_records": TELEMETRY_RECORDS,
+        "acks": ACKS,
+        "without_torque": "\n        || ".join(zero),
+        "infinity": "0x7f800000U",
+        "one_period": "0.999f",
+        "spring": [field.name for field in records["spring_f32"].fields],
+        "contact": [field.name for field in records["contact_f32"].fields],
+        "high_place": protocol.message("safety").place("high"),
+        "elbow_place": protocol.message("trajectory").place("elbow"),
+        "row_place": protocol.message("phase").place("first_row"),
+        "everything": f"{sum(MISSING.values())}U",
+        "header": _places(),
+    }
+
+
+def _places() -> dict[str, int]:
+    """Bytes from a frame's begin to each field of its header."""
+    places, at = {}, 0
+    for name, kind in HEADER:
+        places[name] = at
+        at += SIZES[kind]
+    return places

@@ -63,10 +63,10 @@ class Message:
         """Bytes of the payload."""
         return sum(item.size for item in self.fields)
 
-    def offset(self, name: str) -> int:
-        """Bytes from the payload's begin to a field."""
+    def place(self, name: str) -> int:
+        """Which value of the message a field begins with, from 0."""
         before = [item.name for item in self.fields].index(name)
-        return sum(item.size for item in self.fields[:before])
+        return sum(item.count or 1 for item in self.fields[:before])
 
 
 IDENTITY = (
@@ -244,18 +244,18 @@ def reports(types: Sequence[str]) -> tuple[Message, ...]:
                 Item("reason", "u8", "", "see the reasons"),
                 Item("joint", "u8", "", "from 1; 0: no joint in particular"),
                 Item("enabled", "u8", "", "1: the drives are on"),
-                Item("period", "u32", "periods", "of the run in which it came about"),
+                Item("period", "u32", "periods", "in which the arm was stopped, as telemetry counts them"),
                 Item("code", "u32", "", "the board's fault code, with the reason drive; else 0"),
             ),
         ),
         Message(
             "telemetry", 0x84, "report", "A control period: in a run and the damping after it, every so many.",
             (
-                Item("period", "u32", "periods", "0 in the first one of a run; before, since start or reset"),
+                Item("period", "u32", "periods", "from 0 in the first one of a run; goes on after it"),
                 Item("time_us", "u32", "us", "of the board's clock, at the step; wraps"),
                 Item("counts", "i32", "counts", "of the encoders, as the step took them", n),
                 Item("torque", "float", units.force, "that the step gave, held until the next one", n),
-                Item("q_desired", "float", units.position, "by the trajectory; 0 where nothing is followed", n),
+                Item("q_desired", "float", units.position, "by the trajectory; after a run, where it was left", n),
                 Item("phase", "u8", "", "of the trajectory, from 0"),
                 Item("status", "u8", "", "bits of the controller's status"),
                 Item("state", "u8", "", "after the step"),
