@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime import boundary, embedded, measured, planned, swept
+from runtime import boundary, embedded, executed, measured, planned, swept
 from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
 from runtime.study import verb
 
@@ -36,6 +36,7 @@ app = typer.Typer(
 )
 app.add_typer(measured.app)
 app.add_typer(planned.app)
+app.add_typer(executed.app)
 app.add_typer(swept.app)
 app.add_typer(embedded.app)
 app.add_typer(verb.app)
@@ -89,11 +90,11 @@ class Source:
         effects = prepare_effects(tuple(self.library.values()) if self.own_effects else None)
         return load_model(prepare_arm(self.arm(text)), load_library(effects))
 
-    def controller(self) -> Path:
-        """The directory of the arm's compiled controller."""
-        from codegen.workspace import prepare_controller
+    def controller(self, target: str = "host") -> Path:
+        """The directory of the arm's firmware, built for a target of `tendon firmware`."""
+        from codegen.workspace import prepare_firmware
 
-        return prepare_controller(self.arm(), self.library)
+        return prepare_firmware(self.arm(), self.library, target)
 
     def firmware(self, directory: Path) -> embedded.Tree:
         """The files of the controller's firmware, for a directory."""

@@ -7,10 +7,17 @@ from runtime.terminal_cells import Document, at, console, empty_table, figure, p
 
 def show(document: Document) -> None:
     """What ran, costs and tracking beside the plan's, the plate, why it stopped, and what to type next."""
+    if document.get("prediction"):
+        _prediction(document)
+    if document["status"] == "refused" and document.get("reason") and not document["exceeded"]:
+        say(f"REFUSED, nothing has moved: {document['reason']}.")
+        return
     plan = document["plan"]
     friction = "compensated" if document["friction_compensation"] else "not compensated"
     say(f"{plan['scenario']} on {document['on']}: {_trials(document)}; friction {friction}.")
     _arm(document)
+    if document.get("every", 1) > 1:
+        say(f"The line carries the record of every {document['every']}th control period; the others are left out.")
     if document["uncompensated"]:
         say(f"The controller does not compensate: {', '.join(document['uncompensated'])}.")
     if document["mean"] is not None:
@@ -18,6 +25,27 @@ def show(document: Document) -> None:
         _total(document)
         _plate(document)
     _end(document)
+
+
+def _prediction(document: Document) -> None:
+    """What the simulated arm did, before a real one is asked to."""
+    say("The same on the simulated arm:")
+    table = empty_table("joint", "peak torque", "limit", "", "speed", "limit", "", "room to the end of the range")
+    for joint in document["prediction"]["joints"]:
+        force, unit = joint["force_unit"], joint["position_unit"]
+        row = (joint["torque"], joint["torque_limit"], force, joint["speed"], joint["speed_limit"], f"{unit}/s")
+        cells = [cell if isinstance(cell, str) else f"{cell:.3g}" for cell in row]
+        table.add_row(str(joint["joint"]), *cells, f"{joint['room']:.3g} {unit}")
+    console().print(table)
+    plate = document["prediction"]["plate"]
+    if plate is not None:
+        say(f"The end-effector {_beside_plate(plate)}.")
+
+
+def _beside_plate(distance: float) -> str:
+    if distance < 0:
+        return f"presses the plate down by {-100 * distance:.2f} cm"
+    return f"stays {100 * distance:.2f} cm off the plate"
 
 
 def _trials(document: Document) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,11 +12,15 @@ import numpy as np
 
 from runtime.execution import results
 from runtime.execution.actual import actual
-from runtime.execution.controller import Controller
-from runtime.execution.loop import RUN_IN, Guard, Trial, length, recorded, run
+from runtime.execution.loop import RUN_IN, Trial, length, recorded, run
 from runtime.execution.plan import Excess, Plan
 from runtime.execution.plant import Plant
 from runtime.execution.simulated import SimulatedArm
+from runtime.hardware.frames import Codec
+from runtime.hardware.host_board import HostBoard
+from runtime.hardware.lockstep import Board, Lockstep
+from runtime.hardware.session import Session
+from runtime.hardware.settings import Settings
 from runtime.loader import Model
 from runtime.planning.trajectory import Trajectory
 from runtime.recording import Recording
@@ -94,19 +98,23 @@ def execute(
     tracking_limit: float | None = None,
     seed: int = 0,
     noise: float = NOISE,
+    board: Callable[[Path, str, int], Board] = HostBoard,
+    asked: Callable[[], int] = lambda: 0,
 ) -> Execution:
     """The trajectory on a simulated arm, from rest, until all trials are done or one is stopped.
 
-    controller       directory of the arm's compiled controller
+    controller       directory of the arm's compiled controller, for this kind of board
     cycles           of a periodic trajectory, besides the one that runs it in
     hidden, changed  effects of the arm that the model has not, or with other values
     friction         whether it is compensated; None: if the trajectory was planned with it
     tracking_limit   rad (m) that stop the arm; None: by the joints' types
     noise            of the torque sensor, part of each joint's root mean square
-    Raises ControllerError, PlantError, SimulationError.
+    board            what drives the arm: made from directory, name and number of joints
+    asked            whether the user wants to stop; see Session.run
+    Raises ControllerError, PlantError, SimulationError, LinkError, LinkLost.
     """
     compensated = trajectory.friction if friction is None else friction
-    driver = Controller(controller, model, trajectory, friction=compensated)
+    settings = Settings.of(controller, model, trajectory, compensated, tracking_limit)
     plan = Plan(model, trajectory)
     seconds = length(trajectory, cycles)
     values = actual(model, plan.terms, changed, hidden)
@@ -114,17 +122,25 @@ def execute(
         t = np.arange(round(seconds * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
     excess = tuple(plan.exceeded())
-    arm = SimulatedArm(Plant(model, values, driver.dt), driver)
-    guard = Guard.of(model, tracking_limit)
+    arm = SimulatedArm(Plant(model, values, settings.dt), settings)
     done: list[Trial] = []
-    while not excess and len(done) < trials and not (done and done[-1].stop):
-        rng = np.random.default_rng([seed, len(done)])
-        done.append(run(arm, driver, guard, plan.motion.q[:, 0], seconds, rng))
+    if not excess:
+        line = Lockstep(board(controller, model.name, model.n), arm, settings.dt)
+        session = Session(line, Codec.from_json(controller / "protocol.json"))
+        try:
+            line.start(plan.motion.q[:, 0], np.random.default_rng([seed, 0]))
+            session.identify()
+            session.upload(settings)
+            while len(done) < trials and not (done and done[-1].stop):
+                line.start(plan.motion.q[:, 0], np.random.default_rng([seed, len(done)]))
+                done.append(run(session, settings, seconds, asked=asked))
+        finally:
+            session.close()
     return Execution(
         plan=plan,
-        dt=driver.dt,
+        dt=settings.dt,
         compensated=compensated,
-        uncompensated=driver.uncompensated,
+        uncompensated=settings.uncompensated,
         arm=values,
         hidden=frozenset(item.term for item in hidden),
         seed=seed,

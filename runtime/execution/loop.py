@@ -1,103 +1,37 @@
-"""A trajectory on an arm: the control loop, what stops it, and the recording it leaves."""
+"""A trajectory on an arm, driven by a board: what was seen of it, what stopped it, and the recording it leaves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from runtime.execution.controller import Controller
+from runtime.execution import stops
+from runtime.hardware.session import Run, Session
+from runtime.hardware.settings import Settings
 from runtime.loader import Model
 from runtime.planning.trajectory import Trajectory
 from runtime.recording import Recording
 
 Array = NDArray[np.float64]
 
-OVERSPEED = 1.5
-"""Of a joint's limit of speed, which the plan keeps: more than tracking needs."""
-TRACKING = {"revolute": 0.5, "prismatic": 0.1}
-"""rad, m: a larger tracking error is a safe stop."""
 RUN_IN = 1
 """Cycles of a periodic motion before those that count: it starts from rest."""
 SETTLE = 0.25
 """s that are recorded after a motion which is not periodic."""
 
 
-class Fault(RuntimeError):
-    """The arm can no longer be driven: its motion is no number, the link to it is gone."""
-
-
-class Arm(Protocol):
-    """What can be executed on. All may raise Fault."""
-
-    def start(self, q: Array, rng: np.random.Generator) -> NDArray[np.int32]: ...
-
-    def counts(self) -> NDArray[np.int32]: ...
-
-    def apply(self, torque: ArrayLike) -> None: ...
-
-
 @dataclass(frozen=True)
 class Stop:
-    """A safe stop: t in s since the trial began; joint (1-based), None for the whole arm."""
+    """A safe stop: t in s since the trial began; joint (1-based), None for the whole arm; name: of the reason."""
 
     t: float
     joint: int | None
     reason: str
-
-
-@dataclass(frozen=True)
-class Guard:
-    """When to stop. (n,) each; inf where there is no limit.
-
-    tracking   largest error of position      speed   largest measured rate
-    low, high  range of position
-    """
-
-    tracking: Array
-    speed: Array
-    low: Array
-    high: Array
-    units: tuple[str, ...]
-
-    @classmethod
-    def of(cls, model: Model, tracking: float | None) -> Guard:
-        """The joints' limits; `tracking` (rad, m) for all joints, or by their type."""
-        joints = model.joints
-        ranges = np.array([j.position_limits or (-inf, inf) for j in joints])
-        return cls(
-            np.array([TRACKING[j.type] if tracking is None else tracking for j in joints]),
-            np.array([OVERSPEED * j.speed_limit if j.speed_limit else inf for j in joints]),
-            ranges[:, 0],
-            ranges[:, 1],
-            tuple(j.position_unit for j in joints),
-        )
-
-    def check(self, t: float, controller: Controller) -> Stop | None:
-        """After a step of the controller: why the arm has to stop, if it has."""
-        q, qd = controller.q, controller.qd
-        error = np.abs(q - controller.q_desired)
-        fine = (error <= self.tracking) & (np.abs(qd) <= self.speed) & (q >= self.low) & (q <= self.high)
-        if fine.all() and not controller.invalid:
-            return None
-        k = int(np.argmin(fine & np.isfinite(controller.torque)))
-        return Stop(t, k + 1, self._reason(k, controller))
-
-    def _reason(self, k: int, controller: Controller) -> str:
-        q, qd, unit = float(controller.q[k]), float(controller.qd[k]), self.units[k]
-        error = abs(q - float(controller.q_desired[k]))
-        if error > self.tracking[k]:
-            return f"tracking error {error:.3g} {unit} is over the limit of {self.tracking[k]:.3g}"
-        if abs(qd) > self.speed[k]:
-            return f"speed {abs(qd):.3g} {unit}/s is over the limit of {self.speed[k]:.3g}"
-        if not self.low[k] <= q <= self.high[k]:
-            return f"position {q:.4g} {unit} is outside {self.low[k]:.4g} to {self.high[k]:.4g}"
-        return "the controller met a number that is not finite"
+    name: str
 
 
 @dataclass(frozen=True)
@@ -113,29 +47,33 @@ class Trial:
 
 
 def run(
-    arm: Arm, controller: Controller, guard: Guard, start: Array, seconds: float, rng: np.random.Generator
+    session: Session, settings: Settings, seconds: float, every: int = 1, asked: Callable[[], int] = lambda: 0
 ) -> Trial:
-    """The controller's trajectory from rest at `start` (n,), for so long or until the guard stops it."""
-    count = round(seconds / controller.dt)
-    q, q_desired, tau = (np.empty((controller.n, count)) for _ in range(3))
-    saturated = np.zeros(count, dtype=bool)
-    counts, stop, k = arm.start(start, rng), None, 0
-    controller.reset(counts)
-    while k < count and stop is None:
-        torque = controller.step(counts)
-        q[:, k], q_desired[:, k], tau[:, k] = controller.q, controller.q_desired, torque
-        saturated[k] = controller.saturated
-        stop = guard.check(k * controller.dt, controller)
-        k += 1
-        if stop is None:
-            try:
-                arm.apply(torque)
-                counts = arm.counts()
-            except Fault as fault:
-                stop = Stop(k * controller.dt, None, str(fault))
+    """What has been uploaded, for so long or until something stops it.
+
+    every   control periods from one record to the next     asked   see Session.run
+    """
+    done = session.run(round(seconds / settings.dt), every, asked)
+    page, rows, n = session.codec.document, done.rows, settings.model.n
+    counts = np.array([row["counts"] for row in rows], dtype=np.int32).reshape(-1, n)
+    status = np.array([row["status"] for row in rows], dtype=np.int64)
     return Trial(
-        controller.dt * np.arange(k, dtype=np.float64), q[:, :k], q_desired[:, :k], tau[:, :k], saturated[:k], stop
+        t=settings.dt * np.array([row["period"] for row in rows], dtype=np.float64),
+        q=settings.positions(counts),
+        q_desired=np.array([row["q_desired"] for row in rows], dtype=np.float64).reshape(-1, n).T,
+        tau=np.array([row["torque"] for row in rows], dtype=np.float64).reshape(-1, n).T,
+        saturated=(status & page["status"]["saturated"]) > 0,
+        stop=_stop(done, settings, {reason["name"]: reason["text"] for reason in page["reasons"]}),
     )
+
+
+def _stop(done: Run, settings: Settings, texts: Mapping[str, str]) -> Stop | None:
+    ended = done.ended
+    if ended.reason == "done":
+        return None
+    last = done.rows[-1]["period"] if done.rows else 0
+    t = settings.dt * (last if ended.period is None else ended.period)
+    return Stop(t, ended.joint, stops.words(ended, done.rows, settings, texts), ended.reason)
 
 
 def length(trajectory: Trajectory, cycles: int) -> float:

@@ -18,7 +18,13 @@ class Link(Protocol):
 
     A link has a time of its own, so that a simulated board is waited for in its time and not in that of a busy
     machine: every deadline is kept by `now`.
+
+    baud    bits per second of a serial line; None where there is no such bound
+    fault   words for what has failed where this end of the link drives the arm itself; None: nothing, or the board does
     """
+
+    baud: int | None
+    fault: str | None
 
     def write(self, data: bytes) -> None:
         """Send these bytes; waits no longer than the line takes."""

@@ -89,6 +89,7 @@ class Lockstep:
 
     def __init__(self, board: Board, arm: Arm, period: float, clock: Clock | None = None) -> None:
         self.board, self.arm, self.period = board, arm, period
+        self.baud: int | None = None
         self.fault: str | None = None
         self._clock = Counted(period) if clock is None else clock
         self._counts: Counts | None = None

@@ -21,7 +21,9 @@ class SerialLink:
             import serial
         except ImportError as error:
             raise LinkError("a serial port needs pyserial: pip install pyserial") from error
-        self.device, self.baud = device, baud
+        self.device = device
+        self.baud: int | None = baud
+        self.fault: str | None = None
         self._errors = (serial.SerialException, OSError)
         try:
             self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=1.0, exclusive=True)

@@ -1,0 +1,148 @@
+"""A trajectory executed on a real arm over a link: where it stands, how it gets to the start, the trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.execution.execute import Execution
+from runtime.execution.loop import Trial, length, run
+from runtime.execution.plan import Plan
+from runtime.hardware.frames import Codec
+from runtime.hardware.link import Link
+from runtime.hardware.session import Session
+from runtime.hardware.settings import ControllerError, Settings
+from runtime.loader import Model
+from runtime.planning.trajectory import Phase, Trajectory
+
+Array = NDArray[np.float64]
+
+_APPROACH_SPEED = 0.2
+"""Of a joint's limit of speed, on the way to a trajectory's start."""
+_APPROACH_LEAST = 2.0
+"""s that the way takes at least."""
+_PEAK = 1.875
+"""Largest speed of a polynomial of degree five from rest to rest, by its mean speed."""
+_PART, _BITS = 0.9, 10
+"""Of a serial line that telemetry may fill; bits of a byte on it."""
+
+
+def decimation(directory: Path, model: Model, baud: int | None) -> int:
+    """Control periods from one telemetry record to the next, so that a line of `baud` carries them.
+
+    directory   of the arm's compiled controller
+    """
+    if baud is None:
+        return 1
+    assert model.controller is not None
+    codec, rate = Codec.from_json(directory / "protocol.json"), model.controller["rate"]
+    zeros = {name: 0 if count is None else [0] * count for name, count in codec.fields("telemetry").items()}
+    size = len(codec.encode("telemetry", zeros))
+    return max(1, ceil(size * _BITS * rate / (_PART * baud)))
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is executed, and how.
+
+    directory   of the arm's compiled controller      cycles   of a periodic trajectory, besides its run-in
+    compensated   whether friction is compensated     tracking_limit   rad (m); None: by the joints' types
+    every       control periods from one record to the next
+    approach    drive to the trajectory's start first, wherever the arm stands
+    """
+
+    directory: Path
+    model: Model
+    trajectory: Trajectory
+    trials: int
+    cycles: int
+    compensated: bool
+    tracking_limit: float | None
+    every: int
+    approach: bool
+
+    def settings(self, trajectory: Trajectory) -> Settings:
+        return Settings.of(self.directory, self.model, trajectory, self.compensated, self.tracking_limit)
+
+
+def execute_on(link: Link, setup: Setup, asked: Callable[[], int]) -> Execution:
+    """All trials, or up to the first that is stopped; the link is closed.
+
+    Raises ControllerError where the arm stands elsewhere, LinkError, LinkLost.
+    """
+    session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
+    try:
+        return _Executing(session, setup, asked).all()
+    finally:
+        session.close()
+
+
+@dataclass(frozen=True)
+class _Executing:
+    session: Session
+    setup: Setup
+    asked: Callable[[], int]
+
+    def all(self) -> Execution:
+        setup = self.setup
+        self.session.identify()
+        settings, plan = setup.settings(setup.trajectory), Plan(setup.model, setup.trajectory)
+        start, done = plan.motion.q[:, 0], list[Trial]()
+        seconds = length(setup.trajectory, setup.cycles)
+        while len(done) < setup.trials and not (done and done[-1].stop):
+            way = self._to(start, settings)
+            if way is not None and way.stop is not None:
+                done.append(replace(way, stop=replace(way.stop, reason=f"on the way to the start: {way.stop.reason}")))
+            else:
+                self.session.upload(settings)
+                done.append(run(self.session, settings, seconds, setup.every, self.asked))
+        return Execution(
+            plan=plan,
+            dt=settings.dt * setup.every,
+            compensated=setup.compensated,
+            uncompensated=settings.uncompensated,
+            arm=plan.terms,
+            hidden=frozenset(),
+            seed=0,
+            noise=0.0,
+            excess=(),
+            trials=tuple(done),
+        )
+
+    def _to(self, start: Array, settings: Settings) -> Trial | None:
+        """Drive to `start` (n,), if that is wanted and the arm does not stand there; None if it does."""
+        # Encoders and their zeros are told before anything is asked of them.
+        here = settings.positions(np.array([self.session.counts()], dtype=np.int32))[:, 0]
+        apart = np.abs(here - start)
+        if (apart <= np.array(settings.safety["start"])).all():
+            return None
+        if not self.setup.approach:
+            raise ControllerError(_elsewhere(self.setup.model, here, start))
+        way = self._way(here, start)
+        outside = [str(excess) for excess in Plan(self.setup.model, way).exceeded()]
+        if outside:
+            raise ControllerError(f"there is no straight way to the start: {outside[0]}")
+        settings = self.setup.settings(way)
+        self.session.upload(settings)
+        return run(self.session, settings, length(way, 1), self.setup.every, self.asked)
+
+    def _way(self, here: Array, start: Array) -> Trajectory:
+        """From rest to rest on straight lines of the joints, slowly."""
+        setup = self.setup
+        speeds = [_APPROACH_SPEED * (joint.speed_limit or np.inf) for joint in setup.model.joints]
+        duration = max(_APPROACH_LEAST, _PEAK * float(np.max(np.abs(start - here) / speeds)))
+        points = np.column_stack([here, here, here, start, start, start])
+        return replace(setup.trajectory, scenario="approach", phases=(Phase("q", duration, points),), periodic=False)
+
+
+def _elsewhere(model: Model, here: Array, start: Array) -> str:
+    joints = (
+        f"joint {k + 1} stands at {here[k]:.3f} {joint.position_unit}, the trajectory starts at {start[k]:.3f}"
+        for k, joint in enumerate(model.joints)
+    )
+    return f"the arm is not where the trajectory starts: {'; '.join(joints)}; bring it there, or pass --approach"

@@ -1,0 +1,311 @@
+"""A host's conversation with a board: who are you, here is what you need, arm, run, what do you see, stop.
+
+No wait is without a deadline, and all of them are kept by the link's own clock.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from runtime.hardware.frames import DELIMITER, Codec, Decoder, Message
+from runtime.hardware.link import Link, LinkError, LinkLost
+from runtime.hardware.settings import Settings
+
+_ATTEMPTS, _ANSWER = 5, 0.1
+"""How often a command is sent, and s that its answer may take each time."""
+_CHUNK = 0.02
+"""s of one read in a run."""
+_ALIVES = 4
+"""Signs of life in the time that the board waits for one."""
+_SILENT = 0.3
+"""s without telemetry after which the board counts as lost."""
+_END = 1.0
+"""s that a board may take for a stop, besides its damping."""
+_TRAJECTORY = ("trajectory", "phase", "points")
+_BOARDS_OWN = ("done", "host", "none")
+
+
+class Refused(LinkError):
+    """The board does not do what it was asked; the message says why."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """Why a run is over: a reason of the protocol, or of the host (interrupted, telemetry_lost, link_lost).
+
+    joint    1-based, None for the whole arm      period   of the run in which it came about
+    detail   words of the host's, None where the reason says it all; code: of a drive's fault
+    """
+
+    reason: str
+    joint: int | None = None
+    period: int | None = None
+    detail: str | None = None
+    code: int = 0
+
+
+@dataclass(frozen=True)
+class Run:
+    """rows: the values of the run's telemetry, without gaps, up to the end; dropped: frames that arrived damaged."""
+
+    rows: list[dict[str, Any]]
+    ended: Ended
+    dropped: int
+
+
+class Session:
+    """One host's conversation over a link; close it, whatever happened."""
+
+    def __init__(self, link: Link, codec: Codec) -> None:
+        self.link, self.codec = link, codec
+        self._decoder = Decoder(codec)
+        self._names = {table: codec.names(table) for table in ("states", "reasons", "results")}
+        self._sequence = 0
+        self._unanswered: tuple[int, bytes] | None = None
+        self._acks: dict[int, Message] = {}
+        self._identity: Message | None = None
+        self._state: dict[str, Any] | None = None
+        self._telemetry: list[dict[str, Any]] = []
+        self._dt = self._silence = self._damping = self._due = 0.0
+
+    def close(self) -> None:
+        self.link.close()
+
+    # --- before a run ---
+
+    def identify(self) -> dict[str, Any]:
+        """The board's identity; it is idle then. Raises Refused for firmware that is not of this model, LinkLost."""
+        # Ends whatever half a frame the line has brought before.
+        self.link.write(DELIMITER)
+        self._command("hello", wanted=lambda: self._identity is not None)
+        assert self._identity is not None
+        found, own = self._identity.values, self.codec.document
+        if found["version"] != own["version"]:
+            raise Refused(
+                f"the board speaks version {found['version']} of the protocol, this host version {own['version']}; "
+                "build its firmware anew (tendon firmware) and load it"
+            )
+        if (found["fingerprint"], found["joints"]) != (own["fingerprint"], own["joints"]):
+            raise Refused(
+                f"the board's firmware is of another arm or another version ({found['joints']} joints, fingerprint "
+                f"{found['fingerprint']:08x}; expected {own['joints']}, {own['fingerprint']:08x}); "
+                "build it anew (tendon firmware) and load it"
+            )
+        if self._names["states"][found["state"]] != "idle":
+            self._rest()
+        return found
+
+    def upload(self, settings: Settings) -> None:
+        """Everything that a run needs. Raises Refused, LinkLost."""
+        page = self.codec.document
+        for what, count, most in (
+            ("phases", len(settings.phases), page["max_phases"]),
+            ("control points", len(settings.points), page["max_rows"]),
+        ):
+            if count > most:
+                raise Refused(f"the trajectory has {count} {what}; the board takes {most}")
+        self._dt = settings.dt
+        self._silence = settings.safety["silence"] * settings.dt
+        self._damping = settings.safety["damping"] * settings.dt
+        checksum = 0
+        for name, values in settings.messages(page["rows_a_message"]):
+            if name in _TRAJECTORY:
+                checksum = zlib.crc32(self.codec.payload(name, values), checksum)
+            self._command(name, values)
+        self._command("commit", {"checksum": checksum})
+
+    def counts(self) -> tuple[int, ...]:
+        """(n,) what the encoders read now. Raises Refused, LinkLost."""
+        self._telemetry.clear()
+        self._command("query", wanted=lambda: bool(self._telemetry))
+        return tuple(self._telemetry.pop()["counts"])
+
+    # --- a run ---
+
+    def run(self, periods: int, every: int = 1, asked: Callable[[], int] = lambda: 0) -> Run:
+        """Arm and run for so many control periods, with telemetry in every so many; idle again afterwards.
+
+        asked   whether the user wants to stop: 0 no, 1 yes, 2 without waiting for the board
+        Raises Refused. A link that is lost ends the run, and what was recorded until then is returned.
+        """
+        self._telemetry.clear()
+        self._state = None
+        log = _Log(every)
+        errors = self._decoder.errors.total()
+        try:
+            self._command("arm")
+            self._command("run", {"periods": periods, "every": every})
+            ended = self._follow(log, asked)
+            left = self._leave(log, asked)
+            ended = ended or left or Ended("link_lost", detail="the board does not say that it has stopped")
+        except LinkLost as lost:
+            log.take(self._telemetry)
+            ended = Ended("link_lost", period=log.last, detail=str(lost))
+        rows = [row for row in log.rows if self._belongs(row, ended)]
+        return Run(rows, ended, self._decoder.errors.total() - errors)
+
+    def _belongs(self, row: dict[str, Any], ended: Ended) -> bool:
+        """Whether a record is of the run itself, the step that stopped it included, and not of the damping."""
+        running = self._names["states"][row["state"]] == "running"
+        return running or (ended.reason != "done" and row["period"] == ended.period)
+
+    def _follow(self, log: _Log, asked: Callable[[], int]) -> Ended | None:
+        """Until the board has stopped (None) or the host has to stop it."""
+        heard = self.link.now()
+        while not self._stopped:
+            if asked():
+                return Ended("interrupted", period=log.last)
+            self._stay_alive()
+            self._listen(_CHUNK)
+            if self._telemetry:
+                heard = self.link.now()
+            gap = log.take(self._telemetry)
+            if gap is not None:
+                return Ended("telemetry_lost", period=log.last, detail=gap)
+            if (silent := self.link.now() - heard) > _SILENT + 2 * log.every * self._dt:
+                return Ended("link_lost", period=log.last, detail=f"nothing from the board for {silent:.2g} s")
+        return None
+
+    def _leave(self, log: _Log, asked: Callable[[], int]) -> Ended | None:
+        """Stopped with its drives off, and idle again; what the board says of its stop, None if it says nothing."""
+        deadline = self.link.now() + self._damping + _END
+        told, ended = self.link.now(), self._board_ended()
+        while not (self._stopped and self._off) and self.link.now() < deadline and asked() < 2:
+            if not self._stopped and self.link.now() >= told:
+                self._stop()
+                told = self.link.now() + _CHUNK
+            else:
+                self._stay_alive()
+            self._listen(_CHUNK)
+            log.take(self._telemetry)
+            ended = ended or self._board_ended()
+        if self._stopped and self._off:
+            self._settle()
+            self._command("reset")
+        elif not self._stopped:
+            self._stop()
+        return ended
+
+    def _board_ended(self) -> Ended | None:
+        if not self._stopped:
+            return None
+        assert self._state is not None
+        state = self._state
+        reason = self._names["reasons"][state["reason"]]
+        detail = self.link.fault if reason == "drive" else None
+        return Ended(reason, state["joint"] or None, state["period"], detail, state["code"])
+
+    @property
+    def _stopped(self) -> bool:
+        return self._state is not None and self._names["states"][self._state["state"]] == "stopped"
+
+    @property
+    def _off(self) -> bool:
+        return self._state is not None and not self._state["enabled"]
+
+    def _rest(self) -> None:
+        """From any state to idle, after another host has left the board in it."""
+        self._command("stop")
+        self._state = None
+        deadline = self.link.now() + _END
+        while not (self._stopped and self._off):
+            if self.link.now() > deadline:
+                raise LinkLost("the board does not say that its drives are off")
+            self._command("query")
+            self._listen(_CHUNK)
+        self._command("reset")
+
+    # --- words ---
+
+    def _stop(self) -> None:
+        """Whatever else is under way; the board takes it in every state, and again."""
+        _, frame = self._frame("stop")
+        self._unanswered = None
+        self.link.write(frame)
+
+    def _stay_alive(self) -> None:
+        """A sign of life, when it is time for one. One that was not answered is said again: no number is left out."""
+        if self.link.now() < self._due:
+            return
+        if self._unanswered is None or self._unanswered[0] in self._acks:
+            self._unanswered = self._frame("alive")
+        self.link.write(self._unanswered[1])
+        self._due = self.link.now() + self._silence / _ALIVES
+
+    def _settle(self) -> None:
+        """The last sign of life has its answer, so that the next command is the next in number."""
+        if self._unanswered is not None:
+            number, frame = self._unanswered
+            self._unanswered = None
+            self._exchange("alive", number, frame, lambda: True)
+
+    def _command(self, name: str, values: Any = None, wanted: Callable[[], bool] = lambda: True) -> None:
+        """A command until it is acknowledged, and what it is to bring has come. Raises Refused, LinkLost."""
+        number, frame = self._frame(name, values)
+        ack = self._exchange(name, number, frame, wanted)
+        result = self._names["results"].get(ack.values["result"], "unknown")
+        if result != "done":
+            raise Refused(self._refusal(name, ack.values))
+
+    def _exchange(self, name: str, number: int, frame: bytes, wanted: Callable[[], bool]) -> Message:
+        for _ in range(_ATTEMPTS):
+            self.link.write(frame)
+            deadline = self.link.now() + _ANSWER
+            while (left := deadline - self.link.now()) > 0:
+                if number in self._acks and wanted():
+                    self._due = self.link.now() + self._silence / _ALIVES
+                    return self._acks.pop(number)
+                self._listen(left)
+            if number in self._acks and wanted():
+                return self._acks.pop(number)
+        raise LinkLost(f"the board does not answer ({name}, {_ATTEMPTS} times); is its firmware running?")
+
+    def _refusal(self, name: str, ack: dict[str, Any]) -> str:
+        result = next((r for r in self.codec.document["results"] if r["number"] == ack["result"]), None)
+        words = "refused" if result is None else result["text"]
+        meaning = f" ({result['detail']}: {ack['detail']})" if result and result["detail"] else ""
+        return f"the board does not take {name}: {words}{meaning}"
+
+    def _frame(self, name: str, values: Any = None) -> tuple[int, bytes]:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._acks.pop(self._sequence, None)
+        return self._sequence, self.codec.encode(name, values, self._sequence)
+
+    def _listen(self, timeout: float) -> None:
+        """Whatever comes within so many s, sorted."""
+        for message in self._decoder.feed(self.link.read(timeout)):
+            if message.name == "telemetry":
+                self._telemetry.append(message.values)
+            elif message.name == "ack":
+                self._acks[message.values["sequence"]] = message
+            elif message.name == "state":
+                self._state = message.values
+            elif message.name == "identity":
+                self._identity = message
+
+
+class _Log:
+    """The telemetry of a run as long as it is whole. last: period of its last record."""
+
+    def __init__(self, every: int) -> None:
+        self.every, self.rows = every, list[dict[str, Any]]()
+        self._gap: str | None = None
+
+    @property
+    def last(self) -> int | None:
+        return self.rows[-1]["period"] if self.rows else None
+
+    def take(self, rows: list[dict[str, Any]]) -> str | None:
+        """Add and clear `rows`; words for a gap, after which nothing is added."""
+        expected = 0 if self.last is None else self.last + self.every
+        for row in rows:
+            if self._gap is None and row["period"] > expected:
+                self._gap = f"the telemetry of period {expected} is missing, that of {row['period']} is there"
+            if self._gap is None and row["period"] == expected:
+                self.rows.append(row)
+                expected += self.every
+        rows.clear()
+        return self._gap

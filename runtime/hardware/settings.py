@@ -1,0 +1,274 @@
+"""What a board is told before it drives an arm: the values of its messages, from the model file and a trajectory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import ceil, exp, inf, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.loader import Model
+from runtime.planning.trajectory import SPRING, Phase, Trajectory
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Any]
+
+UNLIMITED = float(np.finfo(np.float32).max)
+OVERSPEED = 1.5
+"""Of a joint's limit of speed, which the plan keeps: more than tracking needs."""
+TRACKING = {"revolute": 0.5, "prismatic": 0.1}
+"""rad, m: a larger tracking error is a safe stop."""
+START = {"revolute": 0.05, "prismatic": 0.01}
+"""rad, m: how far from the trajectory's start a run may begin."""
+SILENCE, DAMPING, SATURATED = 0.2, 0.5, 2.0
+"""s: without a word from the host; of active damping after a stop; with a torque at its limit all the time."""
+_JUMP, _LEAST_JUMP, _ANY_JUMP = 4.0, 16, 2**31 - 1
+"""An encoder jumps where it tells of this many times the speed that is a safe stop; counts."""
+_FROZEN = 0.5
+"""Of the largest tracking error: desired travel in which an encoder that works has counted."""
+_LATE = 1.5
+"""Control periods between two steps."""
+_ERRORS = 3
+_MICROSECONDS = 1e6
+
+TOUCH = 1e-4  # m, below which the end-effector has not reached the plate
+LOOKS = 200  # a phase, for the plate
+BANDWIDTH = 2.0  # Hz, of the gains that are proposed where the model file has none
+
+
+class ControllerError(ValueError):
+    """The controller cannot run this trajectory on this arm; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """For one arm and one trajectory.
+
+    dt                   s, of the control step
+    position_per_count   (n,) float, rad or m       zero   (n,) counts where the position is 0
+    uncompensated        effects of the model that the controller does not compensate
+    drive, safety, parameters, effects, trajectory   values of the messages of these names
+    phases, points       values of the messages phase, one each; (rows, n) control points of all phases
+    """
+
+    model: Model
+    dt: float
+    position_per_count: NDArray[np.float32]
+    zero: NDArray[np.int32]
+    uncompensated: tuple[str, ...]
+    drive: Values
+    safety: Values
+    parameters: Values
+    effects: Values
+    trajectory: Values
+    phases: tuple[Values, ...]
+    points: Array
+
+    @classmethod
+    def of(
+        cls,
+        directory: Path,
+        model: Model,
+        trajectory: Trajectory,
+        friction: bool = True,
+        tracking: float | None = None,
+    ) -> Settings:
+        """Of a prepared directory with controller.json, for the same arm.
+
+        friction   whether friction is compensated, (7); what else the model file has always is
+        tracking   rad (m), largest error of every joint; None: by the joints' types
+        Raises ControllerError where the model file lacks what a controller needs, or the trajectory does not fit.
+        """
+        page = json.loads((Path(directory) / "controller.json").read_text(encoding="utf-8"))
+        if (page["name"], page["n"]) != (model.name, model.n) or trajectory.arm != model.name:
+            raise ControllerError(
+                f'controller of "{page["name"]}", model of "{model.name}" and trajectory of "{trajectory.arm}"; '
+                "expected all three of one arm"
+            )
+        _check_complete(model, page["effects"])
+        assert model.controller is not None
+        turns = np.array([joint.encoder_counts * joint.gear_ratio for joint in model.joints if joint.encoder_counts])
+        per_count = 2.0 * pi / turns
+        dt = 1.0 / model.controller["rate"]
+        effects = dict(page["effects"]) if friction else {**page["effects"], "friction_scale": 0.0}
+        phases = _phases(page, model, trajectory, dt)
+        return cls(
+            model=model,
+            dt=dt,
+            position_per_count=per_count.astype(np.float32),
+            zero=np.array([joint.encoder_zero for joint in model.joints], dtype=np.int32),
+            uncompensated=tuple(item["effect"] for item in page["uncompensated"]),
+            drive=_drive(model, per_count),
+            safety=_safety(model, per_count, dt, tracking),
+            parameters={field["name"]: field["default"] for field in model.metadata["struct"]},
+            effects=effects,
+            trajectory=_trajectory(page, trajectory),
+            phases=phases,
+            points=np.concatenate([_points(phase) for phase in trajectory.phases]),
+        )
+
+    def positions(self, counts: NDArray[np.int32]) -> Array:
+        """(n, N) rad or m for counts (N, n), with the float operations of the controller."""
+        # An encoder's counter may overflow between its zero and here.
+        return ((counts - self.zero).astype(np.float32) * self.position_per_count).T.astype(np.float64)
+
+    def messages(self, rows: int) -> Iterator[tuple[str, Values]]:
+        """Name and values of all that is uploaded, in order, but for the commit; rows: control points a message."""
+        for name in ("parameters", "effects", "drive", "safety", "trajectory"):
+            yield name, getattr(self, name)
+        for phase in self.phases:
+            yield "phase", phase
+        for first in range(0, len(self.points), rows):
+            block = np.zeros((rows, self.model.n))
+            part = self.points[first : first + rows]
+            block[: len(part)] = part
+            yield "points", {"first_row": first, "values": block.ravel().tolist()}
+
+
+def _drive(model: Model, per_count: Array) -> Values:
+    settings = model.controller or {}
+    limits = [joint.torque_limit for joint in model.joints]
+    return {
+        "rate": settings["rate"],
+        "velocity_gain": 1.0 - exp(-2.0 * pi * settings["velocity_cutoff"] / settings["rate"]),
+        "position_per_count": per_count.tolist(),
+        "zero": [joint.encoder_zero for joint in model.joints],
+        "kp": [joint.gains["kp"] for joint in model.joints if joint.gains],
+        "kd": [joint.gains["kd"] for joint in model.joints if joint.gains],
+        "torque_limit": [UNLIMITED if limit is None else limit for limit in limits],
+    }
+
+
+def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -> Values:
+    joints = model.joints
+    largest = np.array([TRACKING[j.type] if tracking is None else tracking for j in joints])
+    speed = np.array([OVERSPEED * j.speed_limit if j.speed_limit else inf for j in joints])
+    ranges = np.array([j.position_limits or (-inf, inf) for j in joints])
+    jump = np.minimum(np.maximum(np.ceil(_JUMP * speed * dt / per_count), _LEAST_JUMP), _ANY_JUMP)
+    return {
+        "tracking": _finite(largest),
+        "speed": _finite(speed),
+        "low": _finite(ranges[:, 0]),
+        "high": _finite(ranges[:, 1]),
+        "start": _finite(np.array([START[j.type] for j in joints])),
+        "jump": [int(counts) for counts in jump],
+        "frozen": _finite(_FROZEN * largest),
+        "saturated": ceil(SATURATED / dt),
+        "silence": ceil(SILENCE / dt),
+        "errors": _ERRORS,
+        "late": ceil(_LATE * dt * _MICROSECONDS),
+        "damping": ceil(DAMPING / dt),
+    }
+
+
+def _finite(values: Array) -> list[float]:
+    """Of which the largest float stands for no limit."""
+    return np.clip(values, -UNLIMITED, UNLIMITED).tolist()
+
+
+def _trajectory(page: Mapping[str, Any], trajectory: Trajectory) -> Values:
+    records = {record["name"].removeprefix(f"{page['name']}_"): record for record in page["records"]}
+    springs = {name: [0.0] * page["n"] for name in _names(records["spring_f32"])}
+    for joint, values in trajectory.springs.items():
+        _check_known(values, springs, f"{SPRING}@{joint}")
+        for name, value in values.items():
+            springs[name][joint - 1] = value
+    contact = dict.fromkeys(_names(records["contact_f32"]), 0.0)
+    for effect, values in trajectory.contact.items():
+        named = {f"{effect}_{key}": value for key, value in values.items()}
+        _check_known(named, contact, effect)
+        contact |= named
+    return {
+        "count": len(trajectory.phases),
+        "periodic": int(trajectory.periodic),
+        "elbow": int(trajectory.elbow),
+        "rows": sum(len(_points(phase)) for phase in trajectory.phases),
+        **{f"spring_{name}": values for name, values in springs.items()},
+        **contact,
+    }
+
+
+def _names(record: Mapping[str, Any]) -> list[str]:
+    return [field["name"] for field in record["fields"]]
+
+
+def _check_known(values: Mapping[str, float], known: Mapping[str, Any], effect: str) -> None:
+    if unknown := values.keys() - known.keys():
+        raise ControllerError(
+            f"{effect}: the controller has no {sorted(unknown)[0]}; it has: {', '.join(sorted(known))}"
+        )
+
+
+def _phases(page: Mapping[str, Any], model: Model, trajectory: Trajectory, dt: float) -> tuple[Values, ...]:
+    touching, found, row = _touching(model, trajectory), [], 0
+    for index, phase in enumerate(trajectory.phases):
+        degree, most = len(_points(phase)) - 1, page["max_degree"]
+        if degree > most:
+            raise ControllerError(f"phase {index + 1} has polynomials of degree {degree}; the controller takes {most}")
+        if phase.duration < dt:
+            raise ControllerError(
+                f"phase {index + 1} lasts {phase.duration:.3g} s, less than the control period of {dt:.3g} s"
+            )
+        made = {"coordinates": page["coordinates"][phase.coordinates], "degree": degree, "duration": phase.duration}
+        found.append({"index": index, **made, "touches": int(index in touching), "first_row": row})
+        row += degree + 1
+    return tuple(found)
+
+
+def _touching(model: Model, trajectory: Trajectory) -> set[int]:
+    """The phases (from 0) in which the plan touches the plate; in the others it costs no time to look for it."""
+    if "plate" not in trajectory.contact:
+        return set()
+    t = np.linspace(0.0, trajectory.duration, LOOKS * len(trajectory.phases), endpoint=False)
+    motion = trajectory.at(model, t)
+    below = model.tip(motion.q)[1] < trajectory.contact["plate"]["position"] - TOUCH
+    return set(motion.phase[below].tolist()) | {k for k, p in enumerate(trajectory.phases) if p.coordinates == "w"}
+
+
+def _points(phase: Phase) -> Array:
+    """(degree + 1, n) control points of a degree of 2 at least; a straight line has its middle as a third one."""
+    points = phase.points.T
+    return points if len(points) > 2 else np.array([points[0], (points[0] + points[1]) / 2, points[1]])
+
+
+# --- what the model file has to say ---
+
+
+def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
+    """Raise ControllerError that names everything that is missing, with a proposal where one can be computed."""
+    missing: list[str] = []
+    if model.controller is None:
+        missing.append(
+            "[controller] with rate and velocity_cutoff in Hz, friction_scale and friction_slope in s/rad "
+            "(for example 1000, 100, 0.92 and 150)"
+        )
+    for number, joint in enumerate(model.joints, 1):
+        if joint.gains is None:
+            missing.append(f"[joint.controller] at joint {number}, for example {proposed_gains(model, number)}")
+        if joint.encoder_counts is None:
+            missing.append(
+                f"[joint.encoder] at joint {number} with counts per turn of the motor (four times its lines)"
+            )
+    if missing:
+        raise ControllerError(
+            f'the model file of "{model.name}" says too little of its controller; add {"; ".join(missing)}'
+        )
+    unknown = [name for name, value in effects.items() if value is None]
+    if unknown:
+        raise ControllerError(
+            f'the model file of "{model.name}" has no value of {", ".join(unknown)}; '
+            "tendon identify MODEL RECORDING --write finds them"
+        )
+
+
+def proposed_gains(model: Model, joint: int) -> str:
+    """Gains of a critically damped joint (1-based) of 2 Hz, as a person writes them, and the inertia behind them."""
+    seen = float(model.inertia(np.zeros(model.n))[joint - 1, joint - 1])
+    omega = 2.0 * pi * BANDWIDTH
+    unit = "kg m^2" if model.joints[joint - 1].type == "revolute" else "kg"
+    return f"kp = {omega**2 * seen:.3g}, kd = {2.0 * omega * seen:.3g} ({BANDWIDTH:g} Hz at {seen:.3g} {unit})"
