@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
+from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault
 
 SCHEME = "canopen"
@@ -20,10 +21,6 @@ LOAD_LIMIT = 0.8
 """Largest part of the time that cyclic frames may fill; the rest is for emergencies, heartbeats and repetitions."""
 _SENT, _ANSWERED = 4, 6
 """Bytes a period and drive: controlword and target torque; statusword and position."""
-
-
-class BusError(RuntimeError):
-    """The bus cannot be used as it is; the message says what to do."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +36,18 @@ class Address:
 
 
 def parse(text: str) -> Address:
-    """The address in `canopen://CHANNEL?interface=NAME&bitrate=NUMBER`. Raises BusError."""
+    """The address in `canopen://CHANNEL?interface=NAME&bitrate=NUMBER`. Raises LinkError."""
     parts = urlsplit(text)
     channel = unquote(parts.netloc + parts.path)
     given = dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme != SCHEME or not channel:
-        raise BusError(f"--on {text}: expected {EXAMPLE}")
+        raise LinkError(f"--on {text}: expected {EXAMPLE}")
     if unknown := sorted(given.keys() - {"interface", "bitrate"}):
-        raise BusError(f'--on {text}: unknown key "{unknown[0]}"; expected interface and bitrate: {EXAMPLE}')
+        raise LinkError(f'--on {text}: unknown key "{unknown[0]}"; expected interface and bitrate: {EXAMPLE}')
     rate = given.get("bitrate", str(BITRATE))
     low, high = BITRATES
     if not (rate.isascii() and rate.isdigit() and low <= int(rate) <= high):
-        raise BusError(f"--on {text}: bitrate is {rate}; expected {low} to {high} bit/s")
+        raise LinkError(f"--on {text}: bitrate is {rate}; expected {low} to {high} bit/s")
     return Address(channel, given.get("interface", Address.interface), int(rate))
 
 
@@ -73,13 +70,13 @@ def load(drives: int, rate: float, bitrate: int) -> float:
 
 
 def check_load(drives: int, rate: float, address: Address) -> None:
-    """Raise BusError where a control step at `rate` Hz does not fit, with the rate that does."""
+    """Raise LinkError where a control step at `rate` Hz does not fit, with the rate that does."""
     part = load(drives, rate, address.bitrate)
     if part <= LOAD_LIMIT:
         return
     feasible = LOAD_LIMIT * address.bitrate / period_bits(drives)
     whole = feasible // 10 * 10 if feasible >= 10 else feasible
-    raise BusError(
+    raise LinkError(
         f"{address}: {drives} drives at {rate:g} Hz fill {part:.0%} of a bus of {address.bitrate / 1e6:g} Mbit/s, "
         f"over {LOAD_LIMIT:.0%}; set rate in [controller] to at most {whole:.4g} Hz, or drive the joints from a board"
     )
@@ -89,12 +86,12 @@ def check_load(drives: int, rate: float, address: Address) -> None:
 
 
 def open_network(address: Address, listen: Callable[[Any], None]) -> Any:
-    """A connected canopen.Network; `listen` hears every frame. Raises BusError with what to do about it."""
+    """A connected canopen.Network; `listen` hears every frame. Raises LinkError with what to do about it."""
     try:
         import can
         import canopen
     except ModuleNotFoundError as error:
-        raise BusError(
+        raise LinkError(
             f'{address}: {error.name} is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
         ) from None
     for name in ("can", "canopen"):
@@ -107,9 +104,9 @@ def open_network(address: Address, listen: Callable[[Any], None]) -> Any:
     try:
         return network.connect(channel=address.channel, interface=address.interface, bitrate=address.bitrate)
     except can.CanInterfaceNotImplementedError as error:
-        raise BusError(f"{address}: interface {address.interface} cannot be used here: {error}") from None
+        raise LinkError(f"{address}: interface {address.interface} cannot be used here: {error}") from None
     except (can.CanError, OSError, ValueError, TypeError) as error:
-        raise BusError(_cannot_open(address, error)) from None
+        raise LinkError(_cannot_open(address, error)) from None
 
 
 def _cannot_open(address: Address, error: Exception) -> str:

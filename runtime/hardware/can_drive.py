@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from runtime.hardware import cia402
-from runtime.hardware.can_bus import BusError
 from runtime.hardware.cia402 import Command, Entry, Scale, State
+from runtime.hardware.link import LinkError
 from runtime.loader import JointInfo
 
 HOST_NODE = 127
@@ -50,11 +50,12 @@ class Answer:
 class Drive:
     """The drive of a joint (1-based) in a connected canopen.Network.
 
-    answered   called, by the network's thread, after each answer to a SYNC
-    heard, misses   whether it has answered the last one; how many in a row it has not
+    spoke    called, by the network's thread, after an answer to a SYNC or a restart
+    heard    whether it has answered the last one
+    misses   how many in a row it had not answered when that was waited for; a late answer ends the row
     """
 
-    def __init__(self, network: Any, joint: int, info: JointInfo, answered: Callable[[], None]) -> None:
+    def __init__(self, network: Any, joint: int, info: JointInfo, spoke: Callable[[], None]) -> None:
         import canopen
 
         assert info.drive is not None
@@ -65,7 +66,7 @@ class Drive:
         self.emergency: str | None = None
         self.restarted = False
         self.heard, self.misses = False, 0
-        self._network, self._answered = network, answered
+        self._network, self._spoke = network, spoke
         self._remote = canopen.RemoteNode(self.node, canopen.ObjectDictionary())
         self._remote.sdo.RESPONSE_TIMEOUT = _SDO_TIMEOUT
         network.add_node(self._remote)
@@ -78,7 +79,7 @@ class Drive:
     def set_up(self, period: float) -> Scale:
         """Check that it is the drive of this joint, and make it ready for a control period of so many s.
 
-        Raises BusError.
+        Raises LinkError.
         """
         self._remote.nmt.state = "PRE-OPERATIONAL"
         self._check_kind()
@@ -100,7 +101,7 @@ class Drive:
 
     def release(self) -> None:
         """Watch for this computer no longer: it goes without a fault."""
-        with suppress(BusError):
+        with suppress(LinkError):
             self._write(_HOST_HEARTBEAT, 0)
 
     def error(self) -> str:
@@ -205,7 +206,7 @@ class Drive:
         self._talk(entry, f"set to {value}", send, otherwise)
 
     def _talk(self, entry: Entry, what: str, do: Callable[[], int], otherwise: str = "see its manual") -> int:
-        """`do`, with every failure as a BusError."""
+        """`do`, with every failure as a LinkError."""
         import canopen
 
         try:
@@ -228,7 +229,7 @@ class Drive:
             return None
 
     def _refuse(self, what: str) -> NoReturn:
-        raise BusError(f"{self.name} {what}")
+        raise LinkError(f"{self.name} {what}")
 
     # --- a period, by PDO ---
 
@@ -244,8 +245,8 @@ class Drive:
     def _on_answer(self, _id: int, data: bytearray, _time: float) -> None:
         if len(data) == _ANSWER.size:
             self.answer = Answer(*_ANSWER.unpack(data))
-            self.heard = True
-            self._answered()
+            self.heard, self.misses = True, 0
+            self._spoke()
 
     def _on_emergency(self, message: Any) -> None:
         if message.code & 0xFF00:
@@ -255,3 +256,4 @@ class Drive:
     def _on_heartbeat(self, state: int) -> None:
         if state == 0:
             self.restarted = True
+            self._spoke()

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.hardware import can_bus, cia402
-from runtime.hardware.can_bus import Address, BusError, faults
+from runtime.hardware.can_bus import Address, faults
 from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, Drive
 from runtime.hardware.cia402 import POWERLESS, Command, Scale, State
+from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault
 from runtime.hardware.pace import Pace
 from runtime.loader import Model
@@ -53,14 +54,14 @@ class CanopenArm:
 
     pace       of the control periods; their length is that of the model's control step
     patience   s to wait for the answers to a SYNC; None: a part of the period
-    Raises BusError where it cannot be driven as it is, Fault when it no longer can.
+    Raises LinkError where it cannot be driven as it is, Fault when it no longer can.
     """
 
     def __init__(self, model: Model, address: Address, pace: Pace, patience: float | None = None) -> None:
         without = [i for i, joint in enumerate(model.joints, 1) if joint.drive is None]
         if without:
             joints = ", ".join(map(str, without))
-            raise BusError(
+            raise LinkError(
                 f'the model file of "{model.name}" names no drive at joint {joints}; add [joint.drive] with node'
             )
         self.address, self.model, self.pace = address, model, pace
@@ -74,7 +75,7 @@ class CanopenArm:
         self._beats, self._on, self._bus_off = 0, False, False
         self._fault: str | None = None
         self._network: Any = can_bus.open_network(address, self._on_error_frame)
-        self._drives = [Drive(self._network, i, j, self._on_answer) for i, j in enumerate(model.joints, 1)]
+        self._drives = [Drive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
         self._sent = [Command.DISABLE_VOLTAGE] * model.n
 
     def __enter__(self) -> Self:
@@ -167,14 +168,17 @@ class CanopenArm:
                 drive.heard = False
             self._network.send_message(_SYNC, b"")
             self._beat()
-            # Nobody waits for a drive that is lost.
-            awaited = [drive for drive in self._drives if drive.misses < MISSED]
             with self._heard:
-                self._heard.wait_for(lambda: all(drive.heard for drive in awaited), self._patience)
+                self._heard.wait_for(self._is_complete, self._patience)
         for k, drive in enumerate(self._drives):
-            drive.misses = 0 if drive.heard else drive.misses + 1
-            self.missed += not drive.heard
+            if not drive.heard:
+                drive.misses += 1
+                self.missed += 1
             self.limited[k] += self._on and cia402.limited(drive.answer.statusword)
+
+    def _is_complete(self) -> bool:
+        """Whether all have answered; nobody waits for a drive that is lost."""
+        return all(drive.heard or drive.restarted or drive.misses >= MISSED for drive in self._drives)
 
     def _check(self) -> None:
         """Raise Fault, all drives stopped, if one can no longer be relied on."""
@@ -265,7 +269,7 @@ class CanopenArm:
 
     # --- called by the network's thread ---
 
-    def _on_answer(self) -> None:
+    def _on_word(self) -> None:
         with self._heard:
             self._heard.notify_all()
 

@@ -14,14 +14,15 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.catalogue import joint_info
 from runtime.hardware import can_bus, cia402
-from runtime.hardware.can_bus import Address, BusError
+from runtime.hardware.can_bus import Address
 from runtime.hardware.canopen_arm import MISSED, CanopenArm
 from runtime.hardware.cia402 import Command, Scale
+from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault
 from runtime.hardware.pace import Pace
 from tests.firmware.canopen_drives import (
@@ -149,7 +150,7 @@ def test_addresses() -> None:
     ],
 )
 def test_addresses_that_are_none(text: str, expected: str) -> None:
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(LinkError) as caught:
         can_bus.parse(text)
     assert expected in str(caught.value)
     assert str(caught.value).startswith(f"--on {text}: ")
@@ -182,7 +183,7 @@ def test_what_four_joints_fill_of_a_bus() -> None:
     assert can_bus.frame_bits(8) == 135
     assert can_bus.load(4, 1000.0, 1_000_000) == pytest.approx(0.895)
     can_bus.check_load(4, 500.0, Address("can0"))
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(LinkError) as caught:
         can_bus.check_load(4, 1000.0, Address("can0"))
     assert str(caught.value) == (
         "canopen://can0: 4 drives at 1000 Hz fill 90% of a bus of 1 Mbit/s, over 80%; "
@@ -449,6 +450,53 @@ def test_the_drives_watch_this_computer() -> None:
         assert entries[0x1016, 1].value & 0xFFFF == 0
 
 
+def _emergency(_: CanopenArm, behind: Drives, k: int) -> None:
+    behind.fail(behind.drives[k], 0x2320)
+
+
+def _brake(_: CanopenArm, behind: Drives, k: int) -> None:
+    behind.drives[k].state = QUICK_STOPPED
+
+
+def _disable(_: CanopenArm, behind: Drives, k: int) -> None:
+    behind.drives[k].state = DISABLED
+
+
+def _restart(_: CanopenArm, behind: Drives, k: int) -> None:
+    behind.drives[k].manage(129)
+    behind.drives[k].state = DISABLED
+    behind.send(0x700 + behind.drives[k].node, b"\0")
+
+
+def _no_number(arm: CanopenArm, _: Drives, k: int) -> None:
+    arm.apply([float("nan") if j == k else 1.0 for j in range(3)])
+
+
+@given(
+    st.sampled_from([_emergency, _brake, _disable, _restart, _no_number]),
+    st.integers(0, 2),
+    st.integers(1, 8),
+    st.lists(st.floats(-30.0, 30.0), min_size=3, max_size=3),
+)
+@settings(max_examples=25)
+def test_whatever_fails_no_drive_holds_a_torque(
+    fail: Callable[[CanopenArm, Drives, int], None], k: int, periods: int, torque: list[float]
+) -> None:
+    with bench({}, {}, {}) as (arm, behind):
+        arm.start(np.zeros(3), RNG)
+        arm.enable(True)
+        running(arm, torque, periods)
+
+        def goes_on() -> None:
+            fail(arm, behind, k)
+            running(arm, torque, 2)
+
+        with pytest.raises(Fault, match=f"joint {k + 1}: |a torque of nan cannot be commanded"):
+            goes_on()
+        assert all(drive.state in (DISABLED, FAULTY) for drive in behind.drives)
+        assert [drive.torque for drive in behind.drives] == [0.0] * 3
+
+
 def test_closing_in_motion_takes_the_power() -> None:
     with bench({}, {}) as (arm, behind):
         arm.start(np.zeros(2), RNG)
@@ -486,7 +534,7 @@ def test_a_drive_that_does_not_fit_is_refused(change: dict[tuple[int, int], int 
     if (0x6064, 0) in change:
         drive.refresh = lambda: None  # type: ignore[method-assign]
     with bench({}, drives={1: drive}) as (arm, _):
-        with pytest.raises(BusError) as caught:
+        with pytest.raises(LinkError) as caught:
             arm.start(np.zeros(1), RNG)
         assert str(caught.value).startswith("joint 1: the drive (node 11) ")
         assert expected in str(caught.value)
@@ -498,7 +546,7 @@ def test_a_gear_ratio_in_the_drive_is_refused() -> None:
     drive.entries |= {(0x6091, 1): Entry("I", 100), (0x6091, 2): Entry("I", 1)}
     with (
         bench({}, drives={1: drive}) as (arm, _),
-        pytest.raises(BusError, match="divides positions by a gear ratio of 100:1 itself"),
+        pytest.raises(LinkError, match="divides positions by a gear ratio of 100:1 itself"),
     ):
         arm.start(np.zeros(1), RNG)
 
@@ -507,20 +555,20 @@ def test_a_node_that_is_not_there() -> None:
     drive = Drive(11, silent=True)
     with (
         bench({}, drives={1: drive}) as (arm, _),
-        pytest.raises(BusError, match="does not answer; is it on, its node id and its bit rate right"),
+        pytest.raises(LinkError, match="does not answer; is it on, its node id and its bit rate right"),
     ):
         arm.start(np.zeros(1), RNG)
 
 
 def test_joints_without_drives_are_named() -> None:
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(LinkError) as caught:
         CanopenArm(model({"drive": None}, {}, {"drive": None}), Address("x", "virtual"), pace())
     assert str(caught.value) == ('the model file of "bench" names no drive at joint 1, 3; add [joint.drive] with node')
 
 
 def test_without_the_packages_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "canopen", None)
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(LinkError) as caught:
         can_bus.open_network(Address("can0"), print)
     assert str(caught.value) == (
         'canopen://can0: canopen is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
@@ -541,7 +589,7 @@ def test_a_channel_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error:
         raise error
 
     monkeypatch.setattr(can, "Bus", fail)
-    with pytest.raises(BusError) as caught:
+    with pytest.raises(LinkError) as caught:
         can_bus.open_network(Address("can0"), print)
     assert str(caught.value).startswith(f"canopen://can0: {expected}")
 
