@@ -24,14 +24,14 @@ HOST = {
 
 def words(ended: Ended, rows: Sequence[Mapping[str, Any]], settings: Settings, texts: Mapping[str, str]) -> str:
     """One sentence. rows: the run's telemetry up to the stop; texts: the reasons by name, as the protocol has them."""
-    plain = HOST[ended.reason] if ended.reason in HOST else texts[ended.reason]
     if ended.reason == "drive":
-        return ended.detail or f"{plain} (code {ended.code})"
-    if ended.detail:
-        return f"{plain}: {ended.detail}"
+        return ended.detail or f"{texts[ended.reason]} (code {ended.code})"
+    # Both ends may lose the link; the host says what it has seen.
+    if ended.detail or ended.reason not in texts:
+        return HOST[ended.reason] + (f": {ended.detail}" if ended.detail else "")
     if ended.joint is not None and ended.reason in _MEASURED and rows and rows[-1]["period"] == ended.period:
         return _MEASURED[ended.reason](ended.joint - 1, rows, settings)
-    return plain
+    return texts[ended.reason]
 
 
 def _position(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -183,8 +184,10 @@ class Session:
             log.take(self._telemetry)
             ended = ended or self._board_ended()
         if self._stopped and self._off:
-            self._settle()
-            self._command("reset")
+            # A board that no longer hears this has stopped all the same; why, it has said.
+            with suppress(LinkLost):
+                self._settle()
+                self._command("reset")
         elif not self._stopped:
             self._stop()
         return ended
