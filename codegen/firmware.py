@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from codegen import build, render, toolchain
+from codegen.controller import Controller
 from codegen.machine import machine_files
+from codegen.messages import SIZES
+from codegen.protocol import HEADER, REASONS, Protocol
+from codegen.stack import EXCEPTION_FRAME
 from codegen.toolchain import HOST, TARGETS, Target, Toolchain
 from symbolic.effects.declaration import Effect
 from symbolic.kinematics import Coordinates
@@ -20,8 +24,14 @@ BOARD = "boards/mps2"
 STACK = 2048
 """Bytes that its linker script sets aside; a test holds the worst case to half of that."""
 _PAGES = (
-    *("src/main.c", "src/tendon_board.h", "Makefile", "CMakeLists.txt", "misra.txt"),
-    *("boards/mps2/startup.c", "boards/mps2/board.c", "boards/mps2/mps2.ld", "boards/own/board.c"),
+    *("src/main.c", "src/tendon_board.h", "Makefile", "CMakeLists.txt", "README.md", "misra.txt"),
+    *(
+        "boards/mps2/startup.c",
+        "boards/mps2/board.c",
+        "boards/mps2/memory.c",
+        "boards/mps2/mps2.ld",
+        "boards/own/board.c",
+    ),
     *("cmake/gcc.cmake", "cmake/zig.cmake"),
 )
 
@@ -35,6 +45,7 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
     code = render.arm_files(model) | render.controller_files(model, library)
     files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
     files |= machine_files(model, library)
+    protocol = Protocol.of(Controller.of(model, library))
     holes = {
         "banner": f"/* {render.BANNER} Firmware of the arm {name}. */",
         "banner_text": f"{render.BANNER} Firmware of the arm {name}.",
@@ -43,13 +54,33 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
         "units": Coordinates(tuple(joint.type for joint in model.arm.joints)).force,
         "stack_size": STACK,
         "library_sources": " ".join(_library(files)),
+        "hot_sources": " ".join(path for path in _library(files) if _is_hot(path)),
+        "fast": toolchain.FAST,
+        "small": toolchain.SMALL,
         **_flags(),
         "target_names": ", ".join(TARGETS),
-        "host_flags": " ".join(flag for flag in build.FLAGS if flag != "-shared"),
+        "host_flags": " ".join(flag for flag in build.FLAGS if flag not in ("-shared", "-O3")),
         "warnings": " ".join(build.WARNINGS),
+        **_page_holes(protocol),
     }
     files |= {path: render.page(f"firmware/{path.removeprefix('src/')}.j2", **holes) for path in _PAGES}
     return dict(sorted(files.items()))
+
+
+def _page_holes(protocol: Protocol) -> dict[str, Any]:
+    """What the page for developers says of guard and link."""
+    # Header, payload and checksum; COBS adds a byte for every 254 begun, the delimiter one.
+    content = sum(SIZES[kind] for _, kind in HEADER) + protocol.message("telemetry").size + SIZES["u32"]
+    wire = content + -(-content // 254) + 1
+    reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
+    return {
+        "banner_title": render.BANNER,
+        "exception_frame": EXCEPTION_FRAME,
+        "telemetry_bytes": wire,
+        # 10 bits a byte; some room for answers to the host.
+        "telemetry_rate": int(1e6 / 10 / wire / 100) * 100,
+        "reasons": [" | ".join(cells) for cells in reasons],
+    }
 
 
 def _flags() -> dict[str, Any]:
@@ -71,15 +102,22 @@ def _library(files: Iterable[str]) -> list[str]:
     return sorted(path for path in files if path.startswith("src/") and path.endswith(".c") and path != "src/main.c")
 
 
+def _is_hot(source: str) -> bool:
+    """Whether most of a file runs in every control step."""
+    return source.endswith(("_f32.c", "_machine.c"))
+
+
 def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, Any]:
     """NAME.elf and NAME.bin in `directory`, of the tree there, for the emulated board; what is known of them.
 
     fits: the stack has a bound, within what is set aside, and nothing is linked that has no place there
     Raises BuildError.
     """
-    sources = sorted(path.relative_to(directory).as_posix() for path in directory.glob("src/*.c"))
-    sources += sorted(path.relative_to(directory).as_posix() for path in directory.glob(f"{BOARD}/*.c"))
-    image = toolchain.compile_image(directory, sources, f"{BOARD}/mps2.ld", target, tools, output=name)
+    there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*.c"))
+    # In the Makefile's order, so that it links the same image.
+    sources = [*_library(there), "src/main.c", *(path for path in there if path.startswith(BOARD))]
+    small = [path for path in sources if not _is_hot(path)]
+    image = toolchain.compile_image(directory, sources, f"{BOARD}/mps2.ld", target, tools, output=name, small=small)
     shutil.rmtree(directory / "objects")
     fits = not image.stack.unknown and image.stack.worst <= STACK and not image.forbidden
     return {**image.to_json(), "outputs": [image.elf.name, image.binary.name], "stack_size": STACK, "fits": fits}

@@ -24,7 +24,8 @@ LANGUAGE = ("-std=c99", "-pedantic", "-ffreestanding")
 ARITHMETIC = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 """The same bits from every compiler, and a square root that is one instruction."""
 SECTIONS = ("-ffunction-sections", "-fdata-sections")
-OPTIMISATION = {"gcc": "-O2", "zig": "-O2"}
+FAST, SMALL = "-O2", "-Os"
+"""For what runs in every control step, and for the rest."""
 FORBIDDEN = (
     "__aeabi_d",
     "__aeabi_f2d",
@@ -113,18 +114,18 @@ class Toolchain:
         """Flags that name the processor."""
         return target.gcc if self.kind == "gcc" else target.zig
 
-    def common(self, optimisation: str | None = None) -> tuple[str, ...]:
-        """The other flags that decide the machine code."""
+    def common(self) -> tuple[str, ...]:
+        """The other flags that decide the machine code, but for the optimisation."""
         own = {
             # Else a loop that clears or copies becomes a call of the C library.
             "gcc": ("-fno-tree-loop-distribute-patterns", "-fstack-usage"),
-            "zig": ("-fno-sanitize=all", "-fomit-frame-pointer", "-fstack-size-section"),
+            "zig": ("-fno-sanitize=all", "-fno-unroll-loops", "-fomit-frame-pointer", "-fstack-size-section"),
         }[self.kind]
-        return (optimisation or OPTIMISATION[self.kind], *LANGUAGE, *ARITHMETIC, *SECTIONS, *own)
+        return (*LANGUAGE, *ARITHMETIC, *SECTIONS, *own)
 
-    def flags(self, target: Target, optimisation: str | None = None) -> tuple[str, ...]:
+    def flags(self, target: Target, optimisation: str = FAST) -> tuple[str, ...]:
         """All that decides the machine code; warnings apart."""
-        return (*self.processor(target), *self.common(optimisation))
+        return (*self.processor(target), *self.common(), optimisation)
 
     def link_flags(self, target: Target) -> tuple[str, ...]:
         """Of an image that brings its own start-up and needs no library."""
@@ -234,6 +235,7 @@ def compile_image(
     *,
     output: str = "build/firmware",
     include: Sequence[str] = ("src",),
+    small: Sequence[str] = (),
     optimisation: str | None = None,
 ) -> Image:
     """Compile and link `sources` of `directory` into output.elf and output.bin there.
@@ -241,16 +243,19 @@ def compile_image(
     script        linker script
     output        without suffix; object files go beside it
     include       directories with headers
+    small         those of the sources that are compiled for size
+    optimisation  of all, for example "-O0"
     Paths are relative to `directory`. Raises BuildError with the compiler's first complaint.
     """
     stem = directory / output
     objects = stem.parent / "objects"
     shutil.rmtree(objects, ignore_errors=True)
     objects.mkdir(parents=True)
-    flags = [*toolchain.flags(target, optimisation), *WARNINGS, "-g", *(f"-I{path}" for path in include)]
+    others = [*WARNINGS, "-g", *(f"-I{path}" for path in include)]
     outputs = [str((objects / source.replace("/", "_")).with_suffix(".o").relative_to(directory)) for source in sources]
     for source, compiled in zip(sources, outputs, strict=True):
-        _run([*toolchain.compile, *flags, "-c", source, "-o", compiled], directory)
+        flags = toolchain.flags(target, optimisation or (SMALL if source in small else FAST))
+        _run([*toolchain.compile, *flags, *others, "-c", source, "-o", compiled], directory)
     tail = ["-lgcc"] if toolchain.kind == "gcc" else []
     link = [*toolchain.link, *toolchain.link_flags(target), "-T", script]
     _run([*link, *outputs, *tail, "-o", f"{output}.elf"], directory)

@@ -1,0 +1,183 @@
+"""What the firmware's tree compiles to: small, without a library, the same without us, alive on an emulated board."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen import build, firmware, toolchain, workspace
+from codegen.elf import Elf
+from runtime.hardware.frames import Codec, Decoder
+from runtime.hardware.qemu_board import QemuBoard
+from runtime.hardware.unicorn_board import UnicornBoard
+from symbolic.arm import Arm
+from symbolic.effects import LIBRARY
+from symbolic.model import derive
+
+CROSS = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
+QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
+CMAKE = pytest.mark.skipif(shutil.which("cmake") is None, reason="needs cmake")
+KINDS = [pytest.param("zig"), pytest.param("gcc", marks=CROSS)]
+TARGETS = list(toolchain.TARGETS)
+TEXT, STACK = 18 * 1024, 1024
+"""Bytes that the image of the paper's arm may have."""
+
+
+@pytest.fixture(scope="module")
+def tree(vishard4: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The firmware's tree, as a user has it."""
+    directory = tmp_path_factory.mktemp("firmware")
+    firmware.FirmwareTree.of(derive(vishard4), LIBRARY, directory).write()
+    return directory
+
+
+def prepared(arm: Arm, target: str, kind: str) -> tuple[Path, dict[str, Any]]:
+    directory = workspace.prepare_firmware(arm, LIBRARY, target, kind)
+    return directory, json.loads((directory / "image.json").read_text())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_image_is_small_and_needs_no_library(vishard4: Arm, target: str, kind: str) -> None:
+    _, report = prepared(vishard4, target, kind)
+    assert report["text"] + report["data"] < TEXT
+    assert report["stack"]["unknown"] == []
+    assert report["stack"]["worst"] < STACK
+    assert report["forbidden"] == []
+    assert report["fits"]
+    assert report["stack"]["chain"][0][0] == "tendon_reset"
+    library = ("__aeabi_u", "__aeabi_l", "__aeabi_i", "__aeabi_f", "__udiv", "__div")
+    assert [name for name in report["symbols"] if name.startswith(library)] == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_make_gives_the_same_image_without_us(vishard4: Arm, tree: Path, target: str, kind: str) -> None:
+    command = ["make", "-C", str(tree), f"TARGET={target}", f"TOOLCHAIN={kind}", f"ZIG={sys.executable} -m ziglang"]
+    run([*command, "elf" if kind == "zig" else "image"])  # zig compiles its objcopy when it is first used
+    made = tree / "build" / f"{target}-{kind}" / "vishard4.elf"
+    ours = (prepared(vishard4, target, kind)[0] / "vishard4.bin").read_bytes()
+    assert Elf.read(made).binary() == (0, ours)
+    if kind == "gcc":
+        assert made.with_suffix(".bin").read_bytes() == ours
+
+
+@CMAKE
+@pytest.mark.parametrize("kind", KINDS)
+def test_cmake_builds_it(vishard4: Arm, tree: Path, kind: str) -> None:
+    place = tree / "build" / f"cmake-{kind}"
+    tools = [f"-DCMAKE_TOOLCHAIN_FILE=cmake/{kind}.cmake", f"-DTENDON_PYTHON={sys.executable}"]
+    run(["cmake", "-S", str(tree), "-B", str(place), *tools], cwd=tree)
+    run(["cmake", "--build", str(place), "--target", "vishard4.elf" if kind == "zig" else "binary"])
+    assert says_hello(UnicornBoard(place, "vishard4", len(vishard4.joints)), tree)
+    size, ours = Elf.read(place / "vishard4.elf").sizes, prepared(vishard4, "cortex-m4f", kind)[1]
+    assert abs(size.text + size.data - ours["text"] - ours["data"]) < 256
+    assert kind == "zig" or (place / "vishard4.bin").stat().st_size == size.text + size.data
+
+
+def test_make_builds_a_library_for_this_computer(tree: Path) -> None:
+    run(["make", "-C", str(tree), "TARGET=host", f"HOST_CC={' '.join(build.compiler())}"])
+    assert (tree / "build" / "host" / "libvishard4.a").stat().st_size > 0
+
+
+def test_make_says_what_there_is(tree: Path) -> None:
+    found = run(["make", "-C", str(tree), "TARGET=cortex-m0"], status=2)
+    assert "TARGET=cortex-m0" in found
+    assert "there are cortex-m4f, cortex-m7, host; gcc, zig" in found
+    found = run(["make", "-C", str(tree), "TOOLCHAIN=zig", "BOARD=boards/own", f"ZIG={sys.executable} -m ziglang"], 2)
+    assert "boards/own has no linker script (*.ld)" in found
+
+
+@pytest.mark.parametrize("kind", [*KINDS, pytest.param("host")])
+def test_everything_compiles_without_a_warning(tree: Path, tmp_path: Path, kind: str) -> None:
+    """The stub of a board, too, which is in no image; and what we compile for this computer."""
+    if kind == "host":
+        command = [*build.compiler(), *build.FLAGS, "-pedantic"]
+    else:
+        tools = toolchain.find(kind)
+        command = [*tools.compile, *tools.flags(toolchain.TARGETS["cortex-m4f"])]
+    pages = {*tree.glob("src/*.c"), *tree.glob("boards/own/*.c")}
+    for source in sorted(pages):
+        output = str(tmp_path / f"{source.stem}.o")
+        run([*command, *build.WARNINGS, "-c", f"-I{tree / 'src'}", str(source), "-o", output])
+    assert len(list(tmp_path.glob("*.o"))) == len(pages)
+
+
+BOARDS = [pytest.param(UnicornBoard, id="unicorn"), pytest.param(QemuBoard, id="qemu", marks=QEMU)]
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_boots_and_answers(vishard4: Arm, board: type, kind: str) -> None:
+    directory, _ = prepared(vishard4, "cortex-m4f", kind)
+    assert says_hello(board(directory, "vishard4", len(vishard4.joints)), directory)
+
+
+@QEMU
+def test_it_boots_on_the_other_processor(vishard4: Arm) -> None:
+    directory, report = prepared(vishard4, "cortex-m7", "zig")
+    assert says_hello(QemuBoard(directory, "vishard4", len(vishard4.joints), report["machine"]), directory)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_stack_is_never_deeper_than_the_compiler_says(vishard4: Arm, kind: str) -> None:
+    directory, report = prepared(vishard4, "cortex-m4f", kind)
+    board = UnicornBoard(directory, "vishard4", len(vishard4.joints))
+    bottom, pattern = 0x2000_0000, b"\xa5"
+    top = report["symbols"]["tendon_stack_top"]
+    asleep = 64  # bytes below the top that main keeps while it sleeps are not ours to paint
+    board.cpu.mem_write(bottom, pattern * (top - bottom - report["stack"]["main"]))
+    codec = Codec.from_json(directory / "protocol.json")
+    for sequence in range(20):
+        board.receive(codec.encode("hello", sequence=sequence) + codec.encode("query", sequence=sequence))
+        board.send()
+        board.period(np.arange(4, dtype=np.int32) * sequence, 1000 * sequence, 0)
+    untouched = bytes(board.cpu.mem_read(bottom, top - bottom - asleep))
+    assert untouched.count(pattern) >= top - bottom - report["stack"]["main"]
+    assert untouched.startswith(pattern * (top - bottom - report["stack"]["main"]))
+    board.close()
+
+
+def says_hello(board: UnicornBoard | QemuBoard, directory: Path) -> bool:
+    """Whether the board says who it is, before its first period and after it, and keeps its drives off."""
+    codec = Codec.from_json(directory / "protocol.json")
+    decoder = Decoder(codec)
+    try:
+        for sequence in range(2):
+            board.receive(codec.encode("hello", sequence=sequence))
+            names: dict[str, Any] = {}
+            deadline = time.monotonic() + 10.0  # an answer of several frames may come in several portions
+            while "identity" not in names and time.monotonic() < deadline:
+                names |= {message.name: message.values for message in decoder.feed(board.send())}
+            assert names["identity"]["fingerprint"] == codec.fingerprint
+            enabled, torque = board.period(np.zeros(4, dtype=np.int32), 1000 * sequence, 0)
+            assert not enabled
+            assert not torque.any()
+    finally:
+        board.close()
+    return not decoder.errors
+
+
+def run(command: list[str], status: int = 0, cwd: Path | None = None) -> str:
+    found = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=environment())
+    assert found.returncode == status, found.stdout + found.stderr
+    return found.stdout + found.stderr
+
+
+def environment() -> dict[str, str]:
+    zig = str(build.cache_directory() / "zig")
+    return os.environ | {"ZIG_GLOBAL_CACHE_DIR": zig, "ZIG_LOCAL_CACHE_DIR": zig}
+
+
+@pytest.fixture(autouse=True)
+def _no_cross_compiler_of_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TENDON_ARM_CC", raising=False)
