@@ -1,0 +1,116 @@
+"""Hardware in the loop without hardware: the emulated firmware drives the simulated arm through the paper's scenarios,
+and leaves the recording that this computer's build of it leaves, bit for bit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from runtime import boundary
+from runtime.cli import Source, app
+from runtime.execution.execute import Execution, execute
+from runtime.execution.targets import SIMULATED
+from runtime.loader import Model
+from runtime.planning.optimize import optimize
+from runtime.planning.trajectory import Trajectory
+from runtime.study.cases import Case
+from runtime.study.experiment import HIDDEN
+
+EMULATED = [
+    pytest.param("unicorn"),
+    pytest.param(
+        "qemu", marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
+    ),
+]
+CASES = {"scenario1": Case("D", 1.2), "scenario2": Case("B", 1.2, 600.0)}
+"""With springs; friction planned with and compensated in the first, the plate pressed in the second."""
+
+
+@pytest.fixture(scope="module")
+def source(cache: Path) -> Source:  # noqa: ARG001 - the cache is where it is compiled
+    return Source.shipped("vishard4")
+
+
+@pytest.fixture(scope="module")
+def arm(source: Source) -> Model:
+    return source.model()
+
+
+@pytest.fixture(scope="module")
+def plans(arm: Model) -> dict[str, Trajectory]:
+    return {name: optimize(arm, case.scenario(arm), starts=1).trajectory for name, case in CASES.items()}
+
+
+Run = Callable[[str, str], Execution]
+
+
+@pytest.fixture(scope="module")
+def run(source: Source, arm: Model, plans: dict[str, Trajectory]) -> Run:
+    """One trial of a cycle after its run-in, by scenario and target; each once."""
+    made: dict[tuple[str, str], Execution] = {}
+
+    def on(name: str, target: str) -> Execution:
+        if (name, target) not in made:
+            board = SIMULATED[target]
+            made[name, target] = execute(
+                arm, source.controller(board.build), plans[name], trials=1, cycles=1, board=board.board
+            )
+        return made[name, target]
+
+    return on
+
+
+def test_the_scenarios_are_what_they_are_called(plans: dict[str, Trajectory]) -> None:
+    assert all(plan.springs for plan in plans.values())
+    assert [phase.coordinates for phase in plans["scenario1"].phases] == ["q", "q"]
+    assert "w" in [phase.coordinates for phase in plans["scenario2"].phases]
+
+
+@pytest.mark.parametrize("target", EMULATED)
+@pytest.mark.parametrize("name", CASES)
+def test_the_emulated_firmware_does_what_the_host_build_does(run: Run, name: str, target: str) -> None:
+    found, expected = run(name, target), run(name, "simulation")
+    assert expected.completed
+    assert found.to_json()["status"] == "done"
+    for field in ("t", "q", "q_desired", "tau", "saturated"):
+        np.testing.assert_array_equal(getattr(found.trials[0], field), getattr(expected.trials[0], field))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_motion_is_that_of_the_plan(run: Run, name: str) -> None:
+    """Its cost with the friction of the model; where friction is not compensated, the plate is pressed down less."""
+    document = run(name, "simulation").to_json()
+    assert document["mean"]["total"] == pytest.approx(document["plan"]["modelled"]["total"], rel=0.05)
+    if name == "scenario2":
+        assert document["plan"]["compression"] == pytest.approx(0.05, abs=1e-4)
+        assert 0.02 < document["mean"]["compression"] < 0.05
+
+
+def called(*arguments: object) -> int:
+    return boundary.run(app, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize("target", EMULATED)
+def test_its_recording_goes_through_compare(
+    source: Source, plans: dict[str, Trajectory], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    """A damper at the plate is hidden in the arm: the comparison finds the same, whoever drove the arm."""
+    monkeypatch.chdir(tmp_path)
+    Path("arm.toml").write_text(source.text)
+    plans["scenario2"].write(Path("plan.json"))
+    found: dict[str, Any] = {}
+    for on in ("simulation", target):
+        hide = ("--hide", HIDDEN[0], "--trials", 1, "--cycles", 1, "--friction-compensation")
+        files = ("--out", f"{on}.csv.gz", "--model-out", "mounted.toml", "--json", f"{on}-e.json")
+        assert called("execute", "arm.toml", "plan.json", "--on", on, *hide, *files) == 0
+        assert called("compare", "mounted.toml", f"{on}.csv.gz", "--json", f"{on}.json") == 0
+        found[on] = json.loads(Path(f"{on}.json").read_text())
+        assert json.loads(Path(f"{on}-e.json").read_text())["on"] == on
+    assert found[target]["joints"] == found["simulation"]["joints"]
+    assert len(found[target]["joints"]) == 4
