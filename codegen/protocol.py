@@ -80,7 +80,8 @@ REASONS = (
     ),
     Reason(
         "encoder_frozen", 11, "the encoder does not count",
-        "q_d more than safety.frozen away from where it was at the last change of the count", "zero", True,
+        "q_d more than safety.frozen from where it was at the last change of the count; a joint a period, in turn",
+        "zero", True,
     ),
     Reason(
         "encoder_jump", 12, "the encoder jumps", "more than safety.jump counts between two periods", "zero", True

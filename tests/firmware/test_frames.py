@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from conftest import ARMS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from symbolic import model_file
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 
+ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 FILES = machine_files(derive(model_file.load(ARMS / "vishard4.toml")), LIBRARY)
 CODEC = Codec(json.loads(FILES["protocol.json"]))
 NAMES = [item["name"] for item in CODEC.document["messages"]]
