@@ -48,7 +48,7 @@ def execute(
         typer.Option(
             "--on",
             metavar="TARGET",
-            help="simulation, unicorn, qemu: boards that drive the simulated arm; serial:///dev/ttyACM0: a real one.",
+            help="The simulated arm: simulation, unicorn, qemu; a real one: serial:///dev/ttyACM0, canopen://can0.",
         ),
     ],
     trials: Annotated[
@@ -210,7 +210,7 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     if not asked.arm:
         reason = "a real arm moves only with --arm, and nobody in its reach"
         return nothing, {**found, "status": "refused", "reason": reason}
-    link = targets.LINES[targets.scheme(asked.on)](asked.on)
+    link = targets.LINES[targets.scheme(asked.on)](asked.on, model, controller)
     setup = real.Setup(
         directory=controller,
         model=model,
@@ -220,10 +220,12 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
         compensated=simulated.compensated,
         tracking_limit=asked.tracking_limit,
         every=real.decimation(controller, model, link.baud),
+        late=link.late,
         approach=asked.approach,
     )
     with terminal.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
-        return real.execute_on(link, setup, stop), {**found, "every": setup.every}
+        done = real.execute_on(link, setup, stop)
+    return done, {**found, "every": setup.every, **link.figures()}
 
 
 def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[dict[str, str]]:

@@ -53,6 +53,7 @@ class Setup:
     directory   of the arm's compiled controller      cycles   of a periodic trajectory, besides its run-in
     compensated   whether friction is compensated     tracking_limit   rad (m); None: by the joints' types
     every       control periods from one record to the next
+    late        see Link
     approach    drive to the trajectory's start first, wherever the arm stands
     """
 
@@ -64,10 +65,12 @@ class Setup:
     compensated: bool
     tracking_limit: float | None
     every: int
+    late: float | None
     approach: bool
 
     def settings(self, trajectory: Trajectory) -> Settings:
-        return Settings.of(self.directory, self.model, trajectory, self.compensated, self.tracking_limit)
+        found = Settings.of(self.directory, self.model, trajectory, self.compensated, self.tracking_limit)
+        return found if self.late is None else found.tolerating(self.late)
 
 
 def execute_on(link: Link, setup: Setup, asked: Callable[[], int]) -> Execution:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from runtime.hardware import serial_link
+from runtime.hardware import can_bus, serial_link
+from runtime.hardware.canopen_link import CanopenLink
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.link import Link
 from runtime.hardware.lockstep import Board
 from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.serial_link import SerialLink
 from runtime.hardware.unicorn_board import UnicornBoard
+from runtime.loader import Model
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,13 @@ SIMULATED: Mapping[str, Simulated] = {
     "qemu": Simulated("cortex-m4f", partial(QemuBoard, machine="mps2-an386")),
 }
 
-LINES: Mapping[str, Callable[[str], Link]] = {serial_link.SCHEME: SerialLink.of}
-"""By the scheme of their address."""
+LINES: dict[str, Callable[[str, Model, Path], Link]] = {
+    serial_link.SCHEME: lambda url, _model, _directory: SerialLink.of(url),
+    can_bus.SCHEME: CanopenLink,
+}
+"""By the scheme of their address; the directory is that of the arm's firmware for this computer."""
 
-KNOWN = (*SIMULATED, "serial:///dev/ttyACM0")
+KNOWN = (*SIMULATED, "serial:///dev/ttyACM0", "canopen://can0")
 
 
 def scheme(on: str) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 
 class LinkError(RuntimeError):
@@ -20,10 +21,12 @@ class Link(Protocol):
     machine: every deadline is kept by `now`.
 
     baud    bits per second of a serial line; None where there is no such bound
+    late    s between two control steps at most where this end keeps the time; None: as a board's timer does
     fault   words for what has failed where this end of the link drives the arm itself; None: nothing, or the board does
     """
 
     baud: int | None
+    late: float | None
     fault: str | None
 
     def write(self, data: bytes) -> None:
@@ -34,6 +37,9 @@ class Link(Protocol):
 
     def now(self) -> float:
         """s, from any beginning; grows in `read`."""
+
+    def figures(self) -> Mapping[str, Any]:
+        """What became of it, for --json."""
 
     def close(self) -> None:
         """Give the line back; may be called twice."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,7 @@ class Lockstep:
     def __init__(self, board: Board, arm: Arm, period: float, clock: Clock | None = None) -> None:
         self.board, self.arm, self.period = board, arm, period
         self.baud: int | None = None
+        self.late: float | None = None
         self.fault: str | None = None
         self._clock = Counted(period) if clock is None else clock
         self._counts: Counts | None = None
@@ -116,6 +118,9 @@ class Lockstep:
     def now(self) -> float:
         return self._clock.now()
 
+    def figures(self) -> Mapping[str, Any]:
+        return {}
+
     def close(self) -> None:
         self._switch(False)
         self.board.close()
@@ -138,4 +143,7 @@ class Lockstep:
     def _switch(self, on: bool) -> None:
         if on != self._enabled:
             self._enabled = on
-            self.arm.enable(on)
+            try:
+                self.arm.enable(on)
+            except Fault as fault:
+                self.fault = self.fault or str(fault)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -23,6 +24,7 @@ class SerialLink:
             raise LinkError("a serial port needs pyserial: pip install pyserial") from error
         self.device = device
         self.baud: int | None = baud
+        self.late: float | None = None
         self.fault: str | None = None
         self._errors = (serial.SerialException, OSError)
         try:
@@ -60,6 +62,9 @@ class SerialLink:
 
     def now(self) -> float:
         return time.monotonic()
+
+    def figures(self) -> Mapping[str, Any]:
+        return {}
 
     def close(self) -> None:
         self._port.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, exp, inf, pi
 from pathlib import Path
 from typing import Any
@@ -68,6 +68,11 @@ class Settings:
     trajectory: Values
     phases: tuple[Values, ...]
     points: Array
+
+    def tolerating(self, late: float) -> Settings:
+        """The same where so many s may lie between two control steps, if that is more."""
+        longest = max(self.safety["late"], ceil(late * _MICROSECONDS))
+        return replace(self, safety={**self.safety, "late": longest})
 
     @classmethod
     def of(

@@ -1,0 +1,56 @@
+"""An arm with CiA 402 drives on a CAN bus: the machine as compiled for this computer drives it, in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.hardware import can_bus
+from runtime.hardware.canopen_arm import CanopenArm
+from runtime.hardware.host_board import HostBoard
+from runtime.hardware.lockstep import Lockstep
+from runtime.hardware.pace import Pace
+from runtime.loader import Model
+
+LATE = 0.005
+"""s between two control steps at most. A computer is less punctual than a microcontroller's timer: what stops that
+after half a period would stop this for nothing."""
+
+
+class CanopenLink(Lockstep):
+    """A Link to the drives of a model, set up and without power yet.
+
+    url         canopen://CHANNEL?interface=NAME&bitrate=NUMBER
+    directory   of the arm's firmware, built for this computer
+    pace, patience   see CanopenArm; None: real time
+    Raises LinkError, Fault.
+    """
+
+    arm: CanopenArm
+
+    def __init__(
+        self, url: str, model: Model, directory: Path, pace: Pace | None = None, patience: float | None = None
+    ) -> None:
+        assert model.controller is not None
+        period = 1.0 / model.controller["rate"]
+        pace = pace or Pace(period)
+        arm = CanopenArm(model, can_bus.parse(url), pace, patience)
+        super().__init__(HostBoard(directory, model.name, model.n), arm, period, pace)
+        self.late = LATE
+        try:
+            self.start(np.zeros(model.n), np.random.default_rng(0))
+        except BaseException:
+            arm.close()
+            raise
+
+    def figures(self) -> Mapping[str, Any]:
+        return {"drives": self.arm.figures()}
+
+    def close(self) -> None:
+        try:
+            super().close()
+        finally:
+            self.arm.close()

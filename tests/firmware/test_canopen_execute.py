@@ -1,0 +1,250 @@
+"""`tendon execute --on canopen://…` from end to end: the simulated arm behind simulated drives on a virtual bus."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from runtime import boundary, recording
+from runtime.cli import Source, app
+from runtime.execution import targets
+from runtime.execution.plan import Plan
+from runtime.execution.plant import Plant
+from runtime.execution.simulated import SimulatedArm
+from runtime.hardware.canopen_link import CanopenLink
+from runtime.hardware.pace import Pace
+from runtime.hardware.settings import Settings
+from runtime.loader import Model
+from runtime.planning.trajectory import Phase, Trajectory
+from tests.firmware.canopen_drives import DISABLED, ENABLED, Drive, Drives
+from tests.firmware.test_canopen import PATIENT, Time
+
+MODEL = """\
+name = "bench"
+gravity = [0.0, 0.0]
+[controller]
+rate = 500.0
+velocity_cutoff = 60.0
+friction_scale = 0.92
+friction_slope = 150.0
+
+[[joint]]
+type = "revolute"
+rotor_inertia = 0.10
+gear_ratio = 100
+[joint.drive]
+node = 5
+direction = -1
+[joint.encoder]
+counts = 2000
+[joint.controller]
+kp = 40.0
+kd = 6.0
+[joint.limits]
+position = [-1.8, 1.8]
+speed = 5.0
+torque = 25.0
+[joint.link]
+length = 0.30
+mass = 2.0
+com = [0.20, 0.0]
+inertia = 0.0565
+[joint.effects.coulomb_asymmetric]
+positive = 1.72
+negative = 1.05
+[joint.effects.viscous]
+coefficient = 1.14
+"""
+RATED = 250  # mN m: 25 N m at the joint
+_channels = itertools.count()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("canopen")
+    (path / "bench.toml").write_text(MODEL)
+    stations = [(0.0, 0.5), (0.5, 0.0)]
+    phases = tuple(Phase("q", 0.3, np.array([[a] * 3 + [b] * 3])) for a, b in stations)
+    motion = Trajectory(
+        "bench", "there and back", phases, elbow=1.0, friction=True, periodic=False, springs={}, contact={}
+    )
+    motion.write(path / "motion.json")
+    return path
+
+
+@pytest.fixture(scope="module")
+def bench(folder: Path) -> Source:
+    return Source.read(folder / "bench.toml", None)
+
+
+@pytest.fixture(scope="module")
+def model(bench: Source) -> Model:
+    return bench.model()
+
+
+def _at_joint(torques: list[float]) -> np.ndarray:
+    """N m behind the gear, of motors that turn against their joints."""
+    return np.array([-100.0 * torque for torque in torques], dtype=np.float32)
+
+
+class Braked(SimulatedArm):
+    """The simulated arm, held until the first torque: it matters not for how many periods there is none."""
+
+    def enable(self, on: bool) -> None:
+        """The brake does not open yet."""
+
+    def apply(self, torque: np.ndarray) -> None:
+        if np.any(torque):
+            super().enable(True)
+        super().apply(torque)
+
+
+class Motors:
+    """The simulated arm, seen from its drives: torques and counts of the motors, which turn against their joints."""
+
+    def __init__(self, model: Model, directory: Path, motion: Path) -> None:
+        from runtime.planning.trajectory import read
+
+        plan = Plan(model, read(motion, model))
+        settings = Settings.of(directory, model, plan.trajectory)
+        self.arm = Braked(Plant(model, plan.terms, settings.dt), settings)
+        self.position = self._motors(self.arm.start(plan.motion.q[:, 0], np.random.default_rng([0, 0])))
+
+    def __call__(self, torques: list[float]) -> list[int]:
+        self.arm.apply(_at_joint(torques))
+        return self._motors(self.arm.counts())
+
+    def _motors(self, counts: np.ndarray) -> list[int]:
+        return [-int(count) for count in counts]
+
+
+Executed = Callable[..., tuple[int, dict[str, Any]]]
+
+
+@pytest.fixture
+def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Executed:
+    """`tendon execute` in a time that passes with the periods: its exit status, its JSON or its complaint."""
+
+    def run(on: str, *more: str) -> tuple[int, dict[str, Any]]:
+        time = Time()
+        link = partial(CanopenLink, pace=Pace(0.002, time.now, time.sleep), patience=PATIENT)
+        monkeypatch.setitem(targets.LINES, "canopen", link)
+        capsys.readouterr()
+        arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
+        status = boundary.run(app, [*arguments, *more])
+        out, err = capsys.readouterr()
+        return status, json.loads(out) if out else {"complaint": err.strip()}
+
+    return run
+
+
+@contextmanager
+def drives(bench: Source, model: Model, folder: Path, **others: Any) -> Iterator[tuple[str, Drives]]:
+    """A bus with the arm's drive on it, and how `--on` names it."""
+    channel = f"execute-{next(_channels)}"
+    motors = Motors(model, bench.controller(), folder / "motion.json")
+    with Drives(channel, [Drive(5, rated=RATED, position=motors.position[0], **others)], motors) as behind:
+        yield f"canopen://{channel}?interface=virtual", behind
+
+
+class Rounding(Braked):
+    """With torques as coarse as a drive takes them: 1 per mille of 25 N m."""
+
+    def apply(self, torque: np.ndarray) -> None:
+        super().apply(_at_joint([-round(float(t) / 25.0 * 1000.0) / 1000.0 * RATED / 1000.0 for t in torque]))
+
+
+def test_it_does_what_the_simulation_does_but_for_the_rounding_of_torques(
+    executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, there = tmp_path / "simulation.csv", tmp_path / "drives.csv"
+    with monkeypatch.context() as patch:
+        patch.setattr("runtime.execution.execute.SimulatedArm", Rounding)
+        status, simulated = executed("simulation", "--trials", "1", "--noise", "0", "--out", str(here))
+    assert status == 0
+    with drives(bench, model, folder) as (on, behind):
+        status, found = executed(on, "--arm", "--out", str(there))
+        assert (status, found.get("status")) == (0, "done"), found
+        assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
+    one, other = (recording.read(path, model.metadata) for path in (here, there))
+    assert len(one.t) > 300
+    # The same counts and torques in every period, to the last bit.
+    for name in ("t", "q", "tau", "q_desired"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    assert found["mean"] == simulated["mean"]
+    assert found["drives"]["resolution"] == [pytest.approx(0.025)]
+    assert found["drives"]["missed_answers"] == found["drives"]["overruns"] == 0
+    assert found["next"][0]["command"].startswith("tendon compare ")
+
+
+def test_a_drive_fails_in_motion(executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "stopped.csv"
+    with drives(bench, model, folder) as (on, behind):
+        drive = behind.drives[0]
+
+        def fail(_: int) -> None:
+            if abs(drive.position) > 4000 and drive.state == ENABLED:
+                behind.fail(drive, 0x2310, 0x03)
+
+        behind.before = fail
+        status, found = executed(on, "--arm", "--out", str(out))
+        assert drive.torque == 0.0
+    assert (status, found["status"]) == (1, "stopped")
+    assert found["trials"][0]["stop"]["name"] == "drive"
+    assert (
+        'joint 1: the drive (node 5) left "operation enabled" for "fault": 0x2310, continuous over-current '
+        "(error register: generic, current)"
+    ) in found["reason"]
+    # What was recorded ends where the fault came about, after 4000 counts of 200,000 in a turn.
+    last = out.read_text().splitlines()[-1].split(",")
+    assert float(last[1]) == pytest.approx(2 * np.pi * 4000 / 200_000, rel=0.05)
+    assert float(last[2]) == 0.0
+
+
+def test_nothing_moves_without_arm(executed: Executed, bench: Source, model: Model, folder: Path) -> None:
+    with drives(bench, model, folder) as (on, behind):
+        status, found = executed(on)
+        assert (status, found["status"]) == (1, "refused")
+        assert behind.syncs == 0
+
+
+@pytest.mark.parametrize(
+    ("others", "expected"),
+    [
+        ({"counts": 4096}, "joint 1: the drive (node 5) has 4096 counts per turn of the motor"),
+        ({"most": 900}, "joint 1: the drive (node 5) lets 22.5 N m through (max torque (0x6072:00): 900 per mille"),
+        ({"node": 6}, "joint 1: the drive (node 5) does not answer; is it on, its node id and its bit rate right?"),
+    ],
+)
+def test_a_drive_that_is_not_that_of_the_model_is_bad_input(
+    executed: Executed, others: dict[str, int], expected: str
+) -> None:
+    channel = f"execute-{next(_channels)}"
+    with Drives(channel, [Drive(**{"node": 5, "rated": RATED, **others})]) as behind:
+        status, found = executed(f"canopen://{channel}?interface=virtual", "--arm")
+        assert status == 2
+        assert found["complaint"].startswith(expected)
+        assert behind.drives[0].state == DISABLED
+
+
+@pytest.mark.parametrize(
+    ("on", "expected"),
+    [
+        ("canopen://x?interface=virtual&bitrate=125000", "1 drives at 500 Hz fill 106% of a bus of 0.125 Mbit/s"),
+        ("canopen://x?interface=nonsense", "canopen://x: interface nonsense cannot be used here"),
+        ("canopen://?interface=virtual", "expected canopen://can0?interface=socketcan&bitrate=1000000"),
+    ],
+)
+def test_a_bus_that_cannot_be_used_is_bad_input(executed: Executed, on: str, expected: str) -> None:
+    status, found = executed(on, "--arm")
+    assert status == 2
+    assert expected in found["complaint"]
+    assert "\n" not in found["complaint"]
