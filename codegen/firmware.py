@@ -149,8 +149,9 @@ class FirmwareTree:
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """What is there already and its owner's."""
-        return tuple(path for path in self.files if self._is_owners(path))
+        """What is there, its owner's, and other than what would be written."""
+        own = [path for path in self.files if self._is_owners(path)]
+        return tuple(path for path in own if (self.directory / path).read_bytes() != self.files[path].encode())
 
     def stale(self) -> list[str]:
         """As render.stale."""

@@ -119,7 +119,13 @@ class Toolchain:
         own = {
             # Else a loop that clears or copies becomes a call of the C library.
             "gcc": ("-fno-tree-loop-distribute-patterns", "-fstack-usage"),
-            "zig": ("-fno-sanitize=all", "-fno-unroll-loops", "-fomit-frame-pointer", "-fstack-size-section"),
+            "zig": (
+                "-fno-sanitize=all",
+                "-fno-unroll-loops",
+                "-mno-outline",
+                "-fomit-frame-pointer",
+                "-fstack-size-section",
+            ),
         }[self.kind]
         return (*LANGUAGE, *ARITHMETIC, *SECTIONS, *own)
 

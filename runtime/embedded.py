@@ -24,7 +24,7 @@ class Tree(Protocol):
 
     @property
     def kept(self) -> Sequence[str]:
-        """Those that are there and their owner's."""
+        """Those that are there, their owner's, and other than what would be written."""
 
     def stale(self) -> list[str]:
         """One line a file that is missing or out of date."""
