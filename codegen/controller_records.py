@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from codegen.records import Field, Record, of_struct
-from symbolic.compensation import PLATE_SITES, Compensation, spring_sites
+from symbolic.compensation import PLATE_SITES, SPRING_LUMPS, Compensation
 from symbolic.kinematics import Coordinates
 from symbolic.model import ArmModel
 
 MAX_DEGREE = 29
 """Its binomial coefficients times a degree are whole numbers of 32 bits."""
+MIN_DEGREE = 3
+"""As many points as the sums of a step read apart from their loop."""
 COORDINATES = {"q": 0, "w": 1}
 STATUS = {
     "saturated": (1, "a torque was limited"),
@@ -39,14 +41,13 @@ def _record(name: str, what: str, meaning: str, *fields: Field) -> Record:
 
 
 def _spring(name: str, coordinates: Coordinates) -> Record:
-    parameters = spring_sites(1)[0].effect.parameters
     return _record(
         name,
         "spring",
         "A spring parallel to a joint, equation (2); all zero where there is none.",
         *(
             Field(p.name, "float", coordinates.unit(p.unit.text("revolute"), p.unit.text("prismatic")), p.meaning)
-            for p in parameters
+            for p, _ in SPRING_LUMPS
         ),
     )
 
@@ -90,7 +91,7 @@ def _phase(name: str, coordinates: Coordinates) -> Record:
         "phase",
         "A part of a trajectory, equation (9).",
         Field("coordinates", "uint32_t", "", kinds),
-        Field("degree", "uint32_t", "", f"of the polynomials, 2 to {name.upper()}_MAX_DEGREE"),
+        Field("degree", "uint32_t", "", f"of the polynomials, {MIN_DEGREE} to {name.upper()}_MAX_DEGREE"),
         Field("duration", "float", "s", "not less than a control period"),
         Field("points", "float", "", f"degree + 1 control points of {n} coordinates each", kind="pointer"),
         Field("contact", f"{name}_contact_f32", "", "the plate that it touches, or null", kind="pointer"),
@@ -122,6 +123,7 @@ def _state(name: str, coordinates: Coordinates) -> Record:
         Field("phase", "uint32_t", "", "from 0"),
         Field("tick", "uint32_t", "", "periods since tick 0"),
         Field("begin", "float", "s", "time within the phase at tick 0"),
+        Field("elapsed", "float", "s", "time within the phase now"),
         Field("finished", "uint32_t", "", "1: at rest at the end"),
     )
 

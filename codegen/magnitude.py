@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import math
 
+Pair = tuple[float, float]
+"""A value and the sum of the absolute values of its terms."""
 
-def scale(op: str, a: tuple[float, float], b: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
-    """(value, sum of the absolute values of its terms) of one operation on two such pairs."""
+
+def scale(op: str, a: Pair, b: Pair = (0.0, 0.0), c: Pair = (0.0, 0.0)) -> Pair:
+    """One operation on such pairs."""
     (x, mx), (y, my) = a, b
     if op in ("add", "sub"):
         return (x + y if op == "add" else x - y), mx + my
@@ -27,18 +30,24 @@ def scale(op: str, a: tuple[float, float], b: tuple[float, float] = (0.0, 0.0)) 
     if op in ("sgn", "step"):
         value = float((x > 0) - (x < 0)) if op == "sgn" else float(x > 0)
         return value, abs(value)
+    if op == "gate":
+        return b if x > 0 else (0.0, 0.0)
+    if op == "side":
+        return b if x > 0 else c if x < 0 else (0.0, 0.0)
     if op == "ramp":
         return max(x, 0.0), mx if x > 0 else 0.0
     return _transcendental(op, x, mx, y, my)
 
 
-def _transcendental(op: str, x: float, mx: float, y: float, my: float) -> tuple[float, float]:
+def _transcendental(op: str, x: float, mx: float, y: float, my: float) -> Pair:
     if op == "sqrt":
         value = math.sqrt(x)
         return value, value * (mx / x) if x > 0 else 0.0
     if op == "exp":
         value = math.exp(min(x, 700.0))
         return value, value * (1 + mx)
+    if op == "rise":
+        return -math.expm1(-x), 1.0 + math.exp(-x) * (1 + mx)
     if op == "log":
         return math.log(x), abs(math.log(x)) + mx / abs(x)
     if op == "atan2":

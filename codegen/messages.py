@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from codegen.controller_records import COORDINATES, MAX_DEGREE
+from codegen.controller_records import COORDINATES, MAX_DEGREE, MIN_DEGREE
 from codegen.records import Record
 
 MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
@@ -190,7 +190,7 @@ def _trajectory(n: int, records: Mapping[str, Record]) -> tuple[Item, ...]:
         Item("count", "u32", "", "of the phases", low=1, high=MAX_PHASES),
         Item("periodic", "u32", "", "1: the first phase follows the last one; 0: the arm rests at the end", high=1),
         Item("elbow", "i32", "", "sign of sin q_2 in contact coordinates: 1 or -1", low=-1, high=1),
-        Item("rows", "u32", "", "control points of all phases", low=3, high=MAX_ROWS),
+        Item("rows", "u32", "", "control points of all phases", low=MIN_DEGREE + 1, high=MAX_ROWS),
         *(
             Item(f"spring_{f.name}", "float", f.unit, f"{f.meaning}; parallel to the joints, 0 where there is none", n)
             for f in records["spring_f32"].fields
@@ -205,10 +205,10 @@ def _phase(contact_coordinates: bool) -> tuple[Item, ...]:
     return (
         Item("index", "u32", "", "from 0", high=MAX_PHASES - 1),
         Item("coordinates", "u32", "", f"of its points, equation (13): {said}", high=max(kinds.values())),
-        Item("degree", "u32", "", "of the polynomials", low=2, high=MAX_DEGREE),
+        Item("degree", "u32", "", "of the polynomials", low=MIN_DEGREE, high=MAX_DEGREE),
         Item("duration", "float", "s", "not less than a control period", low=1e-6, high=1e6),
         Item("touches", "u32", "", "1: the plate may be touched; 0: it is not looked for", high=1),
-        Item("first_row", "u32", "", "its first control point; it has degree + 1", high=MAX_ROWS - 3),
+        Item("first_row", "u32", "", "its first control point; it has degree + 1", high=MAX_ROWS - 1 - MIN_DEGREE),
     )
 
 

@@ -128,6 +128,7 @@ def _c(kind: str) -> Language:
 def _casadi() -> Language:
     names = {"exp": "ca.exp", "log": "ca.log", "sqrt": "ca.sqrt", "abs": "ca.fabs", "atan2": "ca.atan2"}
     names |= {"max": "ca.fmax", "min": "ca.fmin", "sgn": "ca.sign", "pow": "_power", "step": "_step", "ramp": "_ramp"}
+    names |= {"rise": "_rise"}
 
     def pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
         lines = [f"{sine} = ca.sin({angle})"] if sine else []

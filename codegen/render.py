@@ -106,6 +106,15 @@ def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
     }
 
 
+def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
+    """The float C of an arm and of its controller, whose inner functions can be called: for verification alone."""
+    name = model.arm.name
+    files = arm_files(model) | controller_files(model, library)
+    chosen = {path: text for path, text in files.items() if path.endswith(("_f32.c", "_f32.h"))}
+    chosen[f"{name}_controller_f32.inc"] = chosen.pop(f"{name}_controller_f32.c")
+    return chosen | {f"{name}_probe_f32.c": Controller.of(model, library).probe()}
+
+
 def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
     """C (float, double), the CasADi module and effects.json of a library; relative path -> text."""
     c_effects.check_names(effects)

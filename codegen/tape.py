@@ -22,7 +22,7 @@ from symbolic.functions import SymbolicFunction
 
 ARITHMETIC = ("add", "sub", "mul", "div", "neg")
 _PRIMITIVES = {primitives.sgn: "sgn", primitives.step: "step", primitives.ramp: "ramp"}
-_UNARY = {sp.exp: "exp", sp.log: "log"}
+_UNARY = {sp.log: "log"}
 # What the targets have no operation for, in terms of what they have.
 _REWRITE: dict[Any, Callable[..., sp.Expr]] = {
     sp.tan: lambda x: sp.sin(x) / sp.cos(x),
@@ -170,6 +170,8 @@ class _Builder:
         self.nodes: list[Node] = []
         self.index: dict[Node, int] = {}
         self.memo: dict[sp.Expr, Ref] = {}
+        # Exponentials of what is never positive: their node -> the node of what is never negative.
+        self.falling: dict[int, int] = {}
 
     def tape(self, outputs: Sequence[sp.Expr]) -> Tape:
         for symbol, expr in self.definitions:
@@ -244,9 +246,31 @@ class _Builder:
         scales = {abs(c) for c, _ in split}
         common = scales.pop() if len(scales) == 1 else sp.S.One
         if common == 1 or not common.is_Rational or any(t.is_number for _, t in split):
-            return self._fold(self.add, [self.value(term) for term in e.args])
+            return self._fold(self.add, self._joined([self.value(term) for term in e.args]))
         inner = [(s if c > 0 else -s, i) for c, (s, i) in ((c, self.value(t)) for c, t in split)]
-        return self.mul(self.value(common), self._fold(self.add, inner))
+        return self.mul(self.value(common), self._fold(self.add, self._joined(inner)))
+
+    def _joined(self, terms: Sequence[Ref]) -> list[Ref]:
+        """The terms of a sum with those that the sign of one value switches joined: one comparison for all of them."""
+        sides: dict[int, dict[bool, Ref]] = {}
+        rest: list[Ref] = []
+        for sign, i in terms:
+            node = self.nodes[i]
+            if node.op != "gate":
+                rest.append((sign, i))
+                continue
+            x, value = node.args
+            below = self.nodes[x].op == "neg"
+            found = sides.setdefault(self.nodes[x].args[0] if below else x, {})
+            found[below] = self.add(found[below], (sign, value)) if below in found else (sign, value)
+        return rest + [self._sides(x, found) for x, found in sides.items()]
+
+    def _sides(self, x: int, found: Mapping[bool, Ref]) -> Ref:
+        """One value for x > 0, another one for x < 0; with a single one of them, a gate."""
+        if len(found) == 2:
+            return 1, self.node("side", x, self.plain(found[False]), self.plain(found[True]))
+        below, value = next(iter(found.items()))
+        return self._gated(self.plain((-1 if below else 1, x)), value)
 
     def _product(self, e: sp.Expr) -> Ref:
         """Numerator by denominator, the number last, so that products without it are shared."""
@@ -277,8 +301,15 @@ class _Builder:
             root = 1, self.node("sqrt", self.plain(self.value(base)))
             return self.mul(root, self._integer_power(self.value(base), int(exponent.p) // 2))
         if base == sp.E:
-            return 1, self.node("exp", self.plain(self.value(exponent)))
+            return self._exponential(exponent)
         return 1, self.node("pow", self.plain(self.value(base)), self.plain(self.value(exponent)))
+
+    def _exponential(self, exponent: sp.Expr) -> Ref:
+        argument = self.value(exponent)
+        i = self.node("exp", self.plain(argument))
+        if exponent.is_nonpositive:
+            self.falling[i] = self.plain((-argument[0], argument[1]))
+        return 1, i
 
     def _integer_power(self, base: Ref, n: int) -> Ref:
         if n == 0:
@@ -296,6 +327,8 @@ class _Builder:
             return sign, self.node("sin" if kind is sp.sin else "sgn", i)
         if kind in (sp.cos, sp.Abs):
             return 1, self.node("cos" if kind is sp.cos else "abs", self.value(e.args[0])[1])
+        if kind is sp.exp:
+            return self._exponential(e.args[0])
         if kind in _PRIMITIVES or kind in _UNARY:
             return 1, self.node((_PRIMITIVES | _UNARY)[kind], self.plain(self.value(e.args[0])))
         if kind is sp.atan2:
@@ -329,10 +362,12 @@ class _Builder:
         if y == 0:
             return a
         (s, i), (r, j) = a, b
+        if i == j and s != r:
+            return self.const(Fraction(0))
+        if x == 1 and r < 0 and j in self.falling:
+            return 1, self.node("rise", self.falling[j])
         if s == r:
             return s, self.node("add", min(i, j), max(i, j))
-        if i == j:
-            return self.const(Fraction(0))
         positive, negative = (i, j) if s > 0 else (j, i)
         if Node("sub", (negative, positive)) in self.index:
             return -1, self.node("sub", negative, positive)
@@ -349,12 +384,26 @@ class _Builder:
         (s, i), (r, j) = a, b
         if x is not None and abs(x) == 1:
             return s * r, j
+        for switch, other in ((i, b), (j, a)):
+            if self.nodes[switch].op in ("step", "ramp"):
+                return self._switched(s * r, self.nodes[switch], other[1])
         inner = self.nodes[j]
         if x is not None and inner.op == "mul" and self.nodes[inner.args[0]].op == "const":
             return self.mul(self.const(x * self.nodes[inner.args[0]].value), (r, inner.args[1]))
         if x is None:
             i, j = min(i, j), max(i, j)
         return s * r, self.node("mul", i, j)
+
+    def _switched(self, sign: int, switch: Node, factor: int) -> Ref:
+        """A product with step or ramp: the other factor, or what it is times the ramp's argument, behind a gate."""
+        (x,) = switch.args
+        argument = (-1, self.nodes[x].args[0]) if self.nodes[x].op == "neg" else (1, x)
+        value = (1, factor) if switch.op == "step" else self.mul(argument, (1, factor))
+        return self._gated(x, (sign * value[0], value[1]))
+
+    def _gated(self, x: int, value: Ref) -> Ref:
+        """`value` where x > 0, else 0."""
+        return value if self.number(value) == 0 else (value[0], self.node("gate", x, value[1]))
 
     def div(self, a: Ref, b: Ref) -> Ref:
         y = self.number(b)

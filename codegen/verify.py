@@ -263,9 +263,8 @@ def controller_subjects(arm: Arm, library: Mapping[str, Effect]) -> list[Subject
     """What the controller adds to the inverse dynamics, in C float."""
     model = derive(arm)
     found = compensation(model, library)
-    files = render.arm_files(model) | render.controller_files(model, library)
-    chosen = {path: text for path, text in files.items() if path.endswith(("_f32.c", "_f32.h"))}
-    compiled = ctypes.CDLL(str(build.shared_library(chosen, f"{arm.name}_controller_f32")))
+    files = render.probe_files(model, library)
+    compiled = ctypes.CDLL(str(build.shared_library(files, f"{arm.name}_probe_f32")))
 
     def subject(function: SymbolicFunction) -> Subject:
         targets = {_TARGET["f32"]: _arm_call(compiled, "f32", arm.name, function)}

@@ -40,7 +40,7 @@ MEASURED = frozenset(
 """Signals that follow from the measured positions and rates."""
 
 HAS_NEXT = SIGNAL["has_next"].symbol
-C_U, C_E = sp.Symbol("friction_scale", real=True), sp.Symbol("friction_slope", real=True)
+C_U, C_E = sp.Symbol("friction_scale", real=True), sp.Symbol("friction_slope", nonnegative=True)
 Reading = dict[sp.Symbol, sp.Expr]
 
 
@@ -92,9 +92,43 @@ class Site:
 PLATE_SITES = (Site(PLATE), Site(PLATE_DAMPING))
 
 
-def spring_sites(n: int) -> tuple[Site, ...]:
-    """The springs that a trajectory brings along, one a joint."""
-    return tuple(Site(PARALLEL_SPRING, joint) for joint in range(1, n + 1))
+def _spring_lumps() -> tuple[tuple[Parameter, sp.Expr], ...]:
+    form = PARALLEL_SPRING.form
+    assert form is not None
+    shapes = [p for p in PARALLEL_SPRING.parameters if p.symbol in form.torque.free_symbols]
+    return (
+        *zip(form.coefficients, form.from_parameters, strict=True),
+        *((p, p.symbol) for p in shapes if p not in form.coefficients),
+    )
+
+
+SPRING_LUMPS = _spring_lumps()
+"""What a controller takes of a spring, and how that follows from the spring's parameters: no product of theirs is
+computed twice."""
+
+
+@dataclass(frozen=True)
+class Spring:
+    """The spring that a trajectory brings along for a joint (1-based)."""
+
+    joint: int
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        """Those of its lumps, in order."""
+        return tuple(sp.Symbol(f"joint{self.joint}_spring_{p.name}", real=True) for p, _ in SPRING_LUMPS)
+
+    def torque(self, reading: Reading) -> sp.Expr:
+        """At its joint, whose signals have these expressions."""
+        form = PARALLEL_SPRING.form
+        assert form is not None
+        own = {p.symbol: symbol for (p, _), symbol in zip(SPRING_LUMPS, self.symbols, strict=True)}
+        return form.torque.xreplace({**reading, **own})
+
+
+def springs(n: int) -> tuple[Spring, ...]:
+    """One a joint."""
+    return tuple(Spring(joint) for joint in range(1, n + 1))
 
 
 @dataclass(frozen=True)
@@ -115,7 +149,7 @@ class Compensation:
 
 def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation:
     """The compensation of an arm's active effects; `library`: all declarations by name."""
-    brought = {site.effect.name for site in (*spring_sites(1), *PLATE_SITES)}
+    brought = {PARALLEL_SPRING.name, *(site.effect.name for site in PLATE_SITES)}
     sites = [site for site, _ in _active(model, library) if site.effect.name not in brought]
     compensated = tuple(site for site in sites if site.obstacle is None)
     values = {str(site): found for site, found in _active(model, library)}
@@ -166,20 +200,20 @@ def underestimated(friction: sp.Expr, qd: sp.Expr) -> sp.Expr:
 
 
 def _joints(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> SymbolicFunction:
-    springs = spring_sites(len(model.arm.joints))
-    recorder = Recorder([s.name for s in _inputs(model, effects, *springs)])
+    parallel = springs(len(model.arm.joints))
+    recorder = Recorder([s.name for s in _inputs(model, effects, *parallel)])
     torques = []
     for number, reading in enumerate(_readings(model, recorder), 1):
         here = [site for site in sites if site.acts_on(number) and site.effect.scope != "contact"]
         friction = sum((site.torque(number, reading) for site in here if site.rubs), sp.S.Zero)
         rest = sum((site.torque(number, reading) for site in here if not site.rubs), sp.S.Zero)
-        spring = springs[number - 1].torque(number, reading)
+        spring = parallel[number - 1].torque(reading)
         torques.append(underestimated(friction, reading[SIGNAL["qd"].symbol]) + spring + rest)
-    columns = ", ".join(p.name for p in PARALLEL_SPRING.parameters)
+    columns = ", ".join(p.name for p, _ in SPRING_LUMPS)
     return _function(
         model,
         "joint_compensation",
-        [_effects(effects), _brought("springs", springs, f"a row a joint: {columns}")],
+        [_effects(effects), _brought("springs", parallel, f"a row a joint: {columns}")],
         torques,
         recorder,
         "Torques of friction, springs and the other static effects of joints and arm at the measured motion.",
@@ -240,7 +274,7 @@ def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:
     return [e.xreplace(known) for e in function.outputs[0].expressions]
 
 
-def _inputs(model: ArmModel, effects: Struct, *sites: Site) -> list[sp.Symbol]:
+def _inputs(model: ArmModel, effects: Struct, *sites: Site | Spring) -> list[sp.Symbol]:
     own = [*_coordinates(model).symbols("q"), *_coordinates(model).symbols("qd")]
     return [*model.struct.symbols, *effects.symbols, *(s for site in sites for s in site.symbols), *own]
 
@@ -249,7 +283,7 @@ def _effects(struct: Struct) -> Argument:
     return Argument(struct.name, struct.symbols, (len(struct.symbols),), "as named", "c_u, c_e and parameters")
 
 
-def _brought(name: str, sites: Sequence[Site], meaning: str) -> Argument:
+def _brought(name: str, sites: Sequence[Site | Spring], meaning: str) -> Argument:
     symbols = tuple(s for site in sites for s in site.symbols)
     return Argument(name, symbols, (len(symbols),), "as declared", meaning)
 

@@ -23,11 +23,11 @@ float tendon_coulomb_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
  *   analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 step */
+ * Operations: 1 operation (1 neg) and 1 side */
 float tendon_coulomb_asymmetric_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    return p[0] * tendon_step_f32(s->qd) - p[1] * tendon_step_f32(-s->qd);
+    return tendon_side_f32(s->qd, p[0], -p[1]);
 }
 
 /* viscous_torque: Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not
@@ -52,11 +52,11 @@ float tendon_viscous_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 ramp */
+ * Operations: 2 operations (2 mul) and 1 side */
 float tendon_viscous_asymmetric_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    return p[0] * tendon_ramp_f32(s->qd) - p[1] * tendon_ramp_f32(-s->qd);
+    return tendon_side_f32(s->qd, p[0] * s->qd, s->qd * p[1]);
 }
 
 /* viscous_cubic_torque: The curvature of viscous friction over the speed, odd in the rate. c qd^3
@@ -127,11 +127,11 @@ float tendon_load_friction_torque_f32(const tendon_sample_f32 *s, const float *p
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 5 operations (2 sub, 3 mul) and 1 sgn and 2 step */
+ * Operations: 3 operations (2 sub, 1 mul) and 2 gate and 1 sgn */
 float tendon_friction_patch_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    return tendon_step_f32(s->q - p[1]) * (tendon_step_f32(p[2] - s->q) * (p[0] * tendon_sgn_f32(s->qd)));
+    return tendon_gate_f32(s->q - p[1], tendon_gate_f32(p[2] - s->q, p[0] * tendon_sgn_f32(s->qd)));
 }
 
 /* lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
@@ -239,12 +239,12 @@ float tendon_linear_spring_torque_f32(const tendon_sample_f32 *s, const float *p
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (2) of the paper, with the motor's sign
- * Operations: 8 operations (1 add, 1 sub, 5 mul, 1 neg) and 1 ramp and 1 step */
+ * Operations: 7 operations (1 add, 1 sub, 4 mul, 1 neg) and 1 gate */
 float tendon_parallel_spring_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
     const float v1 = p[2] - s->q;
-    return -(tendon_step_f32(v1) * (p[3] * p[1]) + tendon_ramp_f32(v1) * (p[0] * (p[1] * p[1])));
+    return -tendon_gate_f32(v1, p[3] * p[1] + v1 * (p[0] * (p[1] * p[1])));
 }
 
 /* cable_torque: The pull of hoses and wires along the arm: a smooth curve over the position. c1 q + c2 q^2 + c3
@@ -272,12 +272,12 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 7 operations (1 add, 1 sub, 5 mul) and 1 ramp and 1 step */
+ * Operations: 6 operations (1 add, 1 sub, 4 mul) and 1 gate */
 float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
     const float v1 = p[3] * (s->q - p[0]);
-    return tendon_step_f32(v1) * (p[2] * s->qd) + tendon_ramp_f32(v1) * (p[3] * p[1]);
+    return tendon_gate_f32(v1, p[2] * s->qd + v1 * (p[3] * p[1]));
 }
 
 /* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
@@ -568,17 +568,17 @@ void tendon_backlash_start_f32(const tendon_sample_f32 *s, const float *p, float
  * out  x_next (5) [as declared]: states of the next sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
- * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+ * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
 void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
 {
     const float v1 = 0.5f * p[0];
     const float v2 = v1 - x[0];
-    const float v3 = tendon_step_f32(-v2);
+    const float v3 = -v2;
     const float v4 = p[2] * x[1];
-    const float v5 = v3 * tendon_step_f32(v4 - v2 * p[1]);
+    const float v5 = tendon_gate_f32(v3, tendon_step_f32(v4 - v2 * p[1]));
     const float v6 = x[0] + v1;
-    const float v7 = tendon_step_f32(-v6);
-    const float v8 = v7 * tendon_step_f32(-(v4 + p[1] * v6));
+    const float v7 = -v6;
+    const float v8 = tendon_gate_f32(v7, tendon_step_f32(-(v4 + p[1] * v6)));
     const float v9 = v5 + v8;
     const float v10 = dt * v9;
     const float v11 = 1.0f / s->link_inertia;
@@ -589,20 +589,20 @@ void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float 
     const float v16 = dt - (p[0] + v15) / (1e-07f + tendon_sqrt_f32(tendon_max_f32(1e-14f, v14 - v6 * v13)) - x[1]);
     const float v17 = 0.5f * v12;
     const float v18 = dt * x[1] + dt * dt * v17;
-    const float v19 = (1.0f - v7) * tendon_step_f32(-(v6 + v18));
+    const float v19 = tendon_gate_f32(-(v6 + v18), 1.0f - tendon_step_f32(v7));
     const float v20 = dt - (p[0] - v15) / (tendon_sqrt_f32(tendon_max_f32(1e-14f, v14 + v2 * v13)) + (x[1] +
         1e-07f));
-    const float v21 = 1.0f - v3;
-    const float v22 = tendon_step_f32(v18 - v2);
+    const float v21 = 1.0f - tendon_step_f32(v3);
+    const float v22 = v18 - v2;
     const float v23 = 1.0f - v9;
-    const float v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+    const float v24 = (v16 * v19 + tendon_gate_f32(v22, v20 * v21)) * v23;
     const float v25 = p[2] * v11;
     const float v26 = v10 + v24;
     const float v27 = v26 * v26;
     const float v28 = 0.16666667f * v27;
     const float v29 = 0.41666666f * v26;
     const float v30 = 1.0f / dt;
-    const float v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0f * s->load - x[4]);
+    const float v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f32(v22, v21) - v19) - v8))) + (2.0f * s->load - x[4]);
     const float v32 = v11 * (v31 - v30 * (v26 * (0.6666667f * (s->load - x[4]))));
     const float v33 = v11 * v31;
     const float v34 = dt - v26;
@@ -663,11 +663,11 @@ float tendon_gravity_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
- * Operations: 3 operations (1 sub, 2 mul) and 1 step */
+ * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
 float tendon_payload_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    return tendon_step_f32(s->t - p[1]) * (p[0] * s->tip_load);
+    return tendon_gate_f32(s->t - p[1], p[0] * s->tip_load);
 }
 
 /* coupled_friction_torque: Dry friction between two links that are not neighbours: a belt, cable or shaft that
@@ -697,13 +697,12 @@ float tendon_coupled_friction_torque_f32(const tendon_sample_f32 *s, const float
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (3) of the paper
- * Operations: 8 operations (1 add, 2 sub, 4 mul, 1 neg) and 1 ramp and 1 sgn and 1 step */
+ * Operations: 7 operations (1 add, 2 sub, 3 mul, 1 neg) and 1 gate and 1 sgn */
 float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
     const float v1 = p[3] - s->tip_y;
-    const float v2 = p[0] * tendon_ramp_f32(v1) + (p[1] - p[2] * tendon_sgn_f32(s->tip_yd)) * tendon_step_f32(v1);
-    return -(s->tip_row * v2);
+    return -(s->tip_row * tendon_gate_f32(v1, p[0] * v1 + (p[1] - p[2] * tendon_sgn_f32(s->tip_yd))));
 }
 
 /* plate_damping_torque: A damper beside the plate's spring; it needs the effect plate, whose position it shares.
@@ -717,9 +716,9 @@ float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 4 operations (1 sub, 3 mul) and 1 step */
+ * Operations: 3 operations (1 sub, 2 mul) and 1 gate */
 float tendon_plate_damping_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    return tendon_step_f32(s->plate_y - s->tip_y) * (s->tip_yd * (p[0] * s->tip_row));
+    return tendon_gate_f32(s->plate_y - s->tip_y, s->tip_yd * (p[0] * s->tip_row));
 }

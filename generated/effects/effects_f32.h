@@ -48,7 +48,7 @@ float tendon_coulomb_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
  *   analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 step */
+ * Operations: 1 operation (1 neg) and 1 side */
 float tendon_coulomb_asymmetric_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* viscous_torque: Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not
@@ -69,7 +69,7 @@ float tendon_viscous_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 ramp */
+ * Operations: 2 operations (2 mul) and 1 side */
 float tendon_viscous_asymmetric_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* viscous_cubic_torque: The curvature of viscous friction over the speed, odd in the rate. c qd^3
@@ -123,7 +123,7 @@ float tendon_load_friction_torque_f32(const tendon_sample_f32 *s, const float *p
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 5 operations (2 sub, 3 mul) and 1 sgn and 2 step */
+ * Operations: 3 operations (2 sub, 1 mul) and 2 gate and 1 sgn */
 float tendon_friction_patch_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
@@ -199,7 +199,7 @@ float tendon_linear_spring_torque_f32(const tendon_sample_f32 *s, const float *p
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (2) of the paper, with the motor's sign
- * Operations: 8 operations (1 add, 1 sub, 5 mul, 1 neg) and 1 ramp and 1 step */
+ * Operations: 7 operations (1 add, 1 sub, 4 mul, 1 neg) and 1 gate */
 float tendon_parallel_spring_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* cable_torque: The pull of hoses and wires along the arm: a smooth curve over the position. c1 q + c2 q^2 + c3
@@ -222,7 +222,7 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 7 operations (1 add, 1 sub, 5 mul) and 1 ramp and 1 step */
+ * Operations: 6 operations (1 add, 1 sub, 4 mul) and 1 gate */
 float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
@@ -384,7 +384,7 @@ void tendon_backlash_start_f32(const tendon_sample_f32 *s, const float *p, float
  * out  x_next (5) [as declared]: states of the next sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
- * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+ * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
 void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
 
 /* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m
@@ -407,7 +407,7 @@ float tendon_gravity_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
- * Operations: 3 operations (1 sub, 2 mul) and 1 step */
+ * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
 float tendon_payload_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* coupled_friction_torque: Dry friction between two links that are not neighbours: a belt, cable or shaft that
@@ -433,7 +433,7 @@ float tendon_coupled_friction_torque_f32(const tendon_sample_f32 *s, const float
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (3) of the paper
- * Operations: 8 operations (1 add, 2 sub, 4 mul, 1 neg) and 1 ramp and 1 sgn and 1 step */
+ * Operations: 7 operations (1 add, 2 sub, 3 mul, 1 neg) and 1 gate and 1 sgn */
 float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 /* plate_damping_torque: A damper beside the plate's spring; it needs the effect plate, whose position it shares.
@@ -447,7 +447,7 @@ float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 4 operations (1 sub, 3 mul) and 1 step */
+ * Operations: 3 operations (1 sub, 2 mul) and 1 gate */
 float tendon_plate_damping_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
 
 #endif

@@ -57,11 +57,11 @@ void tendon_coulomb_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
  *   analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 step */
+ * Operations: 1 operation (1 neg) and 1 side */
 double tendon_coulomb_asymmetric_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    return p[0] * tendon_step_f64(s->qd) - p[1] * tendon_step_f64(-s->qd);
+    return tendon_side_f64(s->qd, p[0], -p[1]);
 }
 
 /* coulomb_asymmetric_columns along `count` samples, 3 rows in `out`. */
@@ -95,7 +95,7 @@ void tendon_coulomb_asymmetric_torque_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * tendon_step_f64(qd[k]) - p[1] * tendon_step_f64(-qd[k]);
+        out[k] = tendon_side_f64(qd[k], p[0], -p[1]);
     }
 }
 
@@ -155,11 +155,11 @@ void tendon_viscous_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 ramp */
+ * Operations: 2 operations (2 mul) and 1 side */
 double tendon_viscous_asymmetric_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    return p[0] * tendon_ramp_f64(s->qd) - p[1] * tendon_ramp_f64(-s->qd);
+    return tendon_side_f64(s->qd, p[0] * s->qd, s->qd * p[1]);
 }
 
 /* viscous_asymmetric_columns along `count` samples, 3 rows in `out`. */
@@ -193,7 +193,7 @@ void tendon_viscous_asymmetric_torque_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * tendon_ramp_f64(qd[k]) - p[1] * tendon_ramp_f64(-qd[k]);
+        out[k] = tendon_side_f64(qd[k], p[0] * qd[k], qd[k] * p[1]);
     }
 }
 
@@ -403,11 +403,11 @@ void tendon_load_friction_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 5 operations (2 sub, 3 mul) and 1 sgn and 2 step */
+ * Operations: 3 operations (2 sub, 1 mul) and 2 gate and 1 sgn */
 double tendon_friction_patch_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    return tendon_step_f64(s->q - p[1]) * (tendon_step_f64(p[2] - s->q) * (p[0] * tendon_sgn_f64(s->qd)));
+    return tendon_gate_f64(s->q - p[1], tendon_gate_f64(p[2] - s->q, p[0] * tendon_sgn_f64(s->qd)));
 }
 
 /* friction_patch_columns along `count` samples, 2 rows in `out`. */
@@ -424,7 +424,7 @@ void tendon_friction_patch_columns_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         out[k] = 0.0;
-        out[count + k] = tendon_step_f64(q[k] - p[1]) * (tendon_sgn_f64(qd[k]) * tendon_step_f64(p[2] - q[k]));
+        out[count + k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], tendon_sgn_f64(qd[k])));
     }
 }
 
@@ -441,7 +441,7 @@ void tendon_friction_patch_torque_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_step_f64(q[k] - p[1]) * (tendon_step_f64(p[2] - q[k]) * (p[0] * tendon_sgn_f64(qd[k])));
+        out[k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], p[0] * tendon_sgn_f64(qd[k])));
     }
 }
 
@@ -737,12 +737,12 @@ void tendon_linear_spring_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (2) of the paper, with the motor's sign
- * Operations: 8 operations (1 add, 1 sub, 5 mul, 1 neg) and 1 ramp and 1 step */
+ * Operations: 7 operations (1 add, 1 sub, 4 mul, 1 neg) and 1 gate */
 double tendon_parallel_spring_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
     const double v1 = p[2] - s->q;
-    return -(tendon_step_f64(v1) * (p[3] * p[1]) + tendon_ramp_f64(v1) * (p[0] * (p[1] * p[1])));
+    return -tendon_gate_f64(v1, p[3] * p[1] + v1 * (p[0] * (p[1] * p[1])));
 }
 
 /* parallel_spring_columns along `count` samples, 3 rows in `out`. */
@@ -777,7 +777,7 @@ void tendon_parallel_spring_torque_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         const double v1 = p[2] - q[k];
-        out[k] = -(tendon_step_f64(v1) * (p[3] * p[1]) + tendon_ramp_f64(v1) * (p[0] * (p[1] * p[1])));
+        out[k] = -tendon_gate_f64(v1, p[3] * p[1] + v1 * (p[0] * (p[1] * p[1])));
     }
 }
 
@@ -845,12 +845,12 @@ void tendon_cable_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 7 operations (1 add, 1 sub, 5 mul) and 1 ramp and 1 step */
+ * Operations: 6 operations (1 add, 1 sub, 4 mul) and 1 gate */
 double tendon_end_stop_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
     const double v1 = p[3] * (s->q - p[0]);
-    return tendon_step_f64(v1) * (p[2] * s->qd) + tendon_ramp_f64(v1) * (p[3] * p[1]);
+    return tendon_gate_f64(v1, p[2] * s->qd + v1 * (p[3] * p[1]));
 }
 
 /* end_stop_columns along `count` samples, 3 rows in `out`. */
@@ -868,8 +868,8 @@ void tendon_end_stop_columns_batch_f64(
     for (size_t k = 0; k < count; ++k) {
         const double v1 = p[3] * (q[k] - p[0]);
         out[k] = 0.0;
-        out[count + k] = p[3] * tendon_ramp_f64(v1);
-        out[2 * count + k] = qd[k] * tendon_step_f64(v1);
+        out[count + k] = tendon_gate_f64(v1, p[3] * v1);
+        out[2 * count + k] = tendon_gate_f64(v1, qd[k]);
     }
 }
 
@@ -887,7 +887,7 @@ void tendon_end_stop_torque_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         const double v1 = p[3] * (q[k] - p[0]);
-        out[k] = tendon_step_f64(v1) * (p[2] * qd[k]) + tendon_ramp_f64(v1) * (p[3] * p[1]);
+        out[k] = tendon_gate_f64(v1, p[2] * qd[k] + v1 * (p[3] * p[1]));
     }
 }
 
@@ -1637,17 +1637,17 @@ void tendon_backlash_start_f64(const tendon_sample_f64 *s, const double *p, doub
  * out  x_next (5) [as declared]: states of the next sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
- * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+ * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
 void tendon_backlash_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
 {
     const double v1 = 0.5 * p[0];
     const double v2 = v1 - x[0];
-    const double v3 = tendon_step_f64(-v2);
+    const double v3 = -v2;
     const double v4 = p[2] * x[1];
-    const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+    const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
     const double v6 = x[0] + v1;
-    const double v7 = tendon_step_f64(-v6);
-    const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+    const double v7 = -v6;
+    const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
     const double v9 = v5 + v8;
     const double v10 = dt * v9;
     const double v11 = 1.0 / s->link_inertia;
@@ -1658,20 +1658,20 @@ void tendon_backlash_step_f64(const tendon_sample_f64 *s, double dt, const doubl
     const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) - x[1]);
     const double v17 = 0.5 * v12;
     const double v18 = dt * x[1] + dt * dt * v17;
-    const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+    const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
     const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
         1e-07));
-    const double v21 = 1.0 - v3;
-    const double v22 = tendon_step_f64(v18 - v2);
+    const double v21 = 1.0 - tendon_step_f64(v3);
+    const double v22 = v18 - v2;
     const double v23 = 1.0 - v9;
-    const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+    const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
     const double v25 = p[2] * v11;
     const double v26 = v10 + v24;
     const double v27 = v26 * v26;
     const double v28 = 0.16666666666666666 * v27;
     const double v29 = 0.4166666666666667 * v26;
     const double v30 = 1.0 / dt;
-    const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * s->load - x[4]);
+    const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * s->load - x[4]);
     const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (s->load - x[4]))));
     const double v33 = v11 * v31;
     const double v34 = dt - v26;
@@ -1731,12 +1731,12 @@ void tendon_backlash_columns_batch_f64(
     for (size_t k = 0; k < count; ++k) {
         const double v1 = 0.5 * p[0];
         const double v2 = v1 - x[0];
-        const double v3 = tendon_step_f64(-v2);
+        const double v3 = -v2;
         const double v4 = p[2] * x[1];
-        const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+        const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
         const double v6 = x[0] + v1;
-        const double v7 = tendon_step_f64(-v6);
-        const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+        const double v7 = -v6;
+        const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
         const double v9 = v5 + v8;
         const double v10 = dt * v9;
         const double v11 = 1.0 / link_inertia[k];
@@ -1748,20 +1748,21 @@ void tendon_backlash_columns_batch_f64(
             x[1]);
         const double v17 = 0.5 * v12;
         const double v18 = dt * x[1] + dt * dt * v17;
-        const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+        const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
         const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
             1e-07));
-        const double v21 = 1.0 - v3;
-        const double v22 = tendon_step_f64(v18 - v2);
+        const double v21 = 1.0 - tendon_step_f64(v3);
+        const double v22 = v18 - v2;
         const double v23 = 1.0 - v9;
-        const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+        const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
         const double v25 = p[2] * v11;
         const double v26 = v10 + v24;
         const double v27 = v26 * v26;
         const double v28 = 0.16666666666666666 * v27;
         const double v29 = 0.4166666666666667 * v26;
         const double v30 = 1.0 / dt;
-        const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * load[k] - x[4]);
+        const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * load[k] -
+            x[4]);
         const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
         const double v33 = v11 * v31;
         const double v34 = dt - v26;
@@ -1823,12 +1824,12 @@ void tendon_backlash_torque_batch_f64(
     for (size_t k = 0; k < count; ++k) {
         const double v1 = 0.5 * p[0];
         const double v2 = v1 - x[0];
-        const double v3 = tendon_step_f64(-v2);
+        const double v3 = -v2;
         const double v4 = p[2] * x[1];
-        const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+        const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
         const double v6 = x[0] + v1;
-        const double v7 = tendon_step_f64(-v6);
-        const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+        const double v7 = -v6;
+        const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
         const double v9 = v5 + v8;
         const double v10 = dt * v9;
         const double v11 = 1.0 / link_inertia[k];
@@ -1840,20 +1841,21 @@ void tendon_backlash_torque_batch_f64(
             x[1]);
         const double v17 = 0.5 * v12;
         const double v18 = dt * x[1] + dt * dt * v17;
-        const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+        const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
         const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
             1e-07));
-        const double v21 = 1.0 - v3;
-        const double v22 = tendon_step_f64(v18 - v2);
+        const double v21 = 1.0 - tendon_step_f64(v3);
+        const double v22 = v18 - v2;
         const double v23 = 1.0 - v9;
-        const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+        const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
         const double v25 = p[2] * v11;
         const double v26 = v10 + v24;
         const double v27 = v26 * v26;
         const double v28 = 0.16666666666666666 * v27;
         const double v29 = 0.4166666666666667 * v26;
         const double v30 = 1.0 / dt;
-        const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * load[k] - x[4]);
+        const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * load[k] -
+            x[4]);
         const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
         const double v33 = v11 * v31;
         const double v34 = dt - v26;
@@ -1914,12 +1916,12 @@ void tendon_backlash_states_batch_f64(
     for (size_t k = 0; k < count; ++k) {
         const double v1 = 0.5 * p[0];
         const double v2 = v1 - x[0];
-        const double v3 = tendon_step_f64(-v2);
+        const double v3 = -v2;
         const double v4 = x[1] * p[2];
-        const double v5 = v3 * tendon_step_f64(v4 - v2 * p[1]);
+        const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
         const double v6 = x[0] + v1;
-        const double v7 = tendon_step_f64(-v6);
-        const double v8 = v7 * tendon_step_f64(-(v4 + p[1] * v6));
+        const double v7 = -v6;
+        const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
         const double v9 = v5 + v8;
         const double v10 = dt * v9;
         const double v11 = 1.0 / link_inertia[k];
@@ -1931,20 +1933,21 @@ void tendon_backlash_states_batch_f64(
             x[1]);
         const double v17 = 0.5 * v12;
         const double v18 = x[1] * dt + dt * dt * v17;
-        const double v19 = (1.0 - v7) * tendon_step_f64(-(v6 + v18));
+        const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
         const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
             1e-07));
-        const double v21 = 1.0 - v3;
-        const double v22 = tendon_step_f64(v18 - v2);
+        const double v21 = 1.0 - tendon_step_f64(v3);
+        const double v22 = v18 - v2;
         const double v23 = 1.0 - v9;
-        const double v24 = (v16 * v19 + v22 * (v20 * v21)) * v23;
+        const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
         const double v25 = p[2] * v11;
         const double v26 = v10 + v24;
         const double v27 = v26 * v26;
         const double v28 = 0.16666666666666666 * v27;
         const double v29 = 0.4166666666666667 * v26;
         const double v30 = 1.0 / dt;
-        const double v31 = v1 * (p[1] * (v5 + (v23 * (v21 * v22 - v19) - v8))) + (2.0 * load[k] - x[4]);
+        const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * load[k] -
+            x[4]);
         const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
         const double v33 = v11 * v31;
         const double v34 = dt - v26;
@@ -2048,11 +2051,11 @@ void tendon_gravity_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
- * Operations: 3 operations (1 sub, 2 mul) and 1 step */
+ * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
 double tendon_payload_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    return tendon_step_f64(s->t - p[1]) * (p[0] * s->tip_load);
+    return tendon_gate_f64(s->t - p[1], p[0] * s->tip_load);
 }
 
 /* payload_columns along `count` samples, 2 rows in `out`. */
@@ -2069,7 +2072,7 @@ void tendon_payload_columns_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         out[k] = 0.0;
-        out[count + k] = tip_load[k] * tendon_step_f64(t[k] - p[1]);
+        out[count + k] = tendon_gate_f64(t[k] - p[1], tip_load[k]);
     }
 }
 
@@ -2086,7 +2089,7 @@ void tendon_payload_torque_batch_f64(
     const double *restrict tip_load = s->tip_load;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_step_f64(t[k] - p[1]) * (p[0] * tip_load[k]);
+        out[k] = tendon_gate_f64(t[k] - p[1], p[0] * tip_load[k]);
     }
 }
 
@@ -2157,13 +2160,12 @@ void tendon_coupled_friction_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (3) of the paper
- * Operations: 8 operations (1 add, 2 sub, 4 mul, 1 neg) and 1 ramp and 1 sgn and 1 step */
+ * Operations: 7 operations (1 add, 2 sub, 3 mul, 1 neg) and 1 gate and 1 sgn */
 double tendon_plate_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
     const double v1 = p[3] - s->tip_y;
-    const double v2 = p[0] * tendon_ramp_f64(v1) + (p[1] - p[2] * tendon_sgn_f64(s->tip_yd)) * tendon_step_f64(v1);
-    return -(s->tip_row * v2);
+    return -(s->tip_row * tendon_gate_f64(v1, p[0] * v1 + (p[1] - p[2] * tendon_sgn_f64(s->tip_yd))));
 }
 
 /* plate_columns along `count` samples, 4 rows in `out`. */
@@ -2181,9 +2183,9 @@ void tendon_plate_columns_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         const double v1 = p[3] - tip_y[k];
-        const double v2 = tip_row[k] * tendon_step_f64(v1);
+        const double v2 = tendon_gate_f64(v1, tip_row[k]);
         out[k] = 0.0;
-        out[count + k] = -(tip_row[k] * tendon_ramp_f64(v1));
+        out[count + k] = -tendon_gate_f64(v1, tip_row[k] * v1);
         out[2 * count + k] = -v2;
         out[3 * count + k] = v2 * tendon_sgn_f64(tip_yd[k]);
     }
@@ -2204,9 +2206,7 @@ void tendon_plate_torque_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         const double v1 = p[3] - tip_y[k];
-        const double v2 = p[0] * tendon_ramp_f64(v1) + (p[1] - p[2] * tendon_sgn_f64(tip_yd[k])) *
-            tendon_step_f64(v1);
-        out[k] = -(tip_row[k] * v2);
+        out[k] = -(tip_row[k] * tendon_gate_f64(v1, p[0] * v1 + (p[1] - p[2] * tendon_sgn_f64(tip_yd[k]))));
     }
 }
 
@@ -2221,11 +2221,11 @@ void tendon_plate_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 4 operations (1 sub, 3 mul) and 1 step */
+ * Operations: 3 operations (1 sub, 2 mul) and 1 gate */
 double tendon_plate_damping_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    return tendon_step_f64(s->plate_y - s->tip_y) * (s->tip_yd * (p[0] * s->tip_row));
+    return tendon_gate_f64(s->plate_y - s->tip_y, s->tip_yd * (p[0] * s->tip_row));
 }
 
 /* plate_damping_columns along `count` samples, 2 rows in `out`. */
@@ -2245,7 +2245,7 @@ void tendon_plate_damping_columns_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         out[k] = 0.0;
-        out[count + k] = tendon_step_f64(plate_y[k] - tip_y[k]) * (tip_row[k] * tip_yd[k]);
+        out[count + k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_row[k] * tip_yd[k]);
     }
 }
 
@@ -2264,7 +2264,7 @@ void tendon_plate_damping_torque_batch_f64(
     const double *restrict plate_y = s->plate_y;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_step_f64(plate_y[k] - tip_y[k]) * (tip_yd[k] * (p[0] * tip_row[k]));
+        out[k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_yd[k] * (p[0] * tip_row[k]));
     }
 }
 

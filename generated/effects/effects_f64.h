@@ -91,7 +91,7 @@ void tendon_coulomb_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
  *   analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 step */
+ * Operations: 1 operation (1 neg) and 1 side */
 double tendon_coulomb_asymmetric_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* coulomb_asymmetric_columns along `count` samples, 3 rows in `out`. */
@@ -144,7 +144,7 @@ void tendon_viscous_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 4 operations (1 sub, 2 mul, 1 neg) and 2 ramp */
+ * Operations: 2 operations (2 mul) and 1 side */
 double tendon_viscous_asymmetric_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* viscous_asymmetric_columns along `count` samples, 3 rows in `out`. */
@@ -278,7 +278,7 @@ void tendon_load_friction_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
- * Operations: 5 operations (2 sub, 3 mul) and 1 sgn and 2 step */
+ * Operations: 3 operations (2 sub, 1 mul) and 2 gate and 1 sgn */
 double tendon_friction_patch_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* friction_patch_columns along `count` samples, 2 rows in `out`. */
@@ -442,7 +442,7 @@ void tendon_linear_spring_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (2) of the paper, with the motor's sign
- * Operations: 8 operations (1 add, 1 sub, 5 mul, 1 neg) and 1 ramp and 1 step */
+ * Operations: 7 operations (1 add, 1 sub, 4 mul, 1 neg) and 1 gate */
 double tendon_parallel_spring_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* parallel_spring_columns along `count` samples, 3 rows in `out`. */
@@ -497,7 +497,7 @@ void tendon_cable_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 7 operations (1 add, 1 sub, 5 mul) and 1 ramp and 1 step */
+ * Operations: 6 operations (1 add, 1 sub, 4 mul) and 1 gate */
 double tendon_end_stop_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* end_stop_columns along `count` samples, 3 rows in `out`. */
@@ -787,7 +787,7 @@ void tendon_backlash_start_f64(const tendon_sample_f64 *s, const double *p, doub
  * out  x_next (5) [as declared]: states of the next sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
- * Operations: 162 operations (33 add, 25 sub, 94 mul, 6 div, 4 neg) and 2 max and 2 sqrt and 6 step */
+ * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
 void tendon_backlash_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x);
 
 /* backlash_columns along `count` samples, 1 row in `out`. */
@@ -850,7 +850,7 @@ void tendon_gravity_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
- * Operations: 3 operations (1 sub, 2 mul) and 1 step */
+ * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
 double tendon_payload_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* payload_columns along `count` samples, 2 rows in `out`. */
@@ -908,7 +908,7 @@ void tendon_coupled_friction_torque_batch_f64(
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque
  * Source: Equation (3) of the paper
- * Operations: 8 operations (1 add, 2 sub, 4 mul, 1 neg) and 1 ramp and 1 sgn and 1 step */
+ * Operations: 7 operations (1 add, 2 sub, 3 mul, 1 neg) and 1 gate and 1 sgn */
 double tendon_plate_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* plate_columns along `count` samples, 4 rows in `out`. */
@@ -938,7 +938,7 @@ void tendon_plate_torque_batch_f64(
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
- * Operations: 4 operations (1 sub, 3 mul) and 1 step */
+ * Operations: 3 operations (1 sub, 2 mul) and 1 gate */
 double tendon_plate_damping_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x);
 
 /* plate_damping_columns along `count` samples, 2 rows in `out`. */

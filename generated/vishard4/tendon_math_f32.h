@@ -34,6 +34,18 @@ static inline float tendon_step_f32(float x)
     return (x > 0.0f) ? 1.0f : 0.0f;
 }
 
+/* y for x > 0, else 0. */
+static inline float tendon_gate_f32(float x, float y)
+{
+    return (x > 0.0f) ? y : 0.0f;
+}
+
+/* a for x > 0, b for x < 0, else 0. */
+static inline float tendon_side_f32(float x, float a, float b)
+{
+    return (x > 0.0f) ? a : ((x < 0.0f) ? b : 0.0f);
+}
+
 /* x for x > 0, else 0. */
 static inline float tendon_ramp_f32(float x)
 {
@@ -92,6 +104,22 @@ static inline float tendon_exp_f32(float x)
         + r * (1.3981999507e-3f + r * 1.9875691500e-4f))));
     scale.bits = (shifted.bits + 127U) << 23;
     return (x < -87.0f) ? 0.0f : (1.0f + (r + (r * r) * p)) * scale.value;
+}
+
+/* 1 - exp(-x) for x >= 0, within 1.5e-7: a power of two, whose exponent's fraction goes through a polynomial that is
+ * the best one of its degree over half a unit to either side. */
+static inline float tendon_rise_f32(float x)
+{
+    const float y = x * -1.442695f;
+    const float z = (y < -125.0f) ? -125.0f : y;
+    tendon_word_f32 shifted;
+    tendon_word_f32 power;
+    shifted.value = z + 12582912.0f;
+    const float f = z - (shifted.value - 12582912.0f);
+    power.value = 1.0f + f * (6.9314724e-1f + f * (2.4022235e-1f + f * (5.5503085e-2f + f * (9.6718753e-3f
+        + f * 1.340726e-3f))));
+    power.bits += shifted.bits << 23;
+    return 1.0f - power.value;
 }
 
 /* Natural logarithm of a positive normal number, after fdlibm. At most 1 ulp. */

@@ -34,6 +34,18 @@ static inline double tendon_step_f64(double x)
     return (x > 0.0) ? 1.0 : 0.0;
 }
 
+/* y for x > 0, else 0. */
+static inline double tendon_gate_f64(double x, double y)
+{
+    return (x > 0.0) ? y : 0.0;
+}
+
+/* a for x > 0, b for x < 0, else 0. */
+static inline double tendon_side_f64(double x, double a, double b)
+{
+    return (x > 0.0) ? a : ((x < 0.0) ? b : 0.0);
+}
+
 /* x for x > 0, else 0. */
 static inline double tendon_ramp_f64(double x)
 {
@@ -105,6 +117,12 @@ static inline double tendon_exp_f64(double x)
         + r * (2.08767569878681e-09 + r * 1.6059043836821613e-10))))))))));
     scale.bits = (shifted.bits + 1023U) << 52;
     return (x < -708.0) ? 0.0 : (1.0 + (r + (r * r) * p)) * scale.value;
+}
+
+/* 1 - exp(-x) for x >= 0. Within 3e-16. */
+static inline double tendon_rise_f64(double x)
+{
+    return 1.0 - tendon_exp_f64(-x);
 }
 
 /* Natural logarithm of a positive normal number, after fdlibm. At most 1 ulp. */

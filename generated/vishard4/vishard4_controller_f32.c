@@ -8,17 +8,69 @@
 
 #define JOINTS 4U
 
+/* inverse_dynamics: tau = D(q) qdd + C(q, qd) qd + g(q).
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * in   qdd (4) [rad/s^2]: joint accelerations
+ * out  tau (4) [N m]: joint torques
+ * Source: Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters
+ * Operations: 73 operations (30 add, 4 sub, 39 mul) and 3 sincos */
+static inline void inverse_dynamics(
+    const vishard4_parameters_f32 *parameters,
+    const float q[4],
+    const float qd[4],
+    const float qdd[4],
+    float tau[4])
+{
+    float s1, c1;
+    tendon_sincos_f32(q[2], &s1, &c1);
+    const float v1 = q[2] + q[3];
+    float s2, c2;
+    tendon_sincos_f32(v1, &s2, &c2);
+    float s3, c3;
+    tendon_sincos_f32(q[1], &s3, &c3);
+    const float v2 = qd[0] * qd[0];
+    const float v3 = c3 * parameters->l1_by_l2;
+    const float v4 = s3 * parameters->l1_by_l2;
+    const float v5 = qd[0] + qd[1];
+    const float v6 = qdd[0] + qdd[1];
+    const float v7 = v2 * v3 - v4 * qdd[0] + v5 * v5;
+    const float v8 = v3 * qdd[0] + v2 * v4 + v6;
+    const float v9 = v5 + qd[2];
+    const float v10 = v6 + qdd[2];
+    const float v11 = v9 * v9;
+    const float v12 = c1 * parameters->l3_by_l2;
+    const float v13 = s1 * parameters->l3_by_l2;
+    const float v14 = v11 * v12 + (v7 + v10 * v13);
+    const float v15 = v8 + v10 * v12 - v11 * v13;
+    const float v16 = v9 + qd[3];
+    const float v17 = v10 + qdd[3];
+    const float v18 = v16 * v16;
+    const float v19 = c2 * parameters->h4;
+    const float v20 = s2 * parameters->h4;
+    const float v21 = v15 * v19 + (v17 * parameters->J4 + v14 * v20);
+    const float v22 = v17 * v20 + v18 * v19 + v14 * parameters->mu3;
+    const float v23 = v17 * v19 - v18 * v20 + v15 * parameters->mu3;
+    const float v24 = v10 * parameters->J3 + (v13 * v22 + (v21 + v12 * v23));
+    const float v25 = v23 + v8 * parameters->mu2;
+    const float v26 = v6 * parameters->J2 + (v24 + v25);
+    tau[0] = qdd[0] * parameters->J1 + (v26 + v3 * v25) - v4 * (v22 + v7 * parameters->mu2);
+    tau[1] = v26 + qdd[1] * parameters->I2;
+    tau[2] = v24 + qdd[2] * parameters->I3;
+    tau[3] = v21 + qdd[3] * parameters->I4;
+}
+
 /* joint_compensation: Torques of friction, springs and the other static effects of joints and arm at the measured
  *   motion.
  * in   parameters (16) [as named]: of the arm
  * in   effects (18) [as named]: c_u, c_e and parameters
- * in   springs (16) [as declared]: a row a joint: stiffness, radius, offset, pretension
+ * in   springs (12) [as declared]: a row a joint: joint_stiffness, joint_pretension, offset
  * in   q (4) [rad]: joint positions
  * in   qd (4) [rad/s]: joint rates
  * out  tau (4) [N m]: added to the motor torque
  * Source: Equations (2), (4) and (7); the effects' own sources are in the library
- * Operations: 92 operations (8 add, 20 sub, 56 mul, 8 neg) and 4 abs and 4 exp and 4 ramp and 12 step */
-void vishard4_joint_compensation_f32(
+ * Operations: 56 operations (12 add, 8 sub, 32 mul, 4 neg) and 4 abs and 4 gate and 4 rise and 4 side */
+static inline void joint_compensation(
     const vishard4_parameters_f32 *parameters,
     const vishard4_effects_f32 *effects,
     const vishard4_spring_f32 *springs,
@@ -27,42 +79,38 @@ void vishard4_joint_compensation_f32(
     float tau[4])
 {
     (void)parameters;
-    const float v1 = effects->joint1_coulomb_asymmetric_positive * tendon_step_f32(qd[0]) + qd[0] *
-        effects->joint1_viscous_coefficient;
-    const float v2 = effects->joint1_viscous_cubic_coefficient * (qd[0] * (qd[0] * qd[0])) + v1 -
-        effects->joint1_coulomb_asymmetric_negative * tendon_step_f32(-qd[0]);
-    const float v3 = effects->friction_scale * (1.0f - tendon_exp_f32(-(effects->friction_slope *
-        tendon_abs_f32(qd[0]))));
-    const float v4 = springs[0].offset - q[0];
-    const float v5 = effects->joint2_coulomb_asymmetric_positive * tendon_step_f32(qd[1]) + qd[1] *
-        effects->joint2_viscous_coefficient;
-    const float v6 = effects->joint2_viscous_cubic_coefficient * (qd[1] * (qd[1] * qd[1])) + v5 -
-        effects->joint2_coulomb_asymmetric_negative * tendon_step_f32(-qd[1]);
-    const float v7 = effects->friction_scale * (1.0f - tendon_exp_f32(-(effects->friction_slope *
-        tendon_abs_f32(qd[1]))));
-    const float v8 = springs[1].offset - q[1];
-    const float v9 = effects->joint3_coulomb_asymmetric_positive * tendon_step_f32(qd[2]) + qd[2] *
-        effects->joint3_viscous_coefficient;
-    const float v10 = effects->joint3_viscous_cubic_coefficient * (qd[2] * (qd[2] * qd[2])) + v9 -
-        effects->joint3_coulomb_asymmetric_negative * tendon_step_f32(-qd[2]);
-    const float v11 = effects->friction_scale * (1.0f - tendon_exp_f32(-(effects->friction_slope *
-        tendon_abs_f32(qd[2]))));
-    const float v12 = springs[2].offset - q[2];
-    const float v13 = effects->joint4_coulomb_asymmetric_positive * tendon_step_f32(qd[3]) + qd[3] *
-        effects->joint4_viscous_coefficient;
-    const float v14 = effects->joint4_viscous_cubic_coefficient * (qd[3] * (qd[3] * qd[3])) + v13 -
-        effects->joint4_coulomb_asymmetric_negative * tendon_step_f32(-qd[3]);
-    const float v15 = effects->friction_scale * (1.0f - tendon_exp_f32(-(effects->friction_slope *
-        tendon_abs_f32(qd[3]))));
-    const float v16 = springs[3].offset - q[3];
-    tau[0] = v2 * v3 - tendon_step_f32(v4) * (springs[0].pretension * springs[0].radius) - tendon_ramp_f32(v4) *
-        (springs[0].stiffness * (springs[0].radius * springs[0].radius));
-    tau[1] = v6 * v7 - tendon_step_f32(v8) * (springs[1].pretension * springs[1].radius) - tendon_ramp_f32(v8) *
-        (springs[1].stiffness * (springs[1].radius * springs[1].radius));
-    tau[2] = v10 * v11 - tendon_step_f32(v12) * (springs[2].pretension * springs[2].radius) - tendon_ramp_f32(v12) *
-        (springs[2].stiffness * (springs[2].radius * springs[2].radius));
-    tau[3] = v14 * v15 - tendon_step_f32(v16) * (springs[3].pretension * springs[3].radius) - tendon_ramp_f32(v16) *
-        (springs[3].stiffness * (springs[3].radius * springs[3].radius));
+    const float v1 = springs[0].offset - q[0];
+    const float v2 = tendon_side_f32(qd[0], effects->joint1_coulomb_asymmetric_positive,
+        -effects->joint1_coulomb_asymmetric_negative);
+    const float v3 = qd[0] * effects->joint1_viscous_coefficient + effects->joint1_viscous_cubic_coefficient *
+        (qd[0] * (qd[0] * qd[0]));
+    const float v4 = (v2 + v3) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+        tendon_abs_f32(qd[0])));
+    const float v5 = springs[1].offset - q[1];
+    const float v6 = tendon_side_f32(qd[1], effects->joint2_coulomb_asymmetric_positive,
+        -effects->joint2_coulomb_asymmetric_negative);
+    const float v7 = qd[1] * effects->joint2_viscous_coefficient + effects->joint2_viscous_cubic_coefficient *
+        (qd[1] * (qd[1] * qd[1]));
+    const float v8 = (v6 + v7) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+        tendon_abs_f32(qd[1])));
+    const float v9 = springs[2].offset - q[2];
+    const float v10 = tendon_side_f32(qd[2], effects->joint3_coulomb_asymmetric_positive,
+        -effects->joint3_coulomb_asymmetric_negative);
+    const float v11 = qd[2] * effects->joint3_viscous_coefficient + effects->joint3_viscous_cubic_coefficient *
+        (qd[2] * (qd[2] * qd[2]));
+    const float v12 = (v10 + v11) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+        tendon_abs_f32(qd[2])));
+    const float v13 = springs[3].offset - q[3];
+    const float v14 = tendon_side_f32(qd[3], effects->joint4_coulomb_asymmetric_positive,
+        -effects->joint4_coulomb_asymmetric_negative);
+    const float v15 = qd[3] * effects->joint4_viscous_coefficient + effects->joint4_viscous_cubic_coefficient *
+        (qd[3] * (qd[3] * qd[3]));
+    const float v16 = (v14 + v15) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+        tendon_abs_f32(qd[3])));
+    tau[0] = v4 - tendon_gate_f32(v1, springs[0].joint_pretension + v1 * springs[0].joint_stiffness);
+    tau[1] = v8 - tendon_gate_f32(v5, springs[1].joint_pretension + v5 * springs[1].joint_stiffness);
+    tau[2] = v12 - tendon_gate_f32(v9, springs[2].joint_pretension + v9 * springs[2].joint_stiffness);
+    tau[3] = v16 - tendon_gate_f32(v13, springs[3].joint_pretension + v13 * springs[3].joint_stiffness);
 }
 
 /* contact_compensation: Torques of the plate, and of other effects of the contact, at the measured motion.
@@ -74,8 +122,8 @@ void vishard4_joint_compensation_f32(
  * in   qd (4) [rad/s]: joint rates
  * out  tau (4) [N m]: added to the motor torque
  * Source: Equation (3)
- * Operations: 44 operations (10 add, 9 sub, 25 mul) and 4 sincos and 1 ramp and 1 sgn and 1 step */
-void vishard4_contact_compensation_f32(
+ * Operations: 42 operations (10 add, 9 sub, 23 mul) and 4 sincos and 2 gate and 1 sgn */
+static inline void contact_compensation(
     const vishard4_parameters_f32 *parameters,
     const vishard4_effects_f32 *effects,
     const vishard4_contact_f32 *contact,
@@ -102,14 +150,14 @@ void vishard4_contact_compensation_f32(
     const float v8 = v4 * qd[3] + (v5 * qd[2] + (v7 * qd[0] + v6 * qd[1]));
     const float v9 = contact->plate_position - s1 * parameters->l1 - s2 * parameters->l2 - s3 * parameters->l3 - s4
         * parameters->l4;
-    const float v10 = tendon_step_f32(v9);
-    const float v11 = v10 * (contact->plate_damping_coefficient * v8);
-    const float v12 = contact->plate_stiffness * tendon_ramp_f32(v9) + v10 * (contact->plate_pretension -
-        contact->plate_friction * tendon_sgn_f32(v8));
-    tau[0] = v7 * v11 - v7 * v12;
-    tau[1] = v6 * v11 - v6 * v12;
-    tau[2] = v5 * v11 - v5 * v12;
-    tau[3] = v4 * v11 - v4 * v12;
+    const float v10 = tendon_gate_f32(v9, contact->plate_damping_coefficient * v8);
+    const float v11 = v9 * contact->plate_stiffness + (contact->plate_pretension - contact->plate_friction *
+        tendon_sgn_f32(v8));
+    const float v12 = tendon_gate_f32(v9, v11);
+    tau[0] = v7 * v10 - v7 * v12;
+    tau[1] = v6 * v10 - v6 * v12;
+    tau[2] = v5 * v10 - v5 * v12;
+    tau[3] = v4 * v10 - v4 * v12;
 }
 
 void vishard4_controller_sizes_f32(uint32_t sizes[9])
@@ -132,29 +180,44 @@ static inline float difference(int32_t a, int32_t b)
     return (float)(int32_t)counts;
 }
 
-/* Position of a joint, and its rate by a low-pass on the difference of whole counts. */
+/* Position of a joint, and its rate by a low-pass on the difference of whole counts; `gain` in Hz. */
 static inline void measure(
     const vishard4_config_f32 *config,
     vishard4_state_f32 *state,
     vishard4_output_f32 *output,
     size_t j,
-    int32_t counts)
+    int32_t counts,
+    float gain,
+    float kept)
 {
     const float scale = config->position_per_count[j];
-    const float raw = difference(state->counts[j], counts) * (scale * config->rate);
-    const float qd = state->qd[j] + config->velocity_gain * (raw - state->qd[j]);
-    output->q[j] = difference(config->zero[j], counts) * scale;
+    const float qd = kept * state->qd[j] + (gain * scale) * difference(state->counts[j], counts);
+    output->q[j] = scale * difference(config->zero[j], counts);
     output->qd[j] = qd;
     state->qd[j] = qd;
     state->counts[j] = counts;
 }
 
+static inline void measure_all(
+    const vishard4_config_f32 *config,
+    vishard4_state_f32 *state,
+    const int32_t counts[JOINTS],
+    vishard4_output_f32 *output)
+{
+    const float gain = config->velocity_gain * config->rate;
+    const float kept = 1.0f - config->velocity_gain;
+    measure(config, state, output, 0U, counts[0], gain, kept);
+    measure(config, state, output, 1U, counts[1], gain, kept);
+    measure(config, state, output, 2U, counts[2], gain, kept);
+    measure(config, state, output, 3U, counts[3], gain, kept);
+}
+
 /* Equation (9) and its derivatives by time, at the part s of the phase, 0 to 1.
  * Three sums a coordinate, of the points from the first, the second and the third one on, share the weights of two
- * degrees less: they are the three points that de Casteljau's scheme has left before its last two steps. The weights
- * binomial(inner, k) s^k (1 - s)^(inner - k) follow from each other, from the end that s is nearer to, so that their
- * ratio stays below 1; all are positive, so nothing cancels. */
-static void bezier(
+ * degrees less: they are the three points that de Casteljau's scheme has left before its last two steps. It all counts
+ * from the end that s is nearer to. The weights binomial(inner, k) ratio^k follow from each other, the first one is 1,
+ * and none is larger than the binomial; all are positive, so nothing cancels, and their sum makes them parts of 1. */
+static inline void bezier(
     const vishard4_phase_f32 *phase,
     float s,
     float c[JOINTS],
@@ -171,67 +234,93 @@ static void bezier(
     };
     const uint32_t inner = phase->degree - 2U;
     const float degree = (float)phase->degree;
-    const float first_scale = degree / phase->duration;
-    const float second_scale = first_scale * ((degree - 1.0f) / phase->duration);
     const bool late = s > 0.5f;
-    const float near = late ? s : (1.0f - s);
-    const float ratio = (late ? (1.0f - s) : s) / near;
+    const float t = late ? (1.0f - s) : s;
+    const float ratio = t / (1.0f - t);
+    const float above = ratio * (degree - 1.0f);
     const int32_t stride = late ? -(int32_t)JOINTS : (int32_t)JOINTS;
-    const float *point = &phase->points[late ? (inner * JOINTS) : 0U];
-    float left = (float)inner;
-    float weight = 1.0f;
-    for (uint32_t k = 0U; k < inner; ++k) {
-        weight *= near;
-    }
-    float a0 = weight * point[0];
-    float b0 = weight * point[4];
-    float c0 = weight * point[8];
-    float a1 = weight * point[1];
-    float b1 = weight * point[5];
-    float c1 = weight * point[9];
-    float a2 = weight * point[2];
-    float b2 = weight * point[6];
-    float c2 = weight * point[10];
-    float a3 = weight * point[3];
-    float b3 = weight * point[7];
-    float c3 = weight * point[11];
-    for (uint32_t k = 1U; k <= inner; ++k) {
+    const float *point = &phase->points[late ? (phase->degree * JOINTS) : 0U];
+    float before = 1.0f;
+    float weight = above - ratio;
+    float sum = before + weight;
+    float a0 = point[0];
+    float a1 = point[1];
+    float a2 = point[2];
+    float a3 = point[3];
+    point = &point[stride];
+    float b0 = point[0];
+    float b1 = point[1];
+    float b2 = point[2];
+    float b3 = point[3];
+    float c0 = 0.0f;
+    a0 += weight * b0;
+    float c1 = 0.0f;
+    a1 += weight * b1;
+    float c2 = 0.0f;
+    a2 += weight * b2;
+    float c3 = 0.0f;
+    a3 += weight * b3;
+    for (uint32_t k = 2U; k <= inner; ++k) {
+        const float next = weight * (above * reciprocal[k] - ratio);
         point = &point[stride];
-        weight *= (ratio * reciprocal[k]) * left;
-        left -= 1.0f;
-        a0 += weight * point[0];
-        b0 += weight * point[4];
-        c0 += weight * point[8];
-        a1 += weight * point[1];
-        b1 += weight * point[5];
-        c1 += weight * point[9];
-        a2 += weight * point[2];
-        b2 += weight * point[6];
-        c2 += weight * point[10];
-        a3 += weight * point[3];
-        b3 += weight * point[7];
-        c3 += weight * point[11];
+        a0 += next * point[0];
+        b0 += weight * point[0];
+        c0 += before * point[0];
+        a1 += next * point[1];
+        b1 += weight * point[1];
+        c1 += before * point[1];
+        a2 += next * point[2];
+        b2 += weight * point[2];
+        c2 += before * point[2];
+        a3 += next * point[3];
+        b3 += weight * point[3];
+        c3 += before * point[3];
+        sum += next;
+        before = weight;
+        weight = next;
     }
-    b0 -= a0;
-    c0 -= a0 + 2.0f * b0;
-    c[0] = a0 + s * (2.0f * b0 + s * c0);
-    cd[0] = first_scale * (b0 + s * c0);
-    cdd[0] = second_scale * c0;
-    b1 -= a1;
-    c1 -= a1 + 2.0f * b1;
-    c[1] = a1 + s * (2.0f * b1 + s * c1);
-    cd[1] = first_scale * (b1 + s * c1);
-    cdd[1] = second_scale * c1;
-    b2 -= a2;
-    c2 -= a2 + 2.0f * b2;
-    c[2] = a2 + s * (2.0f * b2 + s * c2);
-    cd[2] = first_scale * (b2 + s * c2);
-    cdd[2] = second_scale * c2;
-    b3 -= a3;
-    c3 -= a3 + 2.0f * b3;
-    c[3] = a3 + s * (2.0f * b3 + s * c3);
-    cd[3] = first_scale * (b3 + s * c3);
-    cdd[3] = second_scale * c3;
+    point = &point[stride];
+    b0 += weight * point[0];
+    c0 += before * point[0];
+    b1 += weight * point[1];
+    c1 += before * point[1];
+    b2 += weight * point[2];
+    c2 += before * point[2];
+    b3 += weight * point[3];
+    c3 += before * point[3];
+    point = &point[stride];
+    const float part = 1.0f / sum;
+    const float rate = degree / phase->duration;
+    const float first = part * (late ? -rate : rate);
+    const float second = part * (rate * (rate - 1.0f / phase->duration));
+    c0 += weight * point[0];
+    const float e0 = b0 - a0;
+    const float g0 = (c0 - b0) - e0;
+    const float h0 = e0 + t * g0;
+    c[0] = part * (a0 + t * (e0 + h0));
+    cd[0] = first * h0;
+    cdd[0] = second * g0;
+    c1 += weight * point[1];
+    const float e1 = b1 - a1;
+    const float g1 = (c1 - b1) - e1;
+    const float h1 = e1 + t * g1;
+    c[1] = part * (a1 + t * (e1 + h1));
+    cd[1] = first * h1;
+    cdd[1] = second * g1;
+    c2 += weight * point[2];
+    const float e2 = b2 - a2;
+    const float g2 = (c2 - b2) - e2;
+    const float h2 = e2 + t * g2;
+    c[2] = part * (a2 + t * (e2 + h2));
+    cd[2] = first * h2;
+    cdd[2] = second * g2;
+    c3 += weight * point[3];
+    const float e3 = b3 - a3;
+    const float g3 = (c3 - b3) - e3;
+    const float h3 = e3 + t * g3;
+    c[3] = part * (a3 + t * (e3 + h3));
+    cd[3] = first * h3;
+    cdd[3] = second * g3;
 }
 
 /* Coordinates (13) of the contact and their derivatives, in place, to those of the joints. */
@@ -270,9 +359,8 @@ static bool plan(
     bool found = false;
     if (state->phase < trajectory->count) {
         const vishard4_phase_f32 *phase = &trajectory->phases[state->phase];
-        if ((phase->degree >= 2U) && (phase->degree <= VISHARD4_MAX_DEGREE)) {
-            const float s = (state->begin + (float)state->tick / config->rate) / phase->duration;
-            bezier(phase, tendon_min_f32(s, 1.0f), q, qd, qdd);
+        if ((phase->degree >= VISHARD4_MIN_DEGREE) && (phase->degree <= VISHARD4_MAX_DEGREE)) {
+            bezier(phase, state->elapsed / phase->duration, q, qd, qdd);
             found = true;
             if (phase->coordinates != VISHARD4_JOINT_COORDINATES) {
                 found = joints_of_contact(config, trajectory, q, qd, qdd);
@@ -295,18 +383,20 @@ static void advance(
     vishard4_state_f32 *state)
 {
     const float duration = trajectory->phases[state->phase].duration;
-    const uint32_t tick = state->tick + 1U;
-    const float elapsed = state->begin + (float)tick / config->rate;
-    const bool last = (state->phase + 1U) >= trajectory->count;
+    const float elapsed = state->begin + (float)(state->tick + 1U) / config->rate;
     if (elapsed < duration) {
-        state->tick = tick;
-    } else if (last && (trajectory->periodic == 0U)) {
-        state->finished = 1U;
-        state->begin = duration;
-        state->tick = 0U;
+        state->elapsed = elapsed;
+        ++state->tick;
     } else {
-        state->phase = last ? 0U : (state->phase + 1U);
-        state->begin = elapsed - duration;
+        const bool last = (state->phase + 1U) >= trajectory->count;
+        if (last && (trajectory->periodic == 0U)) {
+            state->finished = 1U;
+            state->begin = duration;
+        } else {
+            state->phase = last ? 0U : (state->phase + 1U);
+            state->begin = elapsed - duration;
+        }
+        state->elapsed = state->begin;
         state->tick = 0U;
     }
 }
@@ -320,7 +410,7 @@ static void add_contact(
 {
     if (phase->contact != NULL) {
         float contact[JOINTS];
-        vishard4_contact_compensation_f32(
+        contact_compensation(
             &config->parameters, &config->effects, phase->contact, output->q, output->qd, contact);
         for (size_t j = 0U; j < JOINTS; ++j) {
             torque[j] += contact[j];
@@ -328,31 +418,28 @@ static void add_contact(
     }
 }
 
-/* The torque of a joint, within its limits. `doubt` stays 0 as long as every torque is a finite number: x - x is 0 for
- * all of those and for nothing else. Returns whether the limit was reached. */
-static inline bool drive(
+/* A torque within its limit. What is no number is not within, and not either side of it. */
+static inline float limited(float torque, float limit, uint32_t *status)
+{
+    float result = torque;
+    if (!(tendon_abs_f32(torque) <= limit)) {
+        result = tendon_side_f32(torque, limit, -limit);
+        *status |= ((torque - torque) < 1.0f) ? VISHARD4_SATURATED : VISHARD4_INVALID;
+    }
+    return result;
+}
+
+static inline void drive(
     const vishard4_config_f32 *config,
     vishard4_output_f32 *output,
     size_t j,
     float qd_desired,
     float modelled,
-    float *doubt)
+    uint32_t *status)
 {
     const float control = config->kp[j] * (output->q_desired[j] - output->q[j])
         + config->kd[j] * (qd_desired - output->qd[j]);
-    const float torque = modelled + control;
-    const float limit = config->torque_limit[j];
-    bool reached = true;
-    *doubt += torque - torque;
-    if (torque > limit) {
-        output->torque[j] = limit;
-    } else if (torque < -limit) {
-        output->torque[j] = -limit;
-    } else {
-        output->torque[j] = torque;
-        reached = false;
-    }
-    return reached;
+    output->torque[j] = limited(modelled + control, config->torque_limit[j], status);
 }
 
 void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t counts[4])
@@ -364,6 +451,7 @@ void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t coun
     state->phase = 0U;
     state->tick = 0U;
     state->begin = 0.0f;
+    state->elapsed = 0.0f;
     state->finished = 0U;
 }
 
@@ -373,10 +461,7 @@ void vishard4_controller_measure_f32(
     const int32_t counts[4],
     vishard4_output_f32 *output)
 {
-    measure(config, state, output, 0U, counts[0]);
-    measure(config, state, output, 1U, counts[1]);
-    measure(config, state, output, 2U, counts[2]);
-    measure(config, state, output, 3U, counts[3]);
+    measure_all(config, state, counts, output);
 }
 
 void vishard4_controller_step_f32(
@@ -388,40 +473,29 @@ void vishard4_controller_step_f32(
 {
     float qd_desired[JOINTS];
     float qdd_desired[JOINTS];
-    float dynamics[JOINTS];
+    float modelled[JOINTS];
     float compensation[JOINTS];
-    float doubt = 0.0f;
-    bool saturated = false;
-    bool found;
-    measure(config, state, output, 0U, counts[0]);
-    measure(config, state, output, 1U, counts[1]);
-    measure(config, state, output, 2U, counts[2]);
-    measure(config, state, output, 3U, counts[3]);
+    uint32_t status = VISHARD4_INVALID;
+    measure_all(config, state, counts, output);
     output->phase = state->phase;
-    output->status = 0U;
-    found = plan(config, trajectory, state, output->q_desired, qd_desired, qdd_desired);
-    if (found) {
-        vishard4_inverse_dynamics_f32(&config->parameters, output->q_desired, qd_desired, qdd_desired, dynamics);
-        vishard4_joint_compensation_f32(
+    if (plan(config, trajectory, state, output->q_desired, qd_desired, qdd_desired)) {
+        status = (state->finished != 0U) ? VISHARD4_FINISHED : 0U;
+        inverse_dynamics(&config->parameters, output->q_desired, qd_desired, qdd_desired, modelled);
+        joint_compensation(
             &config->parameters, &config->effects, trajectory->springs, output->q, output->qd, compensation);
-        add_contact(config, &trajectory->phases[state->phase], output, dynamics);
-        saturated = drive(config, output, 0U, qd_desired[0], dynamics[0] + compensation[0], &doubt) || saturated;
-        saturated = drive(config, output, 1U, qd_desired[1], dynamics[1] + compensation[1], &doubt) || saturated;
-        saturated = drive(config, output, 2U, qd_desired[2], dynamics[2] + compensation[2], &doubt) || saturated;
-        saturated = drive(config, output, 3U, qd_desired[3], dynamics[3] + compensation[3], &doubt) || saturated;
-        if (saturated) {
-            output->status |= VISHARD4_SATURATED;
-        }
-        if (state->finished != 0U) {
-            output->status |= VISHARD4_FINISHED;
-        }
+        add_contact(config, &trajectory->phases[state->phase], output, modelled);
+        drive(config, output, 0U, qd_desired[0], modelled[0] + compensation[0], &status);
+        drive(config, output, 1U, qd_desired[1], modelled[1] + compensation[1], &status);
+        drive(config, output, 2U, qd_desired[2], modelled[2] + compensation[2], &status);
+        drive(config, output, 3U, qd_desired[3], modelled[3] + compensation[3], &status);
         advance(config, trajectory, state);
     }
-    if (!found || (doubt != 0.0f)) {
-        output->status = VISHARD4_INVALID;
+    if ((status & VISHARD4_INVALID) != 0U) {
+        status = VISHARD4_INVALID;
         output->torque[0] = 0.0f;
         output->torque[1] = 0.0f;
         output->torque[2] = 0.0f;
         output->torque[3] = 0.0f;
     }
+    output->status = status;
 }

@@ -10,7 +10,8 @@
  *   coulomb_asymmetric@2, viscous@2, viscous_cubic@2, coulomb_asymmetric@3, viscous@3, viscous_cubic@3,
  *   coulomb_asymmetric@4, viscous@4, viscous_cubic@4. */
 
-/* Most control points of a phase are this + 1; fewest are 3. */
+/* A phase has as many control points as its degree, and one. */
+#define VISHARD4_MIN_DEGREE 3U
 #define VISHARD4_MAX_DEGREE 29U
 #define VISHARD4_JOINT_COORDINATES 0U
 #define VISHARD4_CONTACT_COORDINATES 1U
@@ -48,11 +49,9 @@ typedef struct {
 
 /* A spring parallel to a joint, equation (2); all zero where there is none. */
 typedef struct {
-    float stiffness; /* N/m: of the extension spring, k_s */
-    float radius; /* m/rad: of the pulley, r_p: cable per joint angle; where it is not known, 1, and stiffness and pretension then
- *   stand for the products with it */
+    float joint_stiffness; /* N m/rad: torque per displacement, r_p^2 k_s */
+    float joint_pretension; /* N m: torque at the offset, r_p F_s0 */
     float offset; /* rad: position q_s0 below which the spring is taut */
-    float pretension; /* N: initial tension of the spring, F_s0 */
 } vishard4_spring_f32;
 
 /* The plate, equation (3), and its damper. */
@@ -80,7 +79,7 @@ typedef struct {
 /* A part of a trajectory, equation (9). */
 typedef struct {
     uint32_t coordinates; /* VISHARD4_JOINT_COORDINATES or VISHARD4_CONTACT_COORDINATES, equation (13) */
-    uint32_t degree; /* of the polynomials, 2 to VISHARD4_MAX_DEGREE */
+    uint32_t degree; /* of the polynomials, 3 to VISHARD4_MAX_DEGREE */
     float duration; /* s: not less than a control period */
     const float *points; /* degree + 1 control points of 4 coordinates each */
     const vishard4_contact_f32 *contact; /* the plate that it touches, or null */
@@ -102,6 +101,7 @@ typedef struct {
     uint32_t phase; /* from 0 */
     uint32_t tick; /* periods since tick 0 */
     float begin; /* s: time within the phase at tick 0 */
+    float elapsed; /* s: time within the phase now */
     uint32_t finished; /* 1: at rest at the end */
 } vishard4_state_f32;
 
@@ -114,42 +114,6 @@ typedef struct {
     uint32_t phase; /* of the trajectory, from 0 */
     uint32_t status; /* bits: VISHARD4_SATURATED, VISHARD4_FINISHED, VISHARD4_INVALID */
 } vishard4_output_f32;
-
-/* joint_compensation: Torques of friction, springs and the other static effects of joints and arm at the measured
- *   motion.
- * in   parameters (16) [as named]: of the arm
- * in   effects (18) [as named]: c_u, c_e and parameters
- * in   springs (16) [as declared]: a row a joint: stiffness, radius, offset, pretension
- * in   q (4) [rad]: joint positions
- * in   qd (4) [rad/s]: joint rates
- * out  tau (4) [N m]: added to the motor torque
- * Source: Equations (2), (4) and (7); the effects' own sources are in the library
- * Operations: 92 operations (8 add, 20 sub, 56 mul, 8 neg) and 4 abs and 4 exp and 4 ramp and 12 step */
-void vishard4_joint_compensation_f32(
-    const vishard4_parameters_f32 *parameters,
-    const vishard4_effects_f32 *effects,
-    const vishard4_spring_f32 *springs,
-    const float q[4],
-    const float qd[4],
-    float tau[4]);
-
-/* contact_compensation: Torques of the plate, and of other effects of the contact, at the measured motion.
- * in   parameters (16) [as named]: of the arm
- * in   effects (18) [as named]: c_u, c_e and parameters
- * in   contact (5) [as declared]: contact_plate_stiffness, contact_plate_pretension, contact_plate_friction,
- *   contact_plate_position, contact_plate_damping_coefficient
- * in   q (4) [rad]: joint positions
- * in   qd (4) [rad/s]: joint rates
- * out  tau (4) [N m]: added to the motor torque
- * Source: Equation (3)
- * Operations: 44 operations (10 add, 9 sub, 25 mul) and 4 sincos and 1 ramp and 1 sgn and 1 step */
-void vishard4_contact_compensation_f32(
-    const vishard4_parameters_f32 *parameters,
-    const vishard4_effects_f32 *effects,
-    const vishard4_contact_f32 *contact,
-    const float q[4],
-    const float qd[4],
-    float tau[4]);
 
 /* Writes the size of every structure above, in their order, 9 in all, those of vishard4_f32.h first. */
 void vishard4_controller_sizes_f32(uint32_t sizes[9]);
@@ -169,7 +133,7 @@ void vishard4_controller_measure_f32(
  *   torque = inverse dynamics of the desired motion + kp (q_d - q) + kd (qd_d - qd) + compensation at the measured motion
  * is limited. Whatever is not a number or has no end gives no torque at all. No memory is allocated, and every loop
  * has a bound. The structures belong to the caller and may not overlap.
- * Operations in a free phase of degree M: 234 + 29 M, 3 sincos and 4 exp. */
+ * Operations in a free phase of degree M: 183 + 28 M, 3 sincos and 4 rise. */
 void vishard4_controller_step_f32(
     const vishard4_config_f32 *config,
     const vishard4_trajectory_f32 *trajectory,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import ceil, exp, inf, pi
+from math import ceil, exp, inf, pi, prod
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +114,7 @@ class Settings:
             effects=effects,
             trajectory=_trajectory(page, trajectory),
             phases=phases,
-            points=np.concatenate([_points(phase) for phase in trajectory.phases]),
+            points=np.concatenate([_points(page, phase) for phase in trajectory.phases]),
         )
 
     def positions(self, counts: NDArray[np.int32]) -> Array:
@@ -178,11 +178,12 @@ def _finite(values: Array) -> list[float]:
 
 def _trajectory(page: Mapping[str, Any], trajectory: Trajectory) -> Values:
     records = {record["name"].removeprefix(f"{page['name']}_"): record for record in page["records"]}
-    springs = {name: [0.0] * page["n"] for name in _names(records["spring_f32"])}
+    springs = {name: [0.0] * page["n"] for name in page["springs"]}
+    known = {parameter: 1.0 for powers in page["springs"].values() for parameter in powers}
     for joint, values in trajectory.springs.items():
-        _check_known(values, springs, f"{SPRING}@{joint}")
-        for name, value in values.items():
-            springs[name][joint - 1] = value
+        _check_known(values, known, f"{SPRING}@{joint}")
+        for name, powers in page["springs"].items():
+            springs[name][joint - 1] = prod(values[p] ** power for p, power in powers.items())
     contact = dict.fromkeys(_names(records["contact_f32"]), 0.0)
     for effect, values in trajectory.contact.items():
         named = {f"{effect}_{key}": value for key, value in values.items()}
@@ -192,7 +193,7 @@ def _trajectory(page: Mapping[str, Any], trajectory: Trajectory) -> Values:
         "count": len(trajectory.phases),
         "periodic": int(trajectory.periodic),
         "elbow": int(trajectory.elbow),
-        "rows": sum(len(_points(phase)) for phase in trajectory.phases),
+        "rows": sum(len(_points(page, phase)) for phase in trajectory.phases),
         **{f"spring_{name}": values for name, values in springs.items()},
         **contact,
     }
@@ -212,7 +213,7 @@ def _check_known(values: Mapping[str, float], known: Mapping[str, Any], effect: 
 def _phases(page: Mapping[str, Any], model: Model, trajectory: Trajectory, dt: float) -> tuple[Values, ...]:
     touching, found, row = _touching(model, trajectory), [], 0
     for index, phase in enumerate(trajectory.phases):
-        degree, most = len(_points(phase)) - 1, page["max_degree"]
+        degree, most = len(_points(page, phase)) - 1, page["max_degree"]
         if degree > most:
             raise ControllerError(f"phase {index + 1} has polynomials of degree {degree}; the controller takes {most}")
         if phase.duration < dt:
@@ -235,10 +236,13 @@ def _touching(model: Model, trajectory: Trajectory) -> set[int]:
     return set(motion.phase[below].tolist()) | {k for k, p in enumerate(trajectory.phases) if p.coordinates == "w"}
 
 
-def _points(phase: Phase) -> Array:
-    """(degree + 1, n) control points of a degree of 2 at least; a straight line has its middle as a third one."""
+def _points(page: Mapping[str, Any], phase: Phase) -> Array:
+    """(degree + 1, n) control points; a polynomial of too low a degree is written with more of them."""
     points = phase.points.T
-    return points if len(points) > 2 else np.array([points[0], (points[0] + points[1]) / 2, points[1]])
+    while (degree := len(points) - 1) < page["min_degree"]:
+        share = (np.arange(1, degree + 1) / (degree + 1))[:, None]
+        points = np.concatenate([points[:1], share * points[:-1] + (1 - share) * points[1:], points[-1:]])
+    return points
 
 
 # --- what the model file has to say ---

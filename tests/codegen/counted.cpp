@@ -25,6 +25,7 @@ static C &operator+=(C &a, C b) { return a = a + b; }
 static C &operator-=(C &a, C b) { return a = a - b; }
 static C &operator*=(C &a, C b) { return a = a * b; }
 static bool operator<(C a, C b) { return a.v < b.v; }
+static bool operator<=(C a, C b) { return a.v <= b.v; }
 static bool operator>(C a, C b) { return a.v > b.v; }
 static bool operator!=(C a, C b) { return a.v != b.v; }
 
@@ -33,6 +34,9 @@ static bool operator!=(C a, C b) { return a.v != b.v; }
 static C tendon_abs_f32(C x) { return fabsf(x.v); }
 static C tendon_min_f32(C a, C b) { return fminf(a.v, b.v); }
 static C tendon_step_f32(C x) { return x.v > 0 ? 1 : 0; }
+static C tendon_gate_f32(C x, C y) { return x.v > 0 ? y : 0; }
+static C tendon_side_f32(C x, C a, C b) { return x.v > 0 ? a : x.v < 0 ? b : 0; }
+static C tendon_rise_f32(C x) { return -expm1f(-x.v); }
 static C tendon_ramp_f32(C x) { return fmaxf(x.v, 0); }
 static C tendon_sgn_f32(C x) { return (x.v > 0) - (x.v < 0); }
 static C tendon_sqrt_f32(C x) { return sqrtf(x.v); }
@@ -51,7 +55,7 @@ int main()
     static C points[4 * (VISHARD4_MAX_DEGREE + 1)];
     static vishard4_config_f32 config;
     config.rate = 1000;
-    for (uint32_t degree = 2; degree <= VISHARD4_MAX_DEGREE; ++degree) {
+    for (uint32_t degree = VISHARD4_MIN_DEGREE; degree <= VISHARD4_MAX_DEGREE; ++degree) {
         const int32_t counts[4] = {1, 2, 3, 4};
         const vishard4_phase_f32 phase = {VISHARD4_JOINT_COORDINATES, degree, 1, points, NULL};
         vishard4_trajectory_f32 trajectory = {};

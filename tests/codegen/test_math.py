@@ -29,6 +29,7 @@ CALLS = {
     "sin": "tendon_sin_{s}(x[i])",
     "cos": "tendon_cos_{s}(x[i])",
     "exp": "tendon_exp_{s}(x[i])",
+    "rise": "tendon_rise_{s}(x[i])",
     "log": "tendon_log_{s}(x[i])",
     "atan2": "tendon_atan2_{s}(x[i], y[i])",
     "pow": "tendon_pow_{s}(x[i], y[i])",
@@ -104,6 +105,20 @@ def test_exponential_at_its_ends(functions: dict, suffix: str) -> None:
     assert np.isfinite(high)
     assert high > 1e38
     assert np.isnan(nan)
+
+
+@pytest.mark.parametrize(("suffix", "limit"), [("f32", 1.5e-7), ("f64", 3e-16)])
+def test_rise(functions: dict, suffix: str, limit: float) -> None:
+    """1 - exp(-x): by its absolute error; nothing at 0, all of 1 far out."""
+    rng = np.random.default_rng(6)
+    x = np.concatenate([rng.uniform(0, 30, 2000), rng.uniform(0, 1, 3000), rng.uniform(0, 1e-5, 100)])
+    x = x.astype(REAL[suffix])
+    found = functions[suffix]("rise", x)
+    with mpmath.workdps(40):
+        exact = [-mpmath.expm1(-mpmath.mpf(float(v))) for v in x]
+        assert max(abs(mpmath.mpf(float(y)) - e) for y, e in zip(found, exact, strict=True)) <= limit
+    assert functions[suffix]("rise", np.array([0.0, 40.0, 1e6, 1e30])).tolist() == [0.0, 1.0, 1.0, 1.0]
+    assert np.isnan(functions[suffix]("rise", np.array([np.nan]))).all()
 
 
 @pytest.mark.parametrize("suffix", ["f32", "f64"])

@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 from codegen.tape import ARITHMETIC, Tape
 from symbolic.arm import Arm
 from symbolic.model import derive
+from symbolic.primitives import ramp, step
 
 X, Y, Z = sp.symbols("x y z", real=True)
+W = sp.Symbol("w", positive=True)
 EXACT = {"const": lambda value: value, "max": max, "min": min}
+SWITCHES = {"gate": lambda x, a: a if x > 0 else 0.0, "side": lambda x, a, b: a if x > 0 else b if x < 0 else 0.0}
 
 
 def tape(*expressions: sp.Expr, definitions: tuple = ()) -> Tape:
@@ -91,6 +94,24 @@ def test_an_unknown_symbol_is_named() -> None:
 def test_an_unknown_operation_is_named() -> None:
     with pytest.raises(ValueError, match="no target can evaluate besselj"):
         tape(sp.besselj(X, Y))
+
+
+def test_what_one_sign_switches_is_compared_once() -> None:
+    """A spring with pretension; friction of two sides."""
+    spring = tape(Y * step(X, W) + Z * ramp(X, W))
+    assert spring.count() == {"arithmetic": 2, "sincos": 0, "add": 1, "mul": 1, "gate": 1}
+    friction = tape(Y * step(X, W) - Z * step(-X, W))
+    assert friction.count() == {"arithmetic": 1, "sincos": 0, "neg": 1, "side": 1}
+    for x, pulls, rubs in ((0.5, 3.5, 2.0), (-0.5, 0.0, -3.0), (0.0, 0.0, 0.0)):
+        values = {X: x, Y: 2.0, Z: 3.0}
+        assert spring.evaluate(values, SWITCHES) == [pulls]
+        assert friction.evaluate(values, SWITCHES) == [rubs]
+
+
+def test_an_exponential_that_rises_to_one() -> None:
+    """1 - exp(-|x|) is one operation; of an argument of any sign it is not."""
+    assert tape(1 - sp.exp(-sp.Abs(X))).count() == {"arithmetic": 0, "sincos": 0, "abs": 1, "rise": 1}
+    assert "rise" not in tape(1 - sp.exp(-X)).count()
 
 
 numbers = st.fractions(-5, 5, max_denominator=12)
