@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import bisect
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from codegen import thumb
 from codegen.elf import Elf, Symbol
 
 EXCEPTION_FRAME = 108
@@ -138,48 +139,13 @@ class _Calls:
 
     def _scan(self, function: Symbol, content: bytes, base: int) -> None:
         start = function.address & ~1
-        code = content[start - base : start - base + function.size]
-        for target, returns in _branches(code, start, self._is_code):
-            if target is None:
+        flow = thumb.flow(content[start - base : start - base + function.size], start, self._is_code)
+        within = range(start, start + function.size)
+        targets = flow.calls | {target for target in flow.jumps if target not in within}
+        for register in flow.registers:
+            # Compilers put a function's address into a register where they call it often.
+            known = {value & ~1 for value in flow.constants[register]} & set(self._starts)
+            targets |= known
+            if not known:
                 self.indirect.add(function.name)
-            elif returns or not start <= target < start + function.size:
-                self.calls[function.name].add(self.name_at(target))
-
-
-def _branches(code: bytes, start: int, is_code: Callable[[int], bool]) -> Iterator[tuple[int | None, bool]]:
-    """Targets of a function's branches in Thumb-2 (None: a register other than that of the return); is it a call?"""
-    at = 0
-    while at + 2 <= len(code):
-        here = start + at
-        (first,) = struct.unpack_from("<H", code, at)
-        at += 2
-        if not is_code(here):
-            continue
-        if first >> 11 in (0b11101, 0b11110, 0b11111) and at + 2 <= len(code):
-            (second,) = struct.unpack_from("<H", code, at)
-            at += 2
-            if first >> 11 == 0b11110 and second & 0x8000:
-                target = _wide(first, second, here)
-                if target is not None:
-                    yield target, second & 0x5000 == 0x5000
-        elif first & 0xFF87 == 0x4780 or (first & 0xFF87 == 0x4700 and first >> 3 & 15 != 14):
-            yield None, True
-        elif first >> 11 == 0b11100:
-            yield here + 4 + _signed(first & 0x7FF, 11) * 2, False
-        elif first >> 12 == 0b1101 and first >> 8 & 15 < 14:
-            yield here + 4 + _signed(first & 0xFF, 8) * 2, False
-
-
-def _wide(first: int, second: int, here: int) -> int | None:
-    """Target of a 32-bit branch (B.W, B<c>.W, BL), None for the other instructions of that space."""
-    sign, j1, j2 = first >> 10 & 1, second >> 13 & 1, second >> 11 & 1
-    if second & 0x1000:
-        top = (sign << 2 | (1 - (j1 ^ sign)) << 1 | (1 - (j2 ^ sign))) << 21
-        return here + 4 + _signed(top | (first & 0x3FF) << 11 | second & 0x7FF, 24) * 2
-    if second & 0x5000 == 0 and first >> 6 & 15 < 14:
-        return here + 4 + _signed((sign << 19 | j2 << 18 | j1 << 17 | (first & 0x3F) << 11 | second & 0x7FF), 20) * 2
-    return None
-
-
-def _signed(value: int, bits: int) -> int:
-    return value - (1 << bits) if value >> (bits - 1) else value
+        self.calls[function.name] |= {self.name_at(target) for target in targets}
