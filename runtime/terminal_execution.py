@@ -18,6 +18,8 @@ def show(document: Document) -> None:
     _arm(document)
     if document.get("every", 1) > 1:
         say(f"The line carries the record of every {document['every']}th control period; the others are left out.")
+    if document.get("drives"):
+        _drives(document)
     if document["uncompensated"]:
         say(f"The controller does not compensate: {', '.join(document['uncompensated'])}.")
     if document["mean"] is not None:
@@ -61,6 +63,21 @@ def _arm(document: Document) -> None:
         if entry["hidden"] or entry["changed"]:
             values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
             say(f"{'hidden' if entry['hidden'] else 'changed'}: {entry['effect']}{at(entry['joint'])}: {values}")
+
+
+def _drives(document: Document) -> None:
+    """How well this computer kept time, and what the drives made of its torques."""
+    drives = document["drives"]
+    say(
+        f"The drives' frames fill {percent(drives['load'])} of {drives['channel']}. Periods began late by "
+        f"{1e3 * drives['late_rms']:.2g} ms rms, {1e3 * drives['late_worst']:.2g} ms at worst; "
+        f"{drives['overruns']} left out, {drives['missed_answers']} answers late or missing."
+    )
+    if drives["overruns"] and not drives["real_time"]:
+        say("  Without real-time priority (ulimit -r 30, or as root) a busy computer is late.")
+    for joint, step, limited in zip(document["joints"], drives["resolution"], drives["limited_by_drive"], strict=True):
+        less = f"; its drive held back in {limited} periods" if limited else ""
+        say(f"  joint {joint['joint']}: torques are rounded to {figure(step)} {joint['force_unit']}{less}")
 
 
 def _table(document: Document) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ from runtime.hardware import can_bus
 from runtime.hardware.canopen_arm import CanopenArm
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.lockstep import Lockstep
-from runtime.hardware.pace import Pace
+from runtime.hardware.pace import Pace, Precedence
 from runtime.loader import Model
 
-LATE = 0.005
+LATE = 0.01
 """s between two control steps at most. A computer is less punctual than a microcontroller's timer: what stops that
 after half a period would stop this for nothing."""
 
@@ -37,20 +38,19 @@ class CanopenLink(Lockstep):
         assert model.controller is not None
         period = 1.0 / model.controller["rate"]
         pace = pace or Pace(period)
-        arm = CanopenArm(model, can_bus.parse(url), pace, patience)
-        super().__init__(HostBoard(directory, model.name, model.n), arm, period, pace)
-        self.late = LATE
-        try:
+        address = can_bus.parse(url)
+        with ExitStack() as stack:
+            self._precedence = Precedence()
+            stack.callback(self._precedence.give_up)
+            arm = stack.enter_context(CanopenArm(model, address, pace, patience))
+            super().__init__(HostBoard(directory, model.name, model.n), arm, period, pace)
+            self.late = LATE
             self.start(np.zeros(model.n), np.random.default_rng(0))
-        except BaseException:
-            arm.close()
-            raise
+            self._open = stack.pop_all()
 
     def figures(self) -> Mapping[str, Any]:
-        return {"drives": self.arm.figures()}
+        return {"drives": {**self.arm.figures(), "real_time": self._precedence.granted}}
 
     def close(self) -> None:
-        try:
+        with self._open:
             super().close()
-        finally:
-            self.arm.close()

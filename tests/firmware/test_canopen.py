@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import itertools
+import os
 import struct
 import sys
 from collections.abc import Callable, Iterator
@@ -24,7 +25,7 @@ from runtime.hardware.canopen_arm import MISSED, CanopenArm
 from runtime.hardware.cia402 import Command, Scale
 from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault
-from runtime.hardware.pace import Pace
+from runtime.hardware.pace import Pace, Precedence
 from tests.firmware.canopen_drives import (
     DISABLED,
     ENABLED,
@@ -666,6 +667,18 @@ def test_what_is_left_out_is_not_reported() -> None:
             kept.period()
     assert [kept.period(), kept.period()] == [2000, 4000]
     assert kept.kept.overruns == 0
+
+
+def test_precedence_is_taken_and_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+    monkeypatch.setattr("os.sched_setscheduler", lambda _, policy, p: asked.append((policy, p.sched_priority)))
+    before = sys.getswitchinterval()
+    taken = Precedence()
+    assert taken.granted
+    assert sys.getswitchinterval() < before
+    taken.give_up()
+    assert sys.getswitchinterval() == before
+    assert asked == [(os.SCHED_FIFO, 30), (os.SCHED_OTHER, 0)]
 
 
 def test_struct_of_what_goes_over_the_bus() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -126,6 +127,10 @@ class Motors:
         return [-int(count) for count in counts]
 
 
+def _refuse(*_: object) -> None:
+    raise PermissionError
+
+
 Executed = Callable[..., tuple[int, dict[str, Any]]]
 
 
@@ -135,13 +140,16 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 
     def run(on: str, *more: str) -> tuple[int, dict[str, Any]]:
         time = Time()
+        monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(0.002, time.now, time.sleep), patience=PATIENT)
         monkeypatch.setitem(targets.LINES, "canopen", link)
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
         status = boundary.run(app, [*arguments, *more])
         out, err = capsys.readouterr()
-        return status, json.loads(out) if out else {"complaint": err.strip()}
+        if out.startswith("{"):
+            return status, json.loads(out)
+        return status, {"text": out, "complaint": err.strip()}
 
     return run
 
@@ -207,6 +215,17 @@ def test_a_drive_fails_in_motion(executed: Executed, bench: Source, model: Model
     last = out.read_text().splitlines()[-1].split(",")
     assert float(last[1]) == pytest.approx(2 * np.pi * 4000 / 200_000, rel=0.05)
     assert float(last[2]) == 0.0
+
+
+def test_what_a_person_reads(executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path) -> None:
+    with drives(bench, model, folder) as (on, _):
+        status, found = executed(on, "--arm", "--json", str(tmp_path / "figures.json"))
+    assert status == 0
+    said = found["text"]
+    assert "there and back on canopen://execute-" in said
+    assert "13.2 % of execute-" in said
+    assert "joint 1: torques are rounded to 0.025 N m\n" in said
+    assert json.loads((tmp_path / "figures.json").read_text())["drives"]["real_time"] is False
 
 
 def test_nothing_moves_without_arm(executed: Executed, bench: Source, model: Model, folder: Path) -> None:
