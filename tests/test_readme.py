@@ -11,6 +11,8 @@ import pytest
 
 from codegen import build
 from runtime import cli
+from runtime.hardware import can_bus
+from runtime.hardware.link import LinkError
 from runtime.planning import scenario_file
 from symbolic import model_file
 from symbolic.checks import Place
@@ -81,3 +83,13 @@ def test_its_keys_of_the_controller_are_read() -> None:
     arm = model_file.parse(text.replace("[[joint]]", f"{shared}[[joint]]") + joint, "README.md")
     assert arm.controller is not None
     assert arm.joints[0].gains is not None
+    assert arm.joints[0].drive is not None
+
+
+def test_its_rates_on_a_can_bus_are_those_that_fit() -> None:
+    (row,) = re.findall(r"^\| highest `rate`, Hz.*?\| (.*) \|$", README, re.MULTILINE)
+    for drives, rate in enumerate(map(float, row.split("|")), 1):
+        address = can_bus.Address("can0")
+        can_bus.check_load(drives, rate, address)
+        with pytest.raises(LinkError):
+            can_bus.check_load(drives, rate + 10, address)

@@ -77,7 +77,7 @@ def check_load(drives: int, rate: float, address: Address) -> None:
     feasible = LOAD_LIMIT * address.bitrate / period_bits(drives)
     whole = feasible // 10 * 10 if feasible >= 10 else feasible
     raise LinkError(
-        f"{address}: {drives} drives at {rate:g} Hz fill {part:.0%} of a bus of {address.bitrate / 1e6:g} Mbit/s, "
+        f"{address}: {drives} drives at {rate:g} Hz fill {part:.1%} of a bus of {address.bitrate / 1e6:g} Mbit/s, "
         f"over {LOAD_LIMIT:.0%}; set rate in [controller] to at most {whole:.4g} Hz, or drive the joints from a board"
     )
 

@@ -187,7 +187,7 @@ def test_what_four_joints_fill_of_a_bus() -> None:
     with pytest.raises(LinkError) as caught:
         can_bus.check_load(4, 1000.0, Address("can0"))
     assert str(caught.value) == (
-        "canopen://can0: 4 drives at 1000 Hz fill 90% of a bus of 1 Mbit/s, over 80%; "
+        "canopen://can0: 4 drives at 1000 Hz fill 89.5% of a bus of 1 Mbit/s, over 80%; "
         "set rate in [controller] to at most 890 Hz, or drive the joints from a board"
     )
     can_bus.check_load(4, 890.0, Address("can0"))

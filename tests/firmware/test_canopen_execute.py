@@ -257,7 +257,7 @@ def test_a_drive_that_is_not_that_of_the_model_is_bad_input(
 @pytest.mark.parametrize(
     ("on", "expected"),
     [
-        ("canopen://x?interface=virtual&bitrate=125000", "1 drives at 500 Hz fill 106% of a bus of 0.125 Mbit/s"),
+        ("canopen://x?interface=virtual&bitrate=125000", "1 drives at 500 Hz fill 106.0% of a bus of 0.125 Mbit/s"),
         ("canopen://x?interface=nonsense", "canopen://x: interface nonsense cannot be used here"),
         ("canopen://?interface=virtual", "expected canopen://can0?interface=socketcan&bitrate=1000000"),
     ],
