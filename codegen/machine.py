@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from codegen import metadata, protocol_code
+from codegen import metadata, protocol_code, protocol_page
 from codegen.controller import Controller
 from codegen.messages import SIZES
 from codegen.protocol import ACKS, HEADER, MISSING, REASONS, TELEMETRY_RECORDS, Protocol
@@ -24,6 +24,7 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, s
     protocol = Protocol.of(controller)
     own = {"banner": f"/* {BANNER} */", "crc_table": protocol_code.crc_table()}
     messages = {"banner": f"/* {BANNER} Link to the arm {name}. */", **protocol_code.holes(protocol)}
+    people = {"banner_text": f"{BANNER} Link to the arm {name}.", **protocol_page.holes(protocol)}
     machine = {"banner": f"/* {BANNER} Machine of the arm {name}. */", **_holes(controller, protocol)}
     files = {
         "src/tendon_frame.h": page("firmware/tendon_frame.h.j2", **own),
@@ -32,6 +33,7 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, s
         f"src/{name}_protocol.c": page("firmware/protocol.c.j2", **messages),
         f"src/{name}_machine.h": page("firmware/machine.h.j2", **machine),
         f"src/{name}_machine.c": page("firmware/machine.c.j2", **machine),
+        "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **people),
         "protocol.json": metadata.text(protocol.document()),
     }
     return dict(sorted(files.items()))

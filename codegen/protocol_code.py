@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from codegen.c_code import Routine, comment, declaration
 from codegen.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, SIZES, Item, Message
 from codegen.protocol import HEADER, MISSING, REASONS, RESULTS, STATES, VERSION, Protocol
+from codegen.protocol_page import said_range
 
 C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i32": "int32_t", "float": "float"}
 _KINDS = {"float": "REAL", "i32": "SIGNED", "u32": "COUNT"}
 _SIGN = 0x80000000
+_BYTE = 255
+"""Most values of a rule, whose count is a byte."""
 
 
 def holes(protocol: Protocol) -> dict[str, Any]:
@@ -128,9 +130,10 @@ def _tables(commands: Sequence[Message]) -> tuple[list[str], list[str]]:
         for place, count, item in _groups(message):
             low, high = item.range
             kind = _KINDS[item.type]
-            said = f"{message.name}: {item.name}, {low:.9g} to {high:.9g}"
+            said = f"{message.name} from {item.name} on: {said_range(item) or 'any finite number'}"
             keys = f"0x{ordered(item.type, low):08x}U, 0x{ordered(item.type, high):08x}U"
-            rules.append(f"{{{place}U, {count}U, {kind}, {keys}}}, {comment(said)}")
+            for part in range(0, count, _BYTE):
+                rules.append(f"{{{place + part}U, {min(_BYTE, count - part)}U, {kind}, {keys}}}, {comment(said)}")
         states = sum(1 << numbers[name] for name in message.states or numbers)
         row = f"{{{message.size}U, 0x{states:x}U, {first}U, {len(rules) - first}U}}"
         table.append(f"{row}, {comment(message.name)}")
@@ -163,15 +166,3 @@ def ordered(kind: str, value: float) -> int:
         return bits ^ 0xFFFFFFFF if bits & _SIGN else bits | _SIGN
     whole = int(value)
     return (whole ^ _SIGN if whole >= 0 else whole + _SIGN) if kind == "i32" else whole
-
-
-def example(protocol: Protocol) -> tuple[bytes, bytes]:
-    """`run` for 2000 periods with every record, the fifth command: the plain frame, and the same on the wire."""
-    run = protocol.message("run")
-    payload = struct.pack("<II", 2000, 1)
-    plain = struct.pack("<BBHH", VERSION, run.number, 5, len(payload)) + payload
-    plain += struct.pack("<I", zlib.crc32(plain))
-    wire = bytearray()
-    for part in plain.split(b"\0"):
-        wire += bytes([len(part) + 1]) + part
-    return plain, bytes(wire) + b"\0"
