@@ -58,6 +58,7 @@ def _holes(controller: Controller, protocol: Protocol) -> dict[str, Any]:
         "spring": [field.name for field in records["spring_f32"].fields],
         "contact": [field.name for field in records["contact_f32"].fields],
         "counters": [item.name for item in protocol.message("counters").fields],
+        "low_place": protocol.message("safety").place("low"),
         "high_place": protocol.message("safety").place("high"),
         "elbow_place": protocol.message("trajectory").place("elbow"),
         "row_place": protocol.message("phase").place("first_row"),
