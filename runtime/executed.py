@@ -200,6 +200,8 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     with terminal.working("deriving and compiling the model and its controller"):
         model, controller = source.model(), source.controller()
     prediction.check_limits(model)
+    line = targets.LINES[targets.scheme(asked.on)]
+    line.check(asked.on, model)
     plan = read(path, model)
     simulated = _run(model, controller, plan, replace(asked, trials=1), targets.SIMULATED["simulation"].board)
     nothing = replace(simulated, trials=())
@@ -210,7 +212,7 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     if not asked.arm:
         reason = "a real arm moves only with --arm, and nobody in its reach"
         return nothing, {**found, "status": "refused", "reason": reason}
-    link = targets.LINES[targets.scheme(asked.on)](asked.on, model, controller)
+    link = line.open(asked.on, model, controller)
     setup = real.Setup(
         directory=controller,
         model=model,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from runtime.hardware import can_bus, serial_link
+from runtime.hardware import can_bus, canopen_link, serial_link
 from runtime.hardware.canopen_link import CanopenLink
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.link import Link
@@ -32,11 +32,26 @@ SIMULATED: Mapping[str, Simulated] = {
     "qemu": Simulated("cortex-m4f", partial(QemuBoard, machine="mps2-an386")),
 }
 
-LINES: dict[str, Callable[[str, Model, Path], Link]] = {
-    serial_link.SCHEME: lambda url, _model, _directory: SerialLink.of(url),
-    can_bus.SCHEME: CanopenLink,
+
+@dataclass(frozen=True)
+class Line:
+    """A way to a real arm. Both raise LinkError.
+
+    check   what can be said of an address before anything is touched
+    open    with the directory of the arm's firmware for this computer
+    """
+
+    check: Callable[[str, Model], object]
+    open: Callable[[str, Model, Path], Link]
+
+
+LINES: dict[str, Line] = {
+    serial_link.SCHEME: Line(
+        lambda url, _model: serial_link.address(url), lambda url, _model, _directory: SerialLink.of(url)
+    ),
+    can_bus.SCHEME: Line(canopen_link.check, CanopenLink),
 }
-"""By the scheme of their address; the directory is that of the arm's firmware for this computer."""
+"""By the scheme of their address."""
 
 KNOWN = (*SIMULATED, "serial:///dev/ttyACM0", "canopen://can0")
 

@@ -249,9 +249,11 @@ class Drive:
             self._spoke()
 
     def _on_emergency(self, message: Any) -> None:
-        if message.code & 0xFF00:
-            register = cia402.register_text(message.register)
-            self.emergency = cia402.error_text(message.code) + (f" (error register: {register})" if register else "")
+        if not message.code & 0xFF00:  # what was wrong is over
+            self.emergency = None
+            return
+        register = cia402.register_text(message.register)
+        self.emergency = cia402.error_text(message.code) + (f" (error register: {register})" if register else "")
 
     def _on_heartbeat(self, state: int) -> None:
         if state == 0:

@@ -40,6 +40,8 @@ BRAKING = 0.1
 """s that a quick stop may take before the voltage is taken off."""
 _OFF = 0.1
 """s within which drives have to say that they are off."""
+_MEETING = 1.0
+"""s within which every drive has to answer a SYNC for the first time."""
 _ANSWERING = 0.6
 """Part of a period for answers; the rest is for the control step and the commands."""
 _HOST_HEARTBEAT = 0.01  # s
@@ -47,6 +49,15 @@ _SYNC, _NMT, _HEARTBEAT = 0x080, 0x000, 0x700 + HOST_NODE
 _PRE_OPERATIONAL, _OPERATIONAL = 0x80, 5
 _BUS_OFF = 0x40
 """Of an error frame's identifier under SocketCAN."""
+
+
+def check(model: Model, address: Address, rate: float) -> None:
+    """What can be said before the bus is touched. rate: of the control step, Hz. Raises LinkError."""
+    without = [str(i) for i, joint in enumerate(model.joints, 1) if joint.drive is None]
+    if without:
+        where = f'the model file of "{model.name}"'
+        raise LinkError(f"{where} names no drive at joint {', '.join(without)}; add [joint.drive] with node")
+    can_bus.check_load(model.n, rate, address)
 
 
 class CanopenArm:
@@ -58,21 +69,16 @@ class CanopenArm:
     """
 
     def __init__(self, model: Model, address: Address, pace: Pace, patience: float | None = None) -> None:
-        without = [i for i, joint in enumerate(model.joints, 1) if joint.drive is None]
-        if without:
-            joints = ", ".join(map(str, without))
-            raise LinkError(
-                f'the model file of "{model.name}" names no drive at joint {joints}; add [joint.drive] with node'
-            )
+        check(model, address, 1.0 / pace.length)
         self.address, self.model, self.pace = address, model, pace
         self.load = can_bus.load(model.n, 1.0 / pace.length, address.bitrate)
-        can_bus.check_load(model.n, 1.0 / pace.length, address)
         self.scales: tuple[Scale, ...] = ()
         self.missed = 0
         self.limited = np.zeros(model.n, dtype=np.int64)
         self._patience = _ANSWERING * pace.length if patience is None else patience
         self._heard = threading.Condition()
-        self._beats, self._on, self._bus_off = 0, False, False
+        self._on, self._bus_off = False, False
+        self._beats: int | None = None
         self._fault: str | None = None
         self._network: Any = can_bus.open_network(address, self._on_error_frame)
         self._drives = [Drive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
@@ -94,6 +100,7 @@ class CanopenArm:
                 for drive in self._drives:
                     drive.operational()
         self._fault = None
+        self._meet()
         return self.counts()
 
     def counts(self) -> Counts:
@@ -135,7 +142,8 @@ class CanopenArm:
             still = self._switch_off() if was_on else []
             with suppress(Fault), faults(self.address):
                 for drive in self._drives:
-                    drive.release()
+                    if drive.heard:
+                        drive.release()
                 self._network.send_message(_NMT, bytes((_PRE_OPERATIONAL, 0)))
         finally:
             network, self._network = self._network, None
@@ -158,6 +166,18 @@ class CanopenArm:
             "largest_torque": [scale.largest for scale in self.scales],
             "limited_by_drive": self.limited.tolist(),
         }
+
+    def _meet(self) -> None:
+        """SYNCs until every drive has answered one: until then it has told of no position."""
+        for _ in range(self._periods(_MEETING)):
+            for drive in self._drives:
+                drive.misses = 0
+            self.pace.period()
+            self._exchange()
+            if all(drive.heard for drive in self._drives):
+                return
+        silent = next(drive for drive in self._drives if not drive.heard)
+        self._fail(f"{silent.name} answers no SYNC")
 
     # --- a period ---
 
@@ -202,6 +222,9 @@ class CanopenArm:
                 self._sent[k] = word
 
     def _beat(self) -> None:
+        """Drives begin to watch with the first heartbeat: none is sent before they have power."""
+        if self._beats is None:
+            return
         every = max(1, round(_HOST_HEARTBEAT / self.pace.length))
         if self._beats % every == 0:
             self._network.send_message(_HEARTBEAT, bytes((_OPERATIONAL,)))
@@ -210,6 +233,7 @@ class CanopenArm:
     # --- on and off ---
 
     def _switch_on(self) -> None:
+        self._beats = self._beats or 0
         for drive in self._drives:
             drive.emergency, drive.restarted = None, False
         for _ in range(self._periods(SWITCHING)):

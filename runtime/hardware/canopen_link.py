@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.hardware import can_bus
+from runtime.hardware import can_bus, canopen_arm
 from runtime.hardware.canopen_arm import CanopenArm
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.lockstep import Lockstep
@@ -19,6 +19,12 @@ from runtime.loader import Model
 LATE = 0.01
 """s between two control steps at most. A computer is less punctual than a microcontroller's timer: what stops that
 after half a period would stop this for nothing."""
+
+
+def check(url: str, model: Model) -> None:
+    """What can be said of an address before the bus is touched. Raises LinkError."""
+    assert model.controller is not None
+    canopen_arm.check(model, can_bus.parse(url), model.controller["rate"])
 
 
 class CanopenLink(Lockstep):

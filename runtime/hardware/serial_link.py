@@ -36,13 +36,7 @@ class SerialLink:
     @classmethod
     def of(cls, url: str) -> SerialLink:
         """`serial:///dev/ttyACM0?baud=1000000`. Raises LinkError."""
-        parts = urlsplit(url)
-        query = parse_qs(parts.query, keep_blank_values=True)
-        device = parts.netloc + parts.path
-        words = query.pop("baud", [str(BAUD)])[-1]
-        if not device or query or not words.isdigit() or not int(words):
-            raise LinkError(f"--on {url}: expected {_DEVICE}")
-        return cls(device, int(words))
+        return cls(*address(url))
 
     def write(self, data: bytes) -> None:
         try:
@@ -68,6 +62,17 @@ class SerialLink:
 
     def close(self) -> None:
         self._port.close()
+
+
+def address(url: str) -> tuple[str, int]:
+    """Device and baud of `serial:///dev/ttyACM0?baud=1000000`. Raises LinkError."""
+    parts = urlsplit(url)
+    query = parse_qs(parts.query, keep_blank_values=True)
+    device = parts.netloc + parts.path
+    words = query.pop("baud", [str(BAUD)])[-1]
+    if not device or query or not words.isdigit() or not int(words):
+        raise LinkError(f"--on {url}: expected {_DEVICE}")
+    return device, int(words)
 
 
 def _refusal(device: str, baud: int, error: Exception) -> str:

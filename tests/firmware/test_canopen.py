@@ -311,10 +311,10 @@ def test_nothing_is_commanded_before_the_drives_are_on() -> None:
 def test_a_motor_that_turns_against_its_joint() -> None:
     turned = {"drive": {"node": 11, "direction": -1, "rated_torque": 0.5}}
     with bench(turned) as (arm, behind):
-        behind.drives[0].position = 40
+        behind.advance.position = [40.0]
         assert arm.start(np.zeros(1), RNG).tolist() == [-40]
         arm.enable(True)
-        assert running(arm, [5.0], 5)[0] > 0
+        assert running(arm, [5.0], 5)[0] > -40
         # 5 N m are 50 mN m at the motor: a tenth of the rated torque that the model file states.
         assert behind.drives[0].target == -100
 
@@ -428,6 +428,32 @@ def test_an_answer_that_is_missed_once_is_no_fault() -> None:
         assert arm.figures()["missed_answers"] == 1
 
 
+def test_the_first_position_is_one_that_a_drive_has_told() -> None:
+    slow = Drive(11, position=777)
+    operational = slow.manage
+    # It takes a while to become operational.
+    slow.manage = lambda command: command != 1 and operational(command)  # type: ignore[method-assign]
+    with bench({}, drives={1: slow}, patience=0.02) as (arm, behind):
+        behind.advance = None
+
+        def later(sync: int) -> None:
+            if sync == 4:
+                operational(1)
+
+        behind.before = later
+        assert arm.start(np.zeros(1), RNG).tolist() == [777]
+
+
+def test_a_drive_that_answers_no_sync() -> None:
+    deaf = Drive(11)
+    deaf.tpdo = lambda: None  # type: ignore[method-assign]
+    with (
+        bench({}, drives={1: deaf}, patience=0.001) as (arm, _),
+        pytest.raises(Fault, match=r"joint 1: the drive \(node 11\) answers no SYNC"),
+    ):
+        arm.start(np.zeros(1), RNG)
+
+
 def test_a_drive_that_restarts_is_a_fault() -> None:
     with bench({}) as (arm, behind):
         arm.start(np.zeros(1), RNG)
@@ -442,6 +468,9 @@ def test_the_drives_watch_this_computer() -> None:
         arm.start(np.zeros(1), RNG)
         entries = behind.drives[0].entries
         assert (entries[0x1016, 1].value, entries[0x6007, 0].value) == (127 << 16 | 100, 2)
+        running(arm, [0.0], 50)
+        # They begin to watch with the first heartbeat: not while this computer is still busy with other things.
+        assert behind.heartbeats == 0
         arm.enable(True)
         before = behind.heartbeats
         running(arm, [0.0], 50)

@@ -20,6 +20,7 @@ from runtime.execution import targets
 from runtime.execution.plan import Plan
 from runtime.execution.plant import Plant
 from runtime.execution.simulated import SimulatedArm
+from runtime.hardware import canopen_link
 from runtime.hardware.canopen_link import CanopenLink
 from runtime.hardware.pace import Pace
 from runtime.hardware.settings import Settings
@@ -142,7 +143,7 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         time = Time()
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(0.002, time.now, time.sleep), patience=PATIENT)
-        monkeypatch.setitem(targets.LINES, "canopen", link)
+        monkeypatch.setitem(targets.LINES, "canopen", targets.Line(canopen_link.check, link))
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
         status = boundary.run(app, [*arguments, *more])
@@ -267,3 +268,9 @@ def test_a_bus_that_cannot_be_used_is_bad_input(executed: Executed, on: str, exp
     assert status == 2
     assert expected in found["complaint"]
     assert "\n" not in found["complaint"]
+
+
+def test_what_can_be_said_without_the_bus_is_said_without_arm(executed: Executed) -> None:
+    status, found = executed("canopen://x?interface=virtual&bitrate=125000")
+    assert status == 2
+    assert "set rate in [controller] to at most 370 Hz" in found["complaint"]
