@@ -26,17 +26,23 @@ F64 = Precision("double", "f64", C_DOUBLE)
 F32 = Precision("float", "f32", C_FLOAT)
 
 
+COMPACT = "TENDON_COMPACT"
+"""Tells the compiler that a function is to be small rather than fast."""
 LOOP = "TENDON_INDEPENDENT"
 """Tells the compiler that a loop's iterations do not depend on each other."""
 
 
 @dataclass(frozen=True)
 class Routine:
-    """A generated function: comment, declaration without semicolon, and the body's lines."""
+    """A generated function: comment, declaration without semicolon, and the body's lines.
+
+    attribute   of its definition
+    """
 
     comment: str
     declaration: str
     body: str
+    attribute: str = ""
 
 
 def comment(*lines: str) -> str:
@@ -117,7 +123,10 @@ def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precisi
     lines, texts = Printer(precision.language, tape, leaves, _taken(function)).print()
     targets = [f"{o.name}[{i}]" for o in function.outputs for i in range(len(o.expressions))]
     lines = unused(function, tape) + lines + assign(targets, texts)
-    return Routine(describe(function, tape), declaration(f"void {name}", arguments), indent(lines, 1))
+    # A controller calls these in contact phases only, where there is time; their sines and cosines take much room.
+    small = precision is F32 and function.name.startswith("contact_")
+    attribute = f"{COMPACT} " if small else ""
+    return Routine(describe(function, tape), declaration(f"void {name}", arguments), indent(lines, 1), attribute)
 
 
 def batch(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:

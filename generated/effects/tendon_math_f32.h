@@ -58,6 +58,15 @@ static inline float tendon_sqrt_f32(float x)
     return __builtin_sqrtf(x);
 }
 
+/* Functions that are to be small rather than fast. */
+#if defined(__clang__)
+#define TENDON_COMPACT __attribute__((minsize, noinline))
+#elif defined(__GNUC__)
+#define TENDON_COMPACT __attribute__((cold, noinline))
+#else
+#define TENDON_COMPACT
+#endif
+
 typedef union {
     float value;
     uint32_t bits;

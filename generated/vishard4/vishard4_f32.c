@@ -534,7 +534,7 @@ void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, con
  * out  w (4) [m, m, rad, rad]: p_4x, p_2y, absolute angle of link 3, q_4
  * Source: Equation (13); p_2 is the end of link 2
  * Operations: 13 operations (7 add, 6 mul) and 4 sincos */
-void vishard4_contact_coordinates_f32(const vishard4_parameters_f32 *parameters, const float q[4], float w[4])
+TENDON_COMPACT void vishard4_contact_coordinates_f32(const vishard4_parameters_f32 *parameters, const float q[4], float w[4])
 {
     float s1, c1;
     tendon_sincos_f32(q[0], &s1, &c1);
@@ -555,7 +555,7 @@ void vishard4_contact_coordinates_f32(const vishard4_parameters_f32 *parameters,
  * out  J_w (4 x 4) [m/rad, m/rad, 1, 1 by row]: derivative of w by q
  * Source: Equation (14)
  * Operations: 17 operations (7 add, 6 mul, 4 neg) and 4 sincos */
-void vishard4_contact_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J_w[16])
+TENDON_COMPACT void vishard4_contact_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J_w[16])
 {
     float s1, c1;
     tendon_sincos_f32(q[0], &s1, &c1);
@@ -593,7 +593,7 @@ void vishard4_contact_jacobian_f32(const vishard4_parameters_f32 *parameters, co
  * out  b_w (4) [m/s^2, m/s^2, rad/s^2, rad/s^2]: acceleration of w at qdd = 0
  * Source: Equation (14), with the factor qd
  * Operations: 28 operations (10 add, 16 mul, 2 neg) and 4 sincos */
-void vishard4_contact_bias_f32(
+TENDON_COMPACT void vishard4_contact_bias_f32(
     const vishard4_parameters_f32 *parameters,
     const float q[4],
     const float qd[4],
@@ -626,7 +626,7 @@ void vishard4_contact_bias_f32(
  * out  q (4) [rad]: joint positions; not a number where w is out of reach
  * Source: Equation (13), triangle of links 1 and 2
  * Operations: 29 operations (4 add, 8 sub, 16 mul, 1 div) and 2 sincos and 2 atan2 and 1 sqrt */
-void vishard4_contact_inverse_f32(
+TENDON_COMPACT void vishard4_contact_inverse_f32(
     const vishard4_parameters_f32 *parameters,
     const float w[4],
     float elbow,
@@ -656,7 +656,7 @@ void vishard4_contact_inverse_f32(
  * out  qdd (4) [rad/s^2]: joint accelerations
  * Source: Equation (14), solved for qdd
  * Operations: 49 operations (19 add, 28 mul, 1 div, 1 neg) and 5 sincos */
-void vishard4_contact_acceleration_f32(
+TENDON_COMPACT void vishard4_contact_acceleration_f32(
     const vishard4_parameters_f32 *parameters,
     const float q[4],
     const float qd[4],

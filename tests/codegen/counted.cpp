@@ -31,6 +31,7 @@ static bool operator!=(C a, C b) { return a.v != b.v; }
 
 #define float Counted
 #define TENDON_MATH_F32_H
+#define TENDON_COMPACT
 static C tendon_abs_f32(C x) { return fabsf(x.v); }
 static C tendon_min_f32(C a, C b) { return fminf(a.v, b.v); }
 static C tendon_step_f32(C x) { return x.v > 0 ? 1 : 0; }

@@ -28,7 +28,7 @@ QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs
 CMAKE = pytest.mark.skipif(shutil.which("cmake") is None, reason="needs cmake")
 KINDS = [pytest.param("zig"), pytest.param("gcc", marks=CROSS)]
 TARGETS = list(toolchain.TARGETS)
-TEXT, STACK = 18 * 1024, 1024
+TEXT, STACK = 16 * 1024, 1024
 """Bytes that the image of the paper's arm may have."""
 
 
