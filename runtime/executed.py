@@ -227,7 +227,9 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     )
     with terminal.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
         done = real.execute_on(link, setup, stop)
-    return done, {**found, "every": setup.every, **link.figures()}
+    # Something may have failed after the motion: drives that do not go off.
+    late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
+    return done, {**found, "every": setup.every, **link.figures(), **late}
 
 
 def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[dict[str, str]]:

@@ -59,7 +59,7 @@ class Drive:
         import canopen
 
         assert info.drive is not None
-        self.joint, self.info, self.drive = joint, info, info.drive
+        self.joint, self.info, self._keys = joint, info, info.drive
         self.node = info.drive.node
         self.name = f"joint {joint}: the drive (node {self.node})"
         self.answer = Answer()
@@ -140,12 +140,12 @@ class Drive:
             )
 
     def _scale(self) -> Scale:
-        rated = self.drive.rated_torque
+        rated = self._keys.rated_torque
         if rated is None:
             rated = self._read(cia402.RATED_TORQUE) / 1e3  # it says mN m
         if not rated > 0:
             self._refuse(f"gives {cia402.RATED_TORQUE} as 0; set it, or rated_torque under [joint.drive]")
-        scale = Scale(self.info.gear_ratio, self.drive.direction, rated, self._read(cia402.MAX_TORQUE))
+        scale = Scale(self.info.gear_ratio, self._keys.direction, rated, self._read(cia402.MAX_TORQUE))
         limit, unit = self.info.torque_limit, self.info.force_unit
         # A limit between two steps of the command is still the limit.
         if limit is not None and limit > scale.largest + scale.resolution:
@@ -236,7 +236,7 @@ class Drive:
     @property
     def counts(self) -> int:
         """Of the encoder, in the joint's direction. The register wraps; so does its negative."""
-        return (self.drive.direction * self.answer.position + 2**31) % 2**32 - 2**31
+        return (self._keys.direction * self.answer.position + 2**31) % 2**32 - 2**31
 
     def command(self, word: Command, torque: int = 0) -> None:
         """torque in per mille of the rated one."""

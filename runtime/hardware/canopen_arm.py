@@ -13,8 +13,8 @@ What stops the motors, whatever fails:
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any, NoReturn, Self
 
@@ -94,7 +94,8 @@ class CanopenArm:
 
     def start(self, q: ArrayLike, rng: np.random.Generator) -> Counts:  # noqa: ARG002 - it stands where it stands
         """The drives set up, without power yet. What their encoders count (n,)."""
-        if not self.scales:
+        # One that has restarted has forgotten everything.
+        if not self.scales or any(drive.restarted for drive in self._drives):
             with faults(self.address):
                 self.scales = tuple(drive.set_up(self.pace.length) for drive in self._drives)
                 for drive in self._drives:
@@ -105,23 +106,17 @@ class CanopenArm:
 
     def counts(self) -> Counts:
         """Begin a period: a SYNC and the answers to it."""
-        if self._fault is not None:
-            raise Fault(self._fault)
-        self._exchange()
+        with self._or_stop():
+            self._exchange()
         self._check()
         return np.array([drive.counts for drive in self._drives], dtype=np.int32)
 
     def apply(self, torque: ArrayLike) -> None:
         """Torques (n,) N m (N), rounded to the drives' resolution and held; nothing while the drives are off."""
-        if self._fault is not None:
-            raise Fault(self._fault)
-        if not self._on:
-            return
-        try:
-            asked = [s.per_mille(float(t)) for s, t in zip(self.scales, np.asarray(torque), strict=True)]
-        except ValueError as error:
-            self._fail(str(error))
-        self._command(Command.ENABLE_OPERATION, asked)
+        with self._or_stop():
+            if self._on:
+                asked = [s.per_mille(float(t)) for s, t in zip(self.scales, np.asarray(torque), strict=True)]
+                self._command(Command.ENABLE_OPERATION, asked)
 
     def enable(self, on: bool) -> None:
         """Switch the drives on, at zero torque, or off. Both take periods, in which nothing is controlled."""
@@ -235,15 +230,14 @@ class CanopenArm:
     def _switch_on(self) -> None:
         self._beats = self._beats or 0
         for drive in self._drives:
-            drive.emergency, drive.restarted = None, False
+            drive.emergency = None
         for _ in range(self._periods(SWITCHING)):
             self.pace.period()
-            self._exchange()
-            self._check()
+            self.counts()
             if all(drive.answer.state is State.ENABLED for drive in self._drives):
                 self._on = True
                 return
-            with faults(self.address):
+            with self._or_stop(), faults(self.address):
                 for k, drive in enumerate(self._drives):
                     self._sent[k] = cia402.towards_enabled(drive.answer.state, self._sent[k])
                     drive.command(self._sent[k])
@@ -274,6 +268,16 @@ class CanopenArm:
                 if all(drive.misses >= MISSED for drive in left):
                     break
         return left
+
+    @contextmanager
+    def _or_stop(self) -> Iterator[None]:
+        """Nothing is done any more after a fault; what fails inside stops all drives."""
+        if self._fault is not None:
+            raise Fault(self._fault)
+        try:
+            yield
+        except (Fault, ValueError) as error:
+            self._fail(str(error))
 
     def _fail(self, what: str, drive: Drive | None = None) -> NoReturn:
         """Stop all drives, and say why; `drive`: the one that knows more."""

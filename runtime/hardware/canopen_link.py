@@ -12,7 +12,7 @@ import numpy as np
 from runtime.hardware import can_bus, canopen_arm
 from runtime.hardware.canopen_arm import CanopenArm
 from runtime.hardware.host_board import HostBoard
-from runtime.hardware.lockstep import Lockstep
+from runtime.hardware.lockstep import Fault, Lockstep
 from runtime.hardware.pace import Pace, Precedence
 from runtime.loader import Model
 
@@ -58,5 +58,9 @@ class CanopenLink(Lockstep):
         return {"drives": {**self.arm.figures(), "real_time": self._precedence.granted}}
 
     def close(self) -> None:
-        with self._open:
-            super().close()
+        super().close()
+        try:
+            self._open.close()
+        except Fault as fault:
+            # What was recorded is kept all the same.
+            self.fault = self.fault or str(fault)

@@ -652,6 +652,40 @@ def test_a_bus_that_takes_no_frames_is_a_fault(
         assert expected in str(caught.value)
 
 
+def test_a_frame_that_is_not_taken_once_stops_the_drives(monkeypatch: pytest.MonkeyPatch) -> None:
+    with bench({}) as (arm, behind):
+        arm.start(np.zeros(1), RNG)
+        arm.enable(True)
+        running(arm, [4.0], 3)
+        send, failures = arm._network.bus.send, [can.CanOperationError("full", errno.ENOBUFS)]
+
+        def once(*given_: object) -> None:
+            if failures:
+                raise failures.pop()
+            send(*given_)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(arm._network.bus, "send", once)
+            with pytest.raises(Fault, match="nothing that is sent is acknowledged"):
+                arm.apply([4.0])
+        assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
+
+
+def test_a_drive_that_has_restarted_is_set_up_anew() -> None:
+    with bench({}) as (arm, behind):
+        arm.start(np.zeros(1), RNG)
+        drive = behind.drives[0]
+        drive.manage(129)
+        drive.__post_init__()
+        behind.send(0x700 + drive.node, b"\0")
+        with pytest.raises(Fault, match="has restarted by itself"):
+            running(arm, [0.0], 2)
+        arm.start(np.zeros(1), RNG)
+        arm.enable(True)
+        assert drive.state == ENABLED
+        assert drive.entries[0x6007, 0].value == 2
+
+
 def test_an_error_frame_of_bus_off_is_a_fault() -> None:
     with bench({}) as (arm, behind):
         arm.start(np.zeros(1), RNG)

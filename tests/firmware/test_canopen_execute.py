@@ -22,6 +22,7 @@ from runtime.execution.plant import Plant
 from runtime.execution.simulated import SimulatedArm
 from runtime.hardware import canopen_link
 from runtime.hardware.canopen_link import CanopenLink
+from runtime.hardware.cia402 import Command
 from runtime.hardware.pace import Pace
 from runtime.hardware.settings import Settings
 from runtime.loader import Model
@@ -216,6 +217,32 @@ def test_a_drive_fails_in_motion(executed: Executed, bench: Source, model: Model
     last = out.read_text().splitlines()[-1].split(",")
     assert float(last[1]) == pytest.approx(2 * np.pi * 4000 / 200_000, rel=0.05)
     assert float(last[2]) == 0.0
+
+
+def test_drives_are_switched_on_and_off_for_each_trial(
+    executed: Executed, bench: Source, model: Model, folder: Path
+) -> None:
+    with drives(bench, model, folder) as (on, behind):
+        status, found = executed(on, "--arm", "--trials", "2")
+        words = [word for kind, word, *_ in behind.drives[0].heard if kind == "word"]
+    assert (status, len(found["trials"])) == (0, 2)
+    changes = [word for word, before in zip(words, [None, *words], strict=False) if word != before]
+    assert changes == 2 * [Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION, Command.DISABLE_VOLTAGE]
+
+
+def test_a_drive_that_does_not_go_off_is_told_and_the_recording_kept(
+    executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run.csv"
+    with drives(bench, model, folder) as (on, behind):
+        drive = behind.drives[0]
+        obey = drive.obey
+        drive.obey = lambda word: None if word == 0 and drive.state == ENABLED else obey(word)  # type: ignore[method-assign]
+        status, found = executed(on, "--arm", "--out", str(out))
+        assert drive.torque == 0.0
+    assert (status, found["status"]) == (1, "stopped")
+    assert found["reason"].startswith("joint 1: the drive (node 5) did not confirm to be off; without this computer's")
+    assert len(recording.read(out, model.metadata).t) > 300
 
 
 def test_what_a_person_reads(executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path) -> None:
