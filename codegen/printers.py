@@ -114,7 +114,7 @@ def _c(kind: str) -> Language:
             return [f"const {kind} {sine} = tendon_sin_{suffix}({angle});"]
         if sine is None:
             return [f"const {kind} {cosine} = tendon_cos_{suffix}({angle});"]
-        return [f"{kind} {sine}, {cosine};", f"tendon_sincos_{suffix}({angle}, &{sine}, &{cosine});"]
+        return [f"{kind} {sine};", f"{kind} {cosine};", f"tendon_sincos_{suffix}({angle}, &{sine}, &{cosine});"]
 
     return Language(
         literal=float64 if kind == "double" else float32,

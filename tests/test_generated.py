@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from codegen import render
+from codegen import firmware, render
 from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
@@ -17,6 +17,12 @@ def test_the_arm_of_the_paper(vishard4: Arm) -> None:
     model = derive(vishard4)
     files = render.arm_files(model) | render.controller_files(model, LIBRARY)
     assert render.stale(files, GENERATED / "vishard4") == []
+
+
+def test_the_firmware_of_the_arm_of_the_paper(vishard4: Arm) -> None:
+    """If this fails: tendon firmware symbolic/arms/vishard4.toml"""
+    files = firmware.firmware_files(derive(vishard4), LIBRARY)
+    assert render.stale(files, GENERATED / "vishard4" / "firmware") == []
 
 
 def test_the_library_of_effects() -> None:

@@ -1148,7 +1148,8 @@ void tendon_torque_ripple_columns_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         const double v1 = ratio[k] * (p[0] * q[k]);
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(v1, &s1, &c1);
         out[k] = 0.0;
         out[count + k] = c1;

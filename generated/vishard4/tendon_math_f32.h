@@ -137,7 +137,8 @@ static inline float tendon_log_f32(float x)
     tendon_word_f32 word;
     word.value = x;
     word.bits += 0x3f800000U - 0x3f3504f3U;
-    const float k = (float)((int32_t)(word.bits >> 23) - 127);
+    const int32_t exponent = (int32_t)(word.bits >> 23) - 127;
+    const float k = (float)exponent;
     word.bits = (word.bits & 0x007fffffU) + 0x3f3504f3U;
     const float f = word.value - 1.0f;
     const float s = f / (2.0f + f);
@@ -167,14 +168,16 @@ static inline float tendon_atan2_f32(float y, float x)
 
 static inline float tendon_sin_f32(float x)
 {
-    float sine, cosine;
+    float sine;
+    float cosine;
     tendon_sincos_f32(x, &sine, &cosine);
     return sine;
 }
 
 static inline float tendon_cos_f32(float x)
 {
-    float sine, cosine;
+    float sine;
+    float cosine;
     tendon_sincos_f32(x, &sine, &cosine);
     return cosine;
 }

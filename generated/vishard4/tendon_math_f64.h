@@ -168,14 +168,16 @@ static inline double tendon_atan2_f64(double y, double x)
 
 static inline double tendon_sin_f64(double x)
 {
-    double sine, cosine;
+    double sine;
+    double cosine;
     tendon_sincos_f64(x, &sine, &cosine);
     return sine;
 }
 
 static inline double tendon_cos_f64(double x)
 {
-    double sine, cosine;
+    double sine;
+    double cosine;
     tendon_sincos_f64(x, &sine, &cosine);
     return cosine;
 }

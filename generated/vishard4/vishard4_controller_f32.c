@@ -22,12 +22,15 @@ static inline void inverse_dynamics(
     const float qdd[4],
     float tau[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[2], &s1, &c1);
     const float v1 = q[2] + q[3];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(q[1], &s3, &c3);
     const float v2 = qd[0] * qd[0];
     const float v3 = c3 * parameters->l1_by_l2;
@@ -132,16 +135,20 @@ static inline void contact_compensation(
     float tau[4])
 {
     (void)effects;
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = v1 + q[2];
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(v2, &s3, &c3);
     const float v3 = v2 + q[3];
-    float s4, c4;
+    float s4;
+    float c4;
     tendon_sincos_f32(v3, &s4, &c4);
     const float v4 = c4 * parameters->l4;
     const float v5 = v4 + c3 * parameters->l3;
@@ -383,10 +390,11 @@ static void advance(
     vishard4_state_f32 *state)
 {
     const float duration = trajectory->phases[state->phase].duration;
-    const float elapsed = state->begin + (float)(state->tick + 1U) / config->rate;
+    const uint32_t tick = state->tick + 1U;
+    const float elapsed = state->begin + (float)tick / config->rate;
     if (elapsed < duration) {
         state->elapsed = elapsed;
-        ++state->tick;
+        state->tick = tick;
     } else {
         const bool last = (state->phase + 1U) >= trajectory->count;
         if (last && (trajectory->periodic == 0U)) {
@@ -473,12 +481,12 @@ void vishard4_controller_step_f32(
 {
     float qd_desired[JOINTS];
     float qdd_desired[JOINTS];
-    float modelled[JOINTS];
-    float compensation[JOINTS];
     uint32_t status = VISHARD4_INVALID;
     measure_all(config, state, counts, output);
     output->phase = state->phase;
     if (plan(config, trajectory, state, output->q_desired, qd_desired, qdd_desired)) {
+        float modelled[JOINTS];
+        float compensation[JOINTS];
         status = (state->finished != 0U) ? VISHARD4_FINISHED : 0U;
         inverse_dynamics(&config->parameters, output->q_desired, qd_desired, qdd_desired, modelled);
         joint_compensation(

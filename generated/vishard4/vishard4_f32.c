@@ -37,12 +37,15 @@ void vishard4_inverse_dynamics_f32(
     const float qdd[4],
     float tau[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[2], &s1, &c1);
     const float v1 = q[2] + q[3];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(q[1], &s3, &c3);
     const float v2 = qd[0] * qd[0];
     const float v3 = c3 * parameters->l1_by_l2;
@@ -223,12 +226,15 @@ void vishard4_forward_dynamics_f32(
     const float tau[4],
     float qdd[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[2], &s1, &c1);
     const float v1 = q[2] + q[3];
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(v1, &s3, &c3);
-    float s4, c4;
+    float s4;
+    float c4;
     tendon_sincos_f32(q[1], &s4, &c4);
     const float v2 = qd[0] * qd[0];
     const float v3 = c4 * parameters->l1_by_l2;
@@ -311,12 +317,15 @@ void vishard4_regressor_f32(
     const float qdd[4],
     float Y[40])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[2], &s1, &c1);
     const float v1 = q[2] + q[3];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(q[1], &s3, &c3);
     const float v2 = qd[0] * qd[0];
     const float v3 = c3 * parameters->l1_by_l2;
@@ -391,16 +400,20 @@ void vishard4_regressor_f32(
  * Operations: 17 operations (9 add, 8 mul) and 4 sincos */
 void vishard4_tip_f32(const vishard4_parameters_f32 *parameters, const float q[4], float p[3])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = v1 + q[2];
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(v2, &s3, &c3);
     const float v3 = v2 + q[3];
-    float s4, c4;
+    float s4;
+    float c4;
     tendon_sincos_f32(v3, &s4, &c4);
     p[0] = c4 * parameters->l4 + (c3 * parameters->l3 + (c1 * parameters->l1 + c2 * parameters->l2));
     p[1] = s4 * parameters->l4 + (s3 * parameters->l3 + (s1 * parameters->l1 + s2 * parameters->l2));
@@ -414,16 +427,20 @@ void vishard4_tip_f32(const vishard4_parameters_f32 *parameters, const float q[4
  * Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos */
 void vishard4_tip_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J[12])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = v1 + q[2];
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(v2, &s3, &c3);
     const float v3 = v2 + q[3];
-    float s4, c4;
+    float s4;
+    float c4;
     tendon_sincos_f32(v3, &s4, &c4);
     const float v4 = s4 * parameters->l4;
     const float v5 = c4 * parameters->l4;
@@ -459,12 +476,15 @@ void vishard4_tip_load_f32(
     const float qdd[4],
     float load[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[2], &s1, &c1);
     const float v1 = q[2] + q[3];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(q[1], &s3, &c3);
     const float v2 = qd[0] * qd[0];
     const float v3 = c3 * parameters->l1;
@@ -502,16 +522,20 @@ void vishard4_tip_load_f32(
 void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float M[8])
 {
     (void)parameters;
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = v1 + q[2];
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(v2, &s3, &c3);
     const float v3 = v2 + q[3];
-    float s4, c4;
+    float s4;
+    float c4;
     tendon_sincos_f32(v3, &s4, &c4);
     const float v4 = 0.18930317f * s4;
     const float v5 = 0.18930317f * c4;
@@ -536,10 +560,12 @@ void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, con
  * Operations: 13 operations (7 add, 6 mul) and 4 sincos */
 TENDON_COMPACT void vishard4_contact_coordinates_f32(const vishard4_parameters_f32 *parameters, const float q[4], float w[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = v1 + q[2];
     const float c3 = tendon_cos_f32(v2);
@@ -557,10 +583,12 @@ TENDON_COMPACT void vishard4_contact_coordinates_f32(const vishard4_parameters_f
  * Operations: 17 operations (7 add, 6 mul, 4 neg) and 4 sincos */
 TENDON_COMPACT void vishard4_contact_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J_w[16])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = c2 * parameters->l2;
     const float v3 = v1 + q[2];
@@ -599,10 +627,12 @@ TENDON_COMPACT void vishard4_contact_bias_f32(
     const float qd[4],
     float b_w[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = q[0] + q[1];
-    float s2, c2;
+    float s2;
+    float c2;
     tendon_sincos_f32(v1, &s2, &c2);
     const float v2 = v1 + q[2];
     const float c3 = tendon_cos_f32(v2);
@@ -663,20 +693,24 @@ TENDON_COMPACT void vishard4_contact_acceleration_f32(
     const float wdd[4],
     float qdd[4])
 {
-    float s1, c1;
+    float s1;
+    float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
     const float v1 = c1 * parameters->l1;
     const float v2 = s1 * parameters->l1;
     const float v3 = q[0] + q[1];
-    float s3, c3;
+    float s3;
+    float c3;
     tendon_sincos_f32(v3, &s3, &c3);
     const float v4 = c3 * parameters->l2;
     const float v5 = s3 * parameters->l2;
     const float v6 = v3 + q[2];
-    float s4, c4;
+    float s4;
+    float c4;
     tendon_sincos_f32(v6, &s4, &c4);
     const float v7 = v6 + q[3];
-    float s5, c5;
+    float s5;
+    float c5;
     tendon_sincos_f32(v7, &s5, &c5);
     const float v8 = qd[0] + qd[1];
     const float v9 = v8 + qd[2];

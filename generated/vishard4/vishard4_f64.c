@@ -37,12 +37,15 @@ void vishard4_inverse_dynamics_f64(
     const double qdd[4],
     double tau[4])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[2], &s1, &c1);
     const double v1 = q[2] + q[3];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(q[1], &s3, &c3);
     const double v2 = qd[0] * qd[0];
     const double v3 = c3 * parameters->l1_by_l2;
@@ -86,12 +89,15 @@ void vishard4_inverse_dynamics_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[2 * count + k], &s1, &c1);
         const double v1 = q[2 * count + k] + q[3 * count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(q[count + k], &s3, &c3);
         const double v2 = qd[k] * qd[k];
         const double v3 = c3 * parameters->l1_by_l2;
@@ -412,12 +418,15 @@ void vishard4_forward_dynamics_f64(
     const double tau[4],
     double qdd[4])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[2], &s1, &c1);
     const double v1 = q[2] + q[3];
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(v1, &s3, &c3);
-    double s4, c4;
+    double s4;
+    double c4;
     tendon_sincos_f64(q[1], &s4, &c4);
     const double v2 = qd[0] * qd[0];
     const double v3 = c4 * parameters->l1_by_l2;
@@ -497,12 +506,15 @@ void vishard4_forward_dynamics_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[2 * count + k], &s1, &c1);
         const double v1 = q[2 * count + k] + q[3 * count + k];
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(v1, &s3, &c3);
-        double s4, c4;
+        double s4;
+        double c4;
         tendon_sincos_f64(q[count + k], &s4, &c4);
         const double v2 = qd[k] * qd[k];
         const double v3 = c4 * parameters->l1_by_l2;
@@ -586,12 +598,15 @@ void vishard4_regressor_f64(
     const double qdd[4],
     double Y[40])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[2], &s1, &c1);
     const double v1 = q[2] + q[3];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(q[1], &s3, &c3);
     const double v2 = qd[0] * qd[0];
     const double v3 = c3 * parameters->l1_by_l2;
@@ -670,12 +685,15 @@ void vishard4_regressor_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[2 * count + k], &s1, &c1);
         const double v1 = q[2 * count + k] + q[3 * count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(q[count + k], &s3, &c3);
         const double v2 = qd[k] * qd[k];
         const double v3 = c3 * parameters->l1_by_l2;
@@ -751,16 +769,20 @@ void vishard4_regressor_batch_f64(
  * Operations: 17 operations (9 add, 8 mul) and 4 sincos */
 void vishard4_tip_f64(const vishard4_parameters_f64 *parameters, const double q[4], double p[3])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = q[0] + q[1];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
     const double v2 = v1 + q[2];
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(v2, &s3, &c3);
     const double v3 = v2 + q[3];
-    double s4, c4;
+    double s4;
+    double c4;
     tendon_sincos_f64(v3, &s4, &c4);
     p[0] = c4 * parameters->l4 + (c3 * parameters->l3 + (c1 * parameters->l1 + c2 * parameters->l2));
     p[1] = s4 * parameters->l4 + (s3 * parameters->l3 + (s1 * parameters->l1 + s2 * parameters->l2));
@@ -776,16 +798,20 @@ void vishard4_tip_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = q[k] + q[count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
         const double v2 = v1 + q[2 * count + k];
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(v2, &s3, &c3);
         const double v3 = v2 + q[3 * count + k];
-        double s4, c4;
+        double s4;
+        double c4;
         tendon_sincos_f64(v3, &s4, &c4);
         p[k] = c4 * parameters->l4 + (c3 * parameters->l3 + (c1 * parameters->l1 + c2 * parameters->l2));
         p[count + k] = s4 * parameters->l4 + (s3 * parameters->l3 + (s1 * parameters->l1 + s2 * parameters->l2));
@@ -800,16 +826,20 @@ void vishard4_tip_batch_f64(
  * Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos */
 void vishard4_tip_jacobian_f64(const vishard4_parameters_f64 *parameters, const double q[4], double J[12])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = q[0] + q[1];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
     const double v2 = v1 + q[2];
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(v2, &s3, &c3);
     const double v3 = v2 + q[3];
-    double s4, c4;
+    double s4;
+    double c4;
     tendon_sincos_f64(v3, &s4, &c4);
     const double v4 = s4 * parameters->l4;
     const double v5 = c4 * parameters->l4;
@@ -840,16 +870,20 @@ void vishard4_tip_jacobian_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = q[k] + q[count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
         const double v2 = v1 + q[2 * count + k];
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(v2, &s3, &c3);
         const double v3 = v2 + q[3 * count + k];
-        double s4, c4;
+        double s4;
+        double c4;
         tendon_sincos_f64(v3, &s4, &c4);
         const double v4 = s4 * parameters->l4;
         const double v5 = c4 * parameters->l4;
@@ -886,12 +920,15 @@ void vishard4_tip_load_f64(
     const double qdd[4],
     double load[4])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[2], &s1, &c1);
     const double v1 = q[2] + q[3];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(q[1], &s3, &c3);
     const double v2 = qd[0] * qd[0];
     const double v3 = c3 * parameters->l1;
@@ -931,12 +968,15 @@ void vishard4_tip_load_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[2 * count + k], &s1, &c1);
         const double v1 = q[2 * count + k] + q[3 * count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(q[count + k], &s3, &c3);
         const double v2 = qd[k] * qd[k];
         const double v3 = c3 * parameters->l1;
@@ -975,16 +1015,20 @@ void vishard4_tip_load_batch_f64(
 void vishard4_moment_jacobian_f64(const vishard4_parameters_f64 *parameters, const double q[4], double M[8])
 {
     (void)parameters;
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = q[0] + q[1];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
     const double v2 = v1 + q[2];
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(v2, &s3, &c3);
     const double v3 = v2 + q[3];
-    double s4, c4;
+    double s4;
+    double c4;
     tendon_sincos_f64(v3, &s4, &c4);
     const double v4 = 0.189303174 * s4;
     const double v5 = 0.189303174 * c4;
@@ -1012,16 +1056,20 @@ void vishard4_moment_jacobian_batch_f64(
     (void)parameters;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = q[k] + q[count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
         const double v2 = v1 + q[2 * count + k];
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(v2, &s3, &c3);
         const double v3 = v2 + q[3 * count + k];
-        double s4, c4;
+        double s4;
+        double c4;
         tendon_sincos_f64(v3, &s4, &c4);
         const double v4 = 0.189303174 * s4;
         const double v5 = 0.189303174 * c4;
@@ -1050,10 +1098,12 @@ void vishard4_contact_coordinates_f64(
     const double q[4],
     double w[4])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = q[0] + q[1];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
     const double v2 = v1 + q[2];
     const double c3 = tendon_cos_f64(v2);
@@ -1073,10 +1123,12 @@ void vishard4_contact_coordinates_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = q[k] + q[count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
         const double v2 = v1 + q[2 * count + k];
         const double c3 = tendon_cos_f64(v2);
@@ -1098,10 +1150,12 @@ void vishard4_contact_jacobian_f64(
     const double q[4],
     double J_w[16])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = q[0] + q[1];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
     const double v2 = c2 * parameters->l2;
     const double v3 = v1 + q[2];
@@ -1137,10 +1191,12 @@ void vishard4_contact_jacobian_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = q[k] + q[count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
         const double v2 = c2 * parameters->l2;
         const double v3 = v1 + q[2 * count + k];
@@ -1180,10 +1236,12 @@ void vishard4_contact_bias_f64(
     const double qd[4],
     double b_w[4])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = q[0] + q[1];
-    double s2, c2;
+    double s2;
+    double c2;
     tendon_sincos_f64(v1, &s2, &c2);
     const double v2 = v1 + q[2];
     const double c3 = tendon_cos_f64(v2);
@@ -1211,10 +1269,12 @@ void vishard4_contact_bias_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = q[k] + q[count + k];
-        double s2, c2;
+        double s2;
+        double c2;
         tendon_sincos_f64(v1, &s2, &c2);
         const double v2 = v1 + q[2 * count + k];
         const double c3 = tendon_cos_f64(v2);
@@ -1304,20 +1364,24 @@ void vishard4_contact_acceleration_f64(
     const double wdd[4],
     double qdd[4])
 {
-    double s1, c1;
+    double s1;
+    double c1;
     tendon_sincos_f64(q[0], &s1, &c1);
     const double v1 = c1 * parameters->l1;
     const double v2 = s1 * parameters->l1;
     const double v3 = q[0] + q[1];
-    double s3, c3;
+    double s3;
+    double c3;
     tendon_sincos_f64(v3, &s3, &c3);
     const double v4 = c3 * parameters->l2;
     const double v5 = s3 * parameters->l2;
     const double v6 = v3 + q[2];
-    double s4, c4;
+    double s4;
+    double c4;
     tendon_sincos_f64(v6, &s4, &c4);
     const double v7 = v6 + q[3];
-    double s5, c5;
+    double s5;
+    double c5;
     tendon_sincos_f64(v7, &s5, &c5);
     const double v8 = qd[0] + qd[1];
     const double v9 = v8 + qd[2];
@@ -1349,20 +1413,24 @@ void vishard4_contact_acceleration_batch_f64(
 {
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        double s1, c1;
+        double s1;
+        double c1;
         tendon_sincos_f64(q[k], &s1, &c1);
         const double v1 = c1 * parameters->l1;
         const double v2 = s1 * parameters->l1;
         const double v3 = q[k] + q[count + k];
-        double s3, c3;
+        double s3;
+        double c3;
         tendon_sincos_f64(v3, &s3, &c3);
         const double v4 = c3 * parameters->l2;
         const double v5 = s3 * parameters->l2;
         const double v6 = v3 + q[2 * count + k];
-        double s4, c4;
+        double s4;
+        double c4;
         tendon_sincos_f64(v6, &s4, &c4);
         const double v7 = v6 + q[3 * count + k];
-        double s5, c5;
+        double s5;
+        double c5;
         tendon_sincos_f64(v7, &s5, &c5);
         const double v8 = qd[k] + qd[count + k];
         const double v9 = v8 + qd[2 * count + k];
