@@ -108,10 +108,10 @@ class Controller:
         """C that gives the inner functions of a step names of their own, so that they can be called and compared."""
         parts = [f'#include "{self.model.arm.name}_controller_f32.inc"']
         for function in self.compensation.functions:
-            head = f"void {self.model.arm.name}_{function.name}_f32"
+            head = declaration(f"void {self.model.arm.name}_{function.name}_f32", self._arguments(function))
             names = [*(name for name, _ in _groups(function)), function.outputs[0].name]
             call = f"{function.name}({', '.join(names)});"
-            parts.append(f"{declaration(head, self._arguments(function))}\n{{\n    {call}\n}}")
+            parts.append(f"{head};\n\n{head}\n{{\n    {call}\n}}")
         return "\n\n".join(parts) + "\n"
 
     def _arguments(self, function: SymbolicFunction) -> list[str]:
