@@ -135,7 +135,7 @@ def faults(address: Address) -> Iterator[None]:
 def _went_wrong(error: Exception) -> str:
     code = getattr(error, "error_code", None) or getattr(error, "errno", None)
     if code == errno.ENETDOWN:
-        return "the bus is off; check wiring, termination and bit rate, then switch the channel on again"
+        return "the channel is down, or the bus off; check wiring, termination and bit rate, then switch it on again"
     if code == errno.ENOBUFS:
         return "nothing that is sent is acknowledged; check that the drives have power and the bus its terminators"
     return f"the bus cannot be used any more: {error}"

@@ -631,7 +631,7 @@ def test_a_channel_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error:
     ("code", "expected"),
     [
         (errno.ENOBUFS, "nothing that is sent is acknowledged; check that the drives have power"),
-        (errno.ENETDOWN, "the bus is off; check wiring, termination and bit rate"),
+        (errno.ENETDOWN, "the channel is down, or the bus off; check wiring, termination and bit rate"),
         (None, "the bus cannot be used any more: broken"),
     ],
 )

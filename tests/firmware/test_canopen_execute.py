@@ -28,7 +28,7 @@ from runtime.hardware.settings import Settings
 from runtime.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
 from tests.firmware.canopen_drives import DISABLED, ENABLED, Drive, Drives
-from tests.firmware.test_canopen import PATIENT, Time
+from tests.firmware.test_canopen import PATIENT, PERIOD, Time
 
 MODEL = """\
 name = "bench"
@@ -140,10 +140,10 @@ Executed = Callable[..., tuple[int, dict[str, Any]]]
 def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Executed:
     """`tendon execute` in a time that passes with the periods: its exit status, its JSON or its complaint."""
 
-    def run(on: str, *more: str) -> tuple[int, dict[str, Any]]:
-        time = Time()
+    def run(on: str, *more: str, time: Time | None = None) -> tuple[int, dict[str, Any]]:
+        time = time or Time()
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
-        link = partial(CanopenLink, pace=Pace(0.002, time.now, time.sleep), patience=PATIENT)
+        link = partial(CanopenLink, pace=Pace(PERIOD, time.now, time.sleep), patience=PATIENT)
         monkeypatch.setitem(targets.LINES, "canopen", targets.Line(canopen_link.check, link))
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
@@ -217,6 +217,29 @@ def test_a_drive_fails_in_motion(executed: Executed, bench: Source, model: Model
     last = out.read_text().splitlines()[-1].split(",")
     assert float(last[1]) == pytest.approx(2 * np.pi * 4000 / 200_000, rel=0.05)
     assert float(last[2]) == 0.0
+
+
+@pytest.mark.parametrize(("gap", "name"), [(0.009, None), (0.011, "watchdog")])
+def test_a_computer_that_stalls_in_motion(
+    executed: Executed, bench: Source, model: Model, folder: Path, gap: float, name: str | None
+) -> None:
+    """10 ms between two control steps are let pass, more are a safe stop."""
+    time = Time()
+    with drives(bench, model, folder) as (on, behind):
+        drive, stalled = behind.drives[0], []
+
+        def busy(sync: int) -> None:
+            if abs(drive.position) > 4000 and not stalled:
+                stalled.append(sync)
+                time.t += gap
+
+        behind.before = busy
+        status, found = executed(on, "--arm", time=time)
+        assert (drive.state, drive.target) == (DISABLED, 0)
+    assert stalled
+    stop = found["trials"][0]["stop"]
+    assert (status, stop and stop["name"]) == ((0, None) if name is None else (1, name))
+    assert found["drives"]["overruns"] == 1
 
 
 def test_drives_are_switched_on_and_off_for_each_trial(
