@@ -23,8 +23,10 @@ after half a period would stop this for nothing."""
 
 def check(url: str, model: Model) -> None:
     """What can be said of an address before the bus is touched. Raises LinkError."""
-    assert model.controller is not None
-    canopen_arm.check(model, can_bus.parse(url), model.controller["rate"])
+    address = can_bus.parse(url)
+    # Without a rate there is nothing to say of the load; what a controller lacks is named where its settings are made.
+    if model.controller is not None:
+        canopen_arm.check(model, address, model.controller["rate"])
 
 
 class CanopenLink(Lockstep):
@@ -58,9 +60,9 @@ class CanopenLink(Lockstep):
         return {"drives": {**self.arm.figures(), "real_time": self._precedence.granted}}
 
     def close(self) -> None:
-        super().close()
         try:
-            self._open.close()
+            with self._open:
+                super().close()
         except Fault as fault:
             # What was recorded is kept all the same.
             self.fault = self.fault or str(fault)

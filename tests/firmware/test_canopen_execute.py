@@ -320,6 +320,18 @@ def test_a_bus_that_cannot_be_used_is_bad_input(executed: Executed, on: str, exp
     assert "\n" not in found["complaint"]
 
 
+def test_a_model_without_a_controller_is_told_what_it_lacks(executed: Executed, folder: Path) -> None:
+    whole = (folder / "bench.toml").read_text()
+    begin, end = whole.index("[controller]"), whole.index("[[joint]]")
+    try:
+        (folder / "bench.toml").write_text(whole[:begin] + whole[end:])
+        status, found = executed("canopen://x?interface=virtual", "--arm")
+    finally:
+        (folder / "bench.toml").write_text(whole)
+    assert status == 2
+    assert "add [controller] with rate" in found["complaint"]
+
+
 def test_what_can_be_said_without_the_bus_is_said_without_arm(executed: Executed) -> None:
     status, found = executed("canopen://x?interface=virtual&bitrate=125000")
     assert status == 2
