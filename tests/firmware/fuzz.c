@@ -240,7 +240,7 @@ static int frames(uint32_t count)
             /* Into the noise armed, running, or as it is. */
             const uint32_t far = below(3U);
             arm_r_machine_start(&machine);
-            settle(2U + below(28U));
+            settle(3U + below(27U));
             tendon_put_u32(&payload[0], 0U);
             tendon_put_u32(&payload[4], 1U);
             if (far > 0U) {
@@ -302,7 +302,7 @@ static int script(void)
     static const uint8_t noise[] = {9U, 0U, 9U, 0U, 9U, 0U, 9U, 0U, 9U, 0U};
     for (uint32_t round = 0U; round < 400U; ++round) {
         uint8_t p[8];
-        settle(2U + below(28U));
+        settle(3U + below(27U));
         say(ARM_R_COMMAND_ARM, p, 0U);
         step(0, now += 1000U, 0U);
         tendon_put_u32(&p[0], below(100U));

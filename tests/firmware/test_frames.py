@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
+import zlib
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from codegen import workspace
 from codegen.machine import machine_files
 from runtime.hardware.frames import Codec, Decoder, FrameError, cobs_decode, cobs_encode
 from symbolic import model_file
@@ -16,7 +19,8 @@ from symbolic.effects import LIBRARY
 from symbolic.model import derive
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
-FILES = machine_files(derive(model_file.load(ARMS / "vishard4.toml")), LIBRARY)
+ARM = model_file.load(ARMS / "vishard4.toml")
+FILES = machine_files(derive(ARM), LIBRARY)
 CODEC = Codec(json.loads(FILES["protocol.json"]))
 NAMES = [item["name"] for item in CODEC.document["messages"]]
 VALUES = {
@@ -96,8 +100,6 @@ def test_noise_without_an_end_is_one_error() -> None:
 
 
 def test_errors_by_kind() -> None:
-    import zlib
-
     def framed(*head: int) -> bytes:
         return cobs_encode(bytes(head) + zlib.crc32(bytes(head)).to_bytes(4, "little"))
 
@@ -137,6 +139,105 @@ def test_a_record_a_millisecond_fits_one_megabaud() -> None:
     values = {name: 0 if count is None else [0] * count for name, count in CODEC.fields("telemetry").items()}
     longest = max(len(CODEC.encode("telemetry", values | {"period": p, "time_us": p})) for p in (0, 0x7F7F7F7F))
     assert longest * 10 * 1000 < 0.8e6
+
+
+def test_the_example_of_the_page() -> None:
+    """Of PROTOCOL.md: a frame in hexadecimal, before and after the stuffing."""
+    plain, wire = (
+        bytes.fromhex(line.split(maxsplit=1)[1])
+        for line in FILES["PROTOCOL.md"].splitlines()
+        if line.startswith(("    plain ", "    wire "))
+    )
+    assert wire == CODEC.encode("run", {"periods": 2000, "every": 1}, 5)
+    assert cobs_decode(wire[:-1]) == plain
+
+
+def test_the_page_has_everything_of_the_table() -> None:
+    page = FILES["PROTOCOL.md"]
+    for item in CODEC.document["messages"]:
+        assert f"### {item['name']}: {item['number']}, {item['size']} bytes" in page
+        for field in item["fields"]:
+            assert f"| {field['name']} | {field['type']}" in page
+    for table in ("states", "reasons", "results"):
+        for item in CODEC.document[table]:
+            assert f"| {item['number']} | {item['name']} |" in page
+
+
+# --- the same in C ---
+
+C_TYPES = {
+    "u8": ctypes.c_uint8,
+    "u16": ctypes.c_uint16,
+    "u32": ctypes.c_uint32,
+    "i32": ctypes.c_int32,
+    "float": ctypes.c_float,
+}
+
+
+@pytest.fixture(scope="module")
+def compiled() -> ctypes.CDLL:
+    return ctypes.CDLL(str(workspace.prepare_firmware(ARM, LIBRARY) / "lib.so"))
+
+
+def record(name: str) -> ctypes.Structure:
+    """The message's struct, as C lays it out."""
+    item = next(m for m in CODEC.document["messages"] if m["name"] == name)
+    fields = [
+        (f["name"], C_TYPES[f["type"]] * f["count"] if f["count"] else C_TYPES[f["type"]]) for f in item["fields"]
+    ]
+    return type(name, (ctypes.Structure,), {"_fields_": fields})()
+
+
+@given(message=messages())
+def test_c_and_python_pack_the_same(compiled: ctypes.CDLL, message: tuple[str, dict[str, object], int]) -> None:
+    """A command that Python packs is unpacked by C; a report that C packs is what Python packs."""
+    name, values, _ = message
+    if not values:
+        return
+    own = record(name)
+    if CODEC.number(name) < 0x80:
+        payload = CODEC.payload(name, values)
+        getattr(compiled, f"vishard4_unpack_{name}")(payload, ctypes.byref(own))
+        for key, value in values.items():
+            found = getattr(own, key)
+            assert (tuple(found) if isinstance(value, tuple) else found) == value
+    else:
+        for key, value in values.items():
+            setattr(own, key, value)
+        room = ctypes.create_string_buffer(256)
+        getattr(compiled, f"vishard4_pack_{name}")(ctypes.byref(own), room)
+        payload = CODEC.payload(name, values)
+        assert room.raw[: len(payload)] == payload
+
+
+@given(plain=st.binary(max_size=700), crc=st.integers(0, 2**32 - 1))
+def test_c_and_python_frame_the_same(compiled: ctypes.CDLL, plain: bytes, crc: int) -> None:
+    room = ctypes.create_string_buffer(len(plain) + len(plain) // 254 + 2)
+    made = compiled.tendon_cobs_encode(plain, ctypes.c_uint32(len(plain)), room)
+    assert room.raw[:made] == cobs_encode(plain) + b"\0"
+    compiled.tendon_crc32.restype = ctypes.c_uint32
+    assert compiled.tendon_crc32(ctypes.c_uint32(crc), plain, ctypes.c_uint32(len(plain))) == zlib.crc32(plain, crc)
+
+
+class InC(ctypes.Structure):
+    """tendon_decoder."""
+
+    _fields_ = [("count", ctypes.c_uint32), ("left", ctypes.c_uint32), *((k, ctypes.c_bool) for k in ("a", "b", "c"))]
+
+
+@given(stream=st.lists(st.sampled_from([0, 0, 1, 2, 3, 5, 254, 255]) | st.integers(0, 255), max_size=600).map(bytes))
+def test_c_and_python_decode_the_same(compiled: ctypes.CDLL, stream: bytes) -> None:
+    """Whatever comes: the same frames, and the same ones refused; what is too long is."""
+    most, decoder = 300, InC()
+    room = (ctypes.c_uint8 * most)()
+    compiled.tendon_decoder_start(ctypes.byref(decoder))
+    found: list[bytes | None] = []
+    for byte in stream:
+        event = compiled.tendon_decoder_put(ctypes.byref(decoder), room, ctypes.c_uint32(most), ctypes.c_uint8(byte))
+        if event:
+            found.append(bytes(room[: decoder.count]) if event == 1 else None)
+    frames = [cobs_decode(frame) for frame in stream.split(b"\0")[:-1] if frame]
+    assert found == [frame if frame is not None and len(frame) <= most else None for frame in frames]
 
 
 def test_the_same_codec_from_a_file(tmp_path: Path) -> None:

@@ -1,0 +1,895 @@
+"""The machine on this computer: what it takes and refuses, what stops it, and that no torque is ever held."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from math import inf, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
+from random_arms import MIXED
+from talk import DRIVE, PER_COUNT, SAFETY, N, Step, Talk
+
+from codegen import workspace
+from symbolic.effects import LIBRARY
+
+ARM = MIXED["rp"]
+STATES = ("idle", "armed", "running", "stopped")
+
+
+@pytest.fixture(scope="module")
+def directory() -> Path:
+    return workspace.prepare_firmware(ARM, LIBRARY)
+
+
+@pytest.fixture
+def talk(directory: Path) -> Talk:
+    return Talk(directory, ARM.name)
+
+
+@pytest.fixture(scope="module")
+def table(directory: Path) -> dict[str, Any]:
+    return json.loads((directory / "protocol.json").read_text())
+
+
+def brought_to(talk: Talk, state: str) -> Talk:
+    talk.ready()
+    if state in ("armed", "running", "stopped"):
+        assert talk.say("arm") == "done"
+    if state == "running":
+        assert talk.say("run", {"periods": 0, "every": 1}) == "done"
+    if state == "stopped":
+        assert talk.say("stop") == "done"
+        for _ in range(10):
+            talk.step()
+    assert talk.state()["state"] == state
+    return talk
+
+
+def values_of(talk: Talk, name: str) -> dict[str, Any]:
+    """Some that are in range."""
+    own = {"drive": DRIVE, "safety": SAFETY}.get(name)
+    if own is not None:
+        return dict(own)
+    found: dict[str, Any] = {}
+    for item in next(m for m in talk.codec.document["messages"] if m["name"] == name)["fields"]:
+        value = max(item["low"], min(1, item["high"]))
+        value = float(value) if item["type"] == "float" else int(value)
+        found[item["name"]] = value if item["count"] is None else [value] * item["count"]
+    return found
+
+
+# --- who may say what, and when ---
+
+
+def test_it_says_who_it_is(talk: Talk, table: dict[str, Any]) -> None:
+    assert talk.reports[0].values == {"state": 0, "reason": 0, "joint": 0, "enabled": 0, "period": 0, "code": 0}
+    assert talk.say("hello", sequence=4711) == "done"
+    assert talk.report("identity") == {
+        "version": table["version"],
+        "joints": N,
+        "state": 0,
+        "reason": 0,
+        "fingerprint": table["fingerprint"],
+        "max_phases": table["max_phases"],
+        "max_rows": table["max_rows"],
+    }
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_every_command_in_every_state(directory: Path, table: dict[str, Any], state: str) -> None:
+    for message in table["messages"]:
+        if message["direction"] != "command":
+            continue
+        talk = brought_to(Talk(directory, ARM.name), state)
+        allowed = not message["states"] or state in message["states"]
+        result = talk.say(message["name"], values_of(talk, message["name"]))
+        assert (result != "state") == allowed, message["name"]
+        if not allowed:
+            assert talk.detail == STATES.index(state)
+            assert talk.state()["state"] == state
+
+
+def test_a_command_is_done_once(talk: Talk) -> None:
+    brought_to(talk, "armed")
+    frame = talk.codec.encode("run", {"periods": 7, "every": 1}, talk.sequence + 1)
+    first, again = talk.raw(frame), talk.raw(frame)
+    assert [m.name for m in first] == ["ack", "state"]
+    assert [m.name for m in again] == ["ack"]
+    assert again[0].values == first[0].values
+    talk.sequence += 1
+    assert [talk.step().enabled for _ in range(7 + SAFETY["damping"] + 1)] == [True] * (7 + SAFETY["damping"]) + [False]
+    assert talk.say("query") == "done"
+    assert talk.report("counters")["duplicates"] == 1
+
+
+def test_a_refused_command_that_comes_again_is_refused_again(talk: Talk) -> None:
+    assert talk.say("run", {"periods": 1, "every": 1}) == "state"
+    sequence = talk.sequence
+    assert talk.say("run", {"periods": 1, "every": 1}, sequence) == "state"
+    assert talk.say("alive", sequence=sequence) == "sequence", "the number of another command"
+
+
+def test_numbers_go_round(talk: Talk) -> None:
+    assert talk.say("hello", sequence=65534) == "done"
+    assert [talk.say("alive") for _ in range(3)] == ["done"] * 3
+    assert talk.sequence == 1
+
+
+@given(st.integers(0, 65535), st.integers(0, 65535))
+def test_what_is_out_of_sequence_is_refused(directory: Path, start: int, number: int) -> None:
+    talk = Talk(directory, ARM.name)
+    assert talk.say("hello", sequence=start) == "done"
+    expected = "done" if number == (start + 1) % 65536 else "sequence"
+    assert talk.say("alive", sequence=number) == expected
+    if expected == "sequence":
+        assert talk.detail == (start + 1) % 65536
+        assert talk.say("alive", sequence=start + 1) == "done"
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("number", [0, 5, 60000])
+def test_stop_is_heard_whatever_its_number(talk: Talk, state: str, number: int) -> None:
+    brought_to(talk, state)
+    assert talk.say("stop", sequence=number) == "done"
+    assert talk.say("alive") == "done"
+    expected = {"idle": ("idle", "none"), "stopped": ("stopped", "host")}.get(state, ("stopped", "host"))
+    found = talk.state()
+    assert (found["state"], found["reason"]) == expected
+
+
+def test_hello_from_a_host_of_another_version_is_answered(talk: Talk) -> None:
+    plain = bytes([99, talk.codec.number("hello"), 3, 0, 0, 0])
+    plain += zlib.crc32(plain).to_bytes(4, "little")
+    from runtime.hardware.frames import cobs_encode
+
+    assert [m.name for m in talk.raw(cobs_encode(plain) + b"\0")] == ["ack", "identity"]
+    assert talk.raw(cobs_encode(b"\x63" + plain[1:-4] + zlib.crc32(plain[:-4]).to_bytes(4, "little")) + b"\0")
+    stop = bytes([99, talk.codec.number("stop"), 4, 0, 0, 0])
+    assert talk.raw(cobs_encode(stop + zlib.crc32(stop).to_bytes(4, "little")) + b"\0") == []
+    talk.sequence = 3
+    assert talk.say("query") == "done"
+    assert talk.report("counters")["bad_header"] == 1
+
+
+def test_reports_and_unknown_types_are_no_commands(talk: Talk) -> None:
+    zeros = {name: 0 if count is None else [0] * count for name, count in talk.codec.fields("telemetry").items()}
+    assert talk.say("telemetry", zeros) == "unknown"
+    assert talk.say("query") == "done"
+    assert talk.report("counters")["unknown"] == 1
+
+
+# --- settings ---
+
+
+@given(st.data())
+def test_what_is_out_of_range_is_named(directory: Path, data: st.DataObject) -> None:
+    talk = Talk(directory, ARM.name)
+    brought_to(talk, "idle")
+    messages = [m for m in talk.codec.document["messages"] if m["direction"] == "command" and m["fields"]]
+    message = data.draw(st.sampled_from([m for m in messages if m["name"] != "commit"]))
+    if message["name"] == "run":
+        assert talk.say("arm") == "done"
+    item = data.draw(st.sampled_from(message["fields"]))
+    which = data.draw(st.integers(0, (item["count"] or 1) - 1))
+    if item["type"] == "float":
+        edges = [float(np.nextafter(np.float32(item["low"]), np.float32(-inf)))] if abs(item["low"]) < 1e38 else []
+        edges += [float(np.nextafter(np.float32(item["high"]), np.float32(inf)))] if abs(item["high"]) < 1e38 else []
+        bad = data.draw(st.sampled_from([*edges, nan, inf, -inf]))
+    else:
+        least, most = (-(2**31), 2**31 - 1) if item["type"] == "i32" else (0, 2**32 - 1)
+        edges = [int(item["low"]) - 1, int(item["high"]) + 1]
+        inside = [edge for edge in edges if least <= edge <= most]
+        if not inside:
+            return
+        bad = data.draw(st.sampled_from(inside))
+    values = values_of(talk, message["name"])
+    if item["count"] is None:
+        values[item["name"]] = bad
+    else:
+        values[item["name"]] = [*values[item["name"]]]
+        values[item["name"]][which] = bad
+    finite = isinstance(bad, int) or abs(bad) < inf
+    assert talk.say(message["name"], values) == ("out_of_range" if finite else "not_finite")
+    place = 0
+    for field in message["fields"]:
+        if field is item:
+            break
+        place += field["count"] or 1
+    assert talk.detail == place + which
+
+
+@given(st.data())
+def test_every_value_within_its_range_is_taken(directory: Path, data: st.DataObject) -> None:
+    talk = Talk(directory, ARM.name)
+    name = data.draw(st.sampled_from(["parameters", "effects", "drive", "safety"]))
+    values: dict[str, Any] = {}
+    for item in next(m for m in talk.codec.document["messages"] if m["name"] == name)["fields"]:
+        if item["type"] == "float":
+            one = st.one_of(
+                st.sampled_from([np.float32(item["low"]), np.float32(item["high"])]).map(float),
+                st.floats(float(np.float32(item["low"])), float(np.float32(item["high"])), width=32),
+            )
+        else:
+            one = st.integers(int(item["low"]), int(item["high"]))
+        values[item["name"]] = (
+            data.draw(one) if item["count"] is None else [data.draw(one) for _ in range(item["count"])]
+        )
+    if name == "safety":
+        values["low"], values["high"] = zip(
+            *(sorted(pair) for pair in zip(values["low"], values["high"], strict=True)), strict=True
+        )
+    assert talk.say(name, values) == "done"
+
+
+def test_an_empty_range_of_position_is_refused(talk: Talk) -> None:
+    assert talk.say("safety", {**SAFETY, "low": [-1.0, 0.5], "high": [1.0, 0.25]}) == "out_of_range"
+    assert talk.detail == 4 * N - 1
+
+
+def test_an_elbow_of_zero_is_refused(talk: Talk) -> None:
+    (name, values), *_ = talk.parts(((0.0, 0.0),) * 5, 1.0, False)
+    assert talk.say(name, {**values, "elbow": 0}) == "out_of_range"
+    assert talk.detail == 2
+
+
+def test_arm_says_what_is_missing(talk: Talk) -> None:
+    bits = talk.codec.document["missing"]
+    missing = sum(bits.values())
+    assert talk.say("arm") == "incomplete"
+    assert talk.detail == missing
+    for name in ("parameters", "effects", "drive", "safety"):
+        assert talk.say(name, values_of(talk, name)) == "done"
+        missing -= bits[name]
+        assert talk.say("arm") == "incomplete"
+        assert talk.detail == missing
+    talk.upload()
+    assert talk.say("arm") == "done"
+
+
+def test_a_refused_setting_changes_nothing(directory: Path) -> None:
+    first, second = (Talk(directory, ARM.name).ready() for _ in range(2))
+    for name, key in (("drive", "kp"), ("drive", "torque_limit"), ("safety", "tracking"), ("parameters", None)):
+        values = {
+            k: [9.0] * N if isinstance(v, list) and k != "zero" and k != "jump" else v
+            for k, v in values_of(second, name).items()
+        }
+        values[key or next(reversed(values))] = [1.0, nan] if key else nan
+        assert second.say(name, values) == "not_finite"
+    torques = []
+    for talk in (first, second):
+        talk.run()
+        torques.append([talk.step([120 + k, k]).torque.tobytes() for k in range(30)])
+    assert torques[0] == torques[1]
+
+
+# --- trajectories ---
+
+
+def test_parts_in_another_order_are_refused(talk: Talk) -> None:
+    rows = [(0.1 * k, 0.0) for k in range(20)]
+    trajectory, phase, *points = talk.parts(rows, 1.0, False)
+    assert talk.say(*phase) == "order", "before its trajectory"
+    assert talk.say(*points[0]) == "order"
+    assert talk.say(*trajectory) == "done"
+    assert talk.say("phase", phase[1] | {"index": 1}) == "order"
+    assert talk.detail == 0
+    assert talk.say(*points[1]) == "order"
+    assert talk.detail == 0
+    assert talk.say(*points[0]) == "done"
+    assert talk.say(*points[0]) == "order"
+    assert talk.detail == 8
+    assert talk.say("commit", {"checksum": 0}) == "incomplete"
+    assert talk.say(*phase) == "done"
+    assert talk.say(*phase) == "order", "more phases than it has"
+    assert talk.say(*points[1]) == "done"
+    assert talk.say(*points[2]) == "done"
+    assert talk.say(*points[2]) == "order", "more rows than it has"
+    assert talk.say("commit", {"checksum": 0}) == "checksum"
+    checksum = 0
+    for name, values in (trajectory, points[0], phase, points[1], points[2]):
+        checksum = zlib.crc32(talk.codec.payload(name, values), checksum)
+    assert talk.say("commit", {"checksum": checksum}) == "done"
+    assert talk.say("commit", {"checksum": checksum}) == "incomplete", "nothing is open any more"
+
+
+@pytest.mark.parametrize(
+    ("degree", "first", "result"), [(4, 0, "done"), (4, 1, "out_of_range"), (5, 0, "out_of_range")]
+)
+def test_a_phase_keeps_to_the_rows_there_are(talk: Talk, degree: int, first: int, result: str) -> None:
+    trajectory, (_, phase), *_ = talk.parts(((0.0, 0.0),) * 5, 1.0, False)
+    assert talk.say(*trajectory) == "done"
+    assert talk.say("phase", phase | {"degree": degree, "first_row": first}) == result
+
+
+def test_a_new_trajectory_unmakes_the_old_one(talk: Talk) -> None:
+    talk.ready()
+    trajectory, *_ = talk.parts(((0.0, 0.0),) * 5, 1.0, False)
+    assert talk.say(*trajectory) == "done"
+    assert talk.say("arm") == "incomplete"
+    assert talk.detail == talk.codec.document["missing"]["trajectory"]
+
+
+def test_a_phase_shorter_than_a_period_is_refused(talk: Talk) -> None:
+    talk.settings()
+    talk.upload(duration=0.0009)
+    assert talk.say("arm") == "out_of_range"
+    talk.upload(duration=0.001)
+    assert talk.say("arm") == "done"
+
+
+def test_the_largest_trajectory(talk: Talk, table: dict[str, Any]) -> None:
+    """As many phases and rows as there is room for; followed to its end."""
+    talk.settings(frozen=[9.0] * N)
+    phases, rows = table["max_phases"], table["max_rows"]
+    each = rows // phases
+    points = [(0.001 * k, -0.001 * k) for k in range(rows)]
+    (name, head), (_, phase), *others = talk.parts(points, 0.01, False)
+    messages = [(name, head | {"count": phases})]
+    messages += [("phase", phase | {"index": k, "degree": each - 1, "first_row": each * k}) for k in range(phases)]
+    messages += others
+    checksum = 0
+    for name, values in messages:
+        assert talk.say(name, values) == "done"
+        checksum = zlib.crc32(talk.codec.payload(name, values), checksum)
+    assert talk.say("commit", {"checksum": checksum}) == "done"
+    talk.run()
+    seen = set()
+    for k in range(phases * 10 + 5):
+        record = talk.step([100 + round(0.001 * rows * k / 165 / PER_COUNT), -3]).report("telemetry")
+        assert record is not None
+        seen.add(record["phase"])
+    assert seen == set(range(phases))
+    assert record["q_desired"][0] == pytest.approx(0.255)
+    assert record["status"] & table["status"]["finished"]
+
+
+# --- steps and telemetry ---
+
+
+def test_where_the_arm_stands_is_told_in_idle(talk: Talk) -> None:
+    assert talk.step().reports == []
+    assert talk.say("query") == "done"
+    record = talk.step([7, -8]).report("telemetry")
+    assert record is not None
+    assert (record["counts"], record["torque"], record["time_us"]) == ((7, -8), (0.0, 0.0), 2000)
+    assert talk.step().reports == []
+
+
+def test_telemetry_of_every_third_period(talk: Talk) -> None:
+    talk.ready().run(every=3)
+    periods = [r["period"] for _ in range(20) if (r := talk.step().report("telemetry"))]
+    assert periods == list(range(0, 20, 3))
+
+
+def test_what_the_link_does_not_take_is_counted_and_seen(talk: Talk) -> None:
+    talk.ready().run()
+    for _ in range(20):
+        talk.time_us += 1000
+        talk.board.period(np.array(talk.counts, dtype=np.int32), talk.time_us, 0)
+    periods = [m.values["period"] for m in talk.hear() if m.name == "telemetry"]
+    assert periods == list(range(8))
+    record = talk.step().report("telemetry")
+    assert record is not None
+    assert record["period"] == 20
+    assert talk.say("query") == "done"
+    assert talk.report("counters")["telemetry_lost"] == 12
+
+
+def test_answers_that_are_not_fetched_are_counted(talk: Talk) -> None:
+    for k in range(12):
+        talk.board.receive(talk.codec.encode("alive", sequence=k + 1))
+    assert sum(message.name == "ack" for message in talk.hear()) == 8
+    talk.sequence = 11
+    assert talk.say("alive") == "done", "the last one again: answered again"
+    assert talk.say("query") == "done"
+    assert talk.report("counters")["acks_lost"] == 4
+
+
+def test_a_run_again_is_the_same_run(talk: Talk) -> None:
+    talk.settings()
+    talk.upload([(0.0, 0.0)] * 3 + [(0.3, 0.1)] * 3, 0.05, True)
+    found = []
+    for _ in range(2):
+        talk.run(periods=80)
+        torques = []
+        for k in range(80):
+            step = talk.step([100 + k % 7, k % 3])
+            torques.append(step.torque.tobytes())
+        found.append(torques)
+        while talk.step([100, -3]).enabled:
+            pass
+        assert talk.say("reset") == "done"
+        assert talk.state() == {"state": "idle", "reason": "none", "joint": 0, "enabled": 0, "period": 80, "code": 0}
+    assert found[0] == found[1]
+
+
+def test_reset_waits_for_the_drives(talk: Talk) -> None:
+    talk.ready().run()
+    talk.step()
+    assert talk.say("stop") == "done"
+    for _ in range(SAFETY["damping"]):
+        assert talk.say("reset") == "state"
+        assert talk.step().enabled
+    assert not talk.step().enabled
+    assert talk.say("reset") == "done"
+
+
+def test_counters_of_an_encoder_may_overflow(talk: Talk) -> None:
+    zero = 2**31 - 20
+    talk.settings(zero=[zero, -(2**31) + 5])
+    talk.upload([(0.0, 0.0)] * 3 + [(0.1, -0.1)] * 3, 0.1, False)
+    talk.counts = [zero, -(2**31) + 5]
+    talk.run()
+    for k in range(100):
+        step = talk.step([zero + k, -(2**31) + 5 - k])
+        record = step.report("telemetry")
+        assert record is not None
+        assert talk.reasons[record["reason"]] == "none"
+    assert step.enabled
+
+
+# --- what stops the arm ---
+
+Cause = Callable[[Talk], Step]
+SLOW = [(0.0, 0.0)] * 3 + [(1.0, 0.0)] * 3
+
+
+def moving(talk: Talk, **changed: Any) -> None:
+    """Running, twenty steps on, joint 1 at 1 count a step."""
+    talk.settings(**changed)
+    talk.upload(SLOW, 2.0)
+    talk.run()
+    for k in range(20):
+        step = talk.step([100 + k, -3 + k])
+        record = step.report("telemetry")
+        assert record is not None
+        assert talk.reasons[record["reason"]] == "none"
+
+
+def moved(talk: Talk, first: int, second: int) -> list[int]:
+    return [talk.counts[0] + first, talk.counts[1] + second]
+
+
+def told(talk: Talk, step: Step, reason: str, joint: int) -> None:
+    """The step's own record, and the report after it, name the reason."""
+    record, state = step.report("telemetry"), step.report("state")
+    assert record is not None
+    assert state is not None
+    names = [m.name for m in step.reports]
+    assert names.index("telemetry") < names.index("state")
+    assert talk.reasons[record["reason"]] == talk.reasons[state["reason"]] == reason
+    assert state["joint"] == joint
+    assert state["period"] == record["period"]
+    assert step.report("counters") is not None
+
+
+def damped(talk: Talk, step: Step, qd: Sequence[float]) -> None:
+    """Torque against the motion for as long as it was asked for, then none and the drives off."""
+    kd, limit, gain = np.array(DRIVE["kd"]), np.array(DRIVE["torque_limit"]), DRIVE["velocity_gain"]
+    rate = np.array(qd, dtype=float)
+    for k in range(SAFETY["damping"]):
+        if k:
+            step = talk.step()
+            rate = rate - gain * rate
+        assert step.enabled
+        assert step.torque == pytest.approx(np.clip(-kd * rate, -limit, limit), rel=1e-5, abs=1e-6)
+    for _ in range(3):
+        step = talk.step(moved(talk, 5, 5))
+        assert not step.enabled
+        assert not step.torque.any()
+
+
+def without_torque(talk: Talk, step: Step) -> None:
+    for _ in range(3):
+        assert not step.enabled
+        assert not step.torque.any()
+        step = talk.step(moved(talk, 3, 3))
+
+
+def rates(first: int, second: int) -> list[float]:
+    """After twenty steps of a count each and one of these, filtered."""
+    gain, each = DRIVE["velocity_gain"], PER_COUNT * DRIVE["rate"]
+    before = each * (1 - (1 - gain) ** 19)
+    return [before + gain * (each * last - before) for last in (first, second)]
+
+
+def test_done(talk: Talk) -> None:
+    talk.settings()
+    talk.upload(SLOW, 2.0)
+    talk.run(periods=20)
+    for k in range(20):
+        assert talk.step([100 + k, -3 + k]).report("state") is None
+    step = talk.step(moved(talk, 1, 1))
+    told(talk, step, "done", 0)
+    damped(talk, step, rates(1, 1))
+
+
+def test_stopped_by_the_host(talk: Talk) -> None:
+    moving(talk)
+    assert talk.say("stop") == "done"
+    assert talk.reasons[talk.report("state")["reason"]] == "host"
+    assert talk.report("state")["period"] == 20
+    damped(talk, talk.step(moved(talk, 1, 1)), rates(1, 1))
+
+
+def test_the_torque_limit_holds_for_the_damping(talk: Talk) -> None:
+    moving(talk, speed=[1e9] * N, tracking=[9.0] * N)
+    step = talk.step(moved(talk, 100, -150))
+    assert talk.say("stop") == "done"
+    step = talk.step(moved(talk, 100, -150))
+    assert step.torque.tolist() == [-DRIVE["torque_limit"][0], DRIVE["torque_limit"][1]]
+    assert talk.step().torque[1] == pytest.approx(27, abs=1)
+
+
+@pytest.mark.parametrize("silence", [1, 7])
+def test_silence(talk: Talk, silence: int) -> None:
+    talk.settings(silence=silence)
+    talk.upload()
+    assert talk.say("arm") == "done"
+    assert talk.say("run", {"periods": 0, "every": 1}) == "done"
+    for _ in range(silence):
+        assert talk.step().report("state") is None
+    assert talk.say("alive") == "done"
+    for _ in range(silence):
+        assert talk.step().report("state") is None
+    told(talk, talk.step(), "link_lost", 0)
+
+
+def test_silence_while_armed(talk: Talk) -> None:
+    talk.settings(silence=5)
+    talk.upload()
+    assert talk.say("arm") == "done"
+    steps = [talk.step() for _ in range(6)]
+    assert [step.report("state") is None for step in steps] == [True] * 5 + [False]
+    told(talk, steps[-1], "link_lost", 0)
+
+
+@pytest.mark.parametrize("noise", [b"\x05\x01\0", b"\x01\x01\0", b"\x07\x01\x02\x03\x04\x05\x06\x07\x08\0"])
+def test_too_much_noise(talk: Talk, noise: bytes) -> None:
+    moving(talk)
+    for _ in range(SAFETY["errors"]):
+        assert talk.raw(noise) == []
+    found = talk.raw(noise)
+    assert [talk.reasons[m.values["reason"]] for m in found if m.name == "state"] == ["corrupted"]
+    damped(talk, talk.step(moved(talk, 1, 1)), rates(1, 1))
+
+
+def test_noise_before_the_run_does_not_count(talk: Talk) -> None:
+    talk.ready()
+    for _ in range(10):
+        talk.raw(b"\x05\x01\0")
+    talk.run()
+    assert talk.step().report("state") is None
+    assert talk.raw(b"\x05\x01\0") == []
+
+
+def test_too_many_out_of_sequence(talk: Talk) -> None:
+    moving(talk)
+    after = talk.sequence
+    for k in range(SAFETY["errors"] + 1):
+        assert talk.say("alive", sequence=after + 100 + k) == "sequence"
+    assert talk.reasons[talk.report("state")["reason"]] == "sequence"
+    damped(talk, talk.step(moved(talk, 1, 1)), rates(1, 1))
+
+
+def test_a_torque_that_is_no_number(talk: Talk) -> None:
+    """Values that are finite each, but not together."""
+    wide = dict.fromkeys(("tracking", "speed", "high"), [3e38] * N)
+    talk.settings(**wide, low=[-3e38] * N, torque_limit=[3e38] * N)
+    assert talk.say("parameters", dict.fromkeys(talk.codec.fields("parameters"), 3e38)) == "done"
+    talk.upload([(0.0, 0.0)] * 3 + [(1.0, 3e38)] * 3, 0.02, True)
+    talk.run()
+    for _ in range(40):
+        step = talk.step()
+        if step.report("state") is not None:
+            break
+    told(talk, step, "not_finite", step.report("state")["joint"])
+    without_torque(talk, step)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_tracking(talk: Talk, joint: int) -> None:
+    """Exactly at the limit it runs on; beyond it by one unit in the last place it stops."""
+    counts = [100, -3]
+    counts[joint - 1] += 64
+    error = 64 * PER_COUNT
+    for limit, stops in ((error, False), (float(np.nextafter(np.float32(error), np.float32(0))), True)):
+        one = Talk(talk.directory, ARM.name)
+        one.ready(tracking=[limit if k == joint else 9.0 for k in (1, 2)], speed=[1e9] * N)
+        one.run()
+        one.step()
+        step = one.step(counts)
+        assert (step.report("state") is not None) == stops
+        if stops:
+            told(one, step, "tracking", joint)
+            raw = [0.0, 0.0]
+            raw[joint - 1] = 64 * PER_COUNT * 1000 * DRIVE["velocity_gain"]
+            damped(one, step, raw)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_speed(talk: Talk, joint: int, sign: int) -> None:
+    exact = 8 * PER_COUNT * 1000 * DRIVE["velocity_gain"]
+    counts = [100, -3]
+    counts[joint - 1] += 8 * sign
+    for limit, stops in ((exact, False), (float(np.nextafter(np.float32(exact), np.float32(0))), True)):
+        one = Talk(talk.directory, ARM.name)
+        one.ready(speed=[limit if k == joint else 1e9 for k in (1, 2)])
+        one.run()
+        one.step()
+        step = one.step(counts)
+        assert (step.report("state") is not None) == stops
+        if stops:
+            told(one, step, "speed", joint)
+
+
+def test_speed_while_armed(talk: Talk) -> None:
+    talk.ready(speed=[1.0, 3.0])
+    assert talk.say("arm") == "done"
+    talk.step()
+    assert talk.step(moved(talk, 2, 0)).report("state") is None
+    step = talk.step(moved(talk, 0, 7))
+    told(talk, step, "speed", 2)
+    damped(talk, step, [0.5 * 2 * PER_COUNT * 500, 7 * PER_COUNT * 500])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "to"), [(-0.25, 9.0, -0.25), (-9.0, 0.25, 0.25), (0.0, 0.0, 0.0), (-0.0, -0.0, 0.0)]
+)
+def test_position(talk: Talk, low: float, high: float, to: float) -> None:
+    """Ends included."""
+    talk.ready(low=[low, -9.0], high=[high, 9.0], speed=[1e9] * N, jump=[1000] * N)
+    talk.run()
+    talk.step()
+    end = 100 + round(to / PER_COUNT)
+    assert talk.step([end, -3]).report("state") is None
+    assert talk.step([end, -3]).report("state") is None
+    step = talk.step([end + (1 if to == high else -1), -3])
+    told(talk, step, "position", 1)
+
+
+def test_a_torque_at_its_limit_for_too_long(talk: Talk) -> None:
+    talk.ready(torque_limit=[1000.0, 1e-3], saturated=5)
+    talk.run()
+    for _ in range(5):
+        assert talk.step([100, 30]).report("state") is None
+    step = talk.step([100, 30])
+    told(talk, step, "torque_limit", 2)
+
+
+def test_an_encoder_that_does_not_count(talk: Talk) -> None:
+    """Within as many periods as there are joints."""
+    talk.settings(frozen=[9.0, 0.25], tracking=[9.0] * N)
+    talk.upload([(0.0, k / 4) for k in range(5)], 0.1)
+    talk.run()
+    for k in range(60):
+        step = talk.step([100 + k % 2, -3])
+        if step.report("state") is not None:
+            break
+    record = step.report("telemetry")
+    assert record is not None
+    assert 0.25 < record["q_desired"][1] < 0.25 + (N + 1) * 0.01
+    told(talk, step, "encoder_frozen", 2)
+    without_torque(talk, step)
+
+
+def test_an_encoder_that_counts_now_and_then_is_not_frozen(talk: Talk) -> None:
+    talk.settings(frozen=[0.05, 9.0], tracking=[9.0] * N, saturated=1000)
+    talk.upload([(k / 4, 0.0) for k in range(5)], 0.2)
+    talk.run()
+    for k in range(200):
+        assert talk.step([100 + k // 4, -3]).report("state") is None
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_encoder_that_jumps(talk: Talk, joint: int, sign: int) -> None:
+    moving(talk, speed=[1e9] * N, tracking=[99.0] * N, low=[-99.0] * N, high=[99.0] * N)
+    jump = [0, 0]
+    jump[joint - 1] = sign * SAFETY["jump"][0]
+    assert talk.step(moved(talk, *jump)).report("state") is None
+    jump[joint - 1] += sign
+    step = talk.step(moved(talk, *jump))
+    told(talk, step, "encoder_jump", joint)
+    without_torque(talk, step)
+
+
+@pytest.mark.parametrize("state", ["armed", "running"])
+def test_a_period_that_was_missed(talk: Talk, state: str) -> None:
+    brought_to(talk, state)
+    for _ in range(3):
+        talk.step()
+    assert talk.step(us=1500).report("state") is None
+    step = talk.step(us=1501)
+    told(talk, step, "watchdog", 0)
+    damped(talk, step, [0.0, 0.0])
+
+
+def test_after_a_missed_period_the_damping_goes_by_the_last_rate(talk: Talk) -> None:
+    """What was counted over several periods is no rate."""
+    moving(talk)
+    step = talk.step(moved(talk, 50, 50), us=50_000)
+    told(talk, step, "watchdog", 0)
+    each = PER_COUNT * 1000 * (1 - 0.5**19)
+    damped(talk, step, [each, each])
+
+
+def test_the_clock_goes_round(talk: Talk) -> None:
+    talk.time_us = 2**32 - 10_500
+    talk.ready().run()
+    for _ in range(30):
+        assert talk.step().report("state") is None
+
+
+def test_standing_elsewhere_than_the_trajectory_starts(talk: Talk) -> None:
+    away = round(SAFETY["start"][1] / PER_COUNT)
+    for distance, stops in ((away, False), (away + 1, True), (-away, False), (-away - 1, True)):
+        one = Talk(talk.directory, ARM.name)
+        one.ready()
+        one.counts = [100, -3 + distance]
+        one.run()
+        step = one.step()
+        assert (step.report("state") is not None) == stops
+        if stops:
+            told(one, step, "start_position", 2)
+            damped(one, step, [0.0, 0.0])
+
+
+@pytest.mark.parametrize("state", ["armed", "running"])
+def test_a_fault_of_a_drive(talk: Talk, state: str) -> None:
+    brought_to(talk, state)
+    talk.step()
+    step = talk.step(fault=0xDEADBEEF)
+    told(talk, step, "drive", 0)
+    assert step.report("state")["code"] == 0xDEADBEEF
+    without_torque(talk, step)
+
+
+@pytest.mark.parametrize("jump", [True, False])
+def test_damping_ends_where_it_cannot_be_trusted(talk: Talk, jump: bool) -> None:
+    moving(talk)
+    assert talk.say("stop") == "done"
+    assert talk.step(moved(talk, 1, 1)).torque.any()
+    step = talk.step(moved(talk, 500, 1)) if jump else talk.step(moved(talk, 1, 1), fault=1)
+    without_torque(talk, step)
+    assert talk.state()["reason"] == "host"
+
+
+def test_every_reason_is_tested_here(table: dict[str, Any]) -> None:
+    text = Path(__file__).read_text()
+    assert [r["name"] for r in table["reasons"] if f'"{r["name"]}"' not in text] == []
+
+
+# --- anything, in any order ---
+
+
+class Anything(RuleBasedStateMachine):
+    """Commands, steps and noise in any order, beside a few sentences of what must hold."""
+
+    directory: Path
+
+    @initialize(ready=st.booleans())
+    def start(self, ready: bool) -> None:
+        self.talk = Talk(self.directory, ARM.name)
+        self.state, self.reason, self.enabled = 0, 0, 0
+        if ready:
+            self.talk.ready(silence=60, errors=2)
+
+    def note(self, reports: Sequence[Any]) -> None:
+        for message in reports:
+            if message.name == "state":
+                after = message.values
+                assert (self.state, after["state"]) in {
+                    *((k, k) for k in range(4)), (0, 1), (1, 2), (1, 3), (2, 3), (3, 0), (0, 3),
+                }  # fmt: skip
+                self.state, self.reason, self.enabled = after["state"], after["reason"], after["enabled"]
+                assert (self.reason == 0) == (self.state != 3)
+                assert self.enabled == 1 or self.state in (0, 3)
+
+    @rule(data=st.data())
+    def command(self, data: st.DataObject) -> None:
+        name = data.draw(
+            st.sampled_from(["arm", "arm", "run", "run", "alive", "stop", "reset", "reset", "query", "drive", "points"])
+        )
+        values = values_of(self.talk, name)
+        if name == "run":
+            values = {"periods": data.draw(st.integers(0, 9)), "every": 1}
+        before = self.state
+        result = self.talk.say(name, values)
+        self.note(self.talk.reports)
+        if result != "done":
+            assert self.state == before
+
+    @rule(data=st.binary(max_size=20))
+    def noise(self, data: bytes) -> None:
+        self.note(self.talk.raw(data + b"\0"))
+
+    @rule(offset=st.integers(-50, 50))
+    def out_of_sequence(self, offset: int) -> None:
+        after = self.talk.sequence
+        result = self.talk.say("alive", sequence=after + 5 + abs(offset))
+        assert result == "sequence"
+        self.note(self.talk.reports)
+        self.talk.sequence = after
+
+    @rule(
+        first=st.integers(-3, 3),
+        second=st.one_of(st.integers(-3, 3), st.integers(-(2**31), 2**31 - 1)),
+        us=st.sampled_from([1000] * 30 + [1501, 2**31]),
+        fault=st.sampled_from([0] * 40 + [5]),
+    )
+    def step(self, first: int, second: int, us: int, fault: int) -> None:
+        before, were = self.state, self.enabled
+        step = self.talk.step(moved(self.talk, first, second), us, fault)
+        self.note(step.reports)
+        assert step.enabled == bool(self.enabled)
+        limit = np.array(DRIVE["torque_limit"], dtype=np.float32)
+        assert (np.abs(step.torque) <= limit).all()
+        if self.state != 2:
+            record = step.report("telemetry")
+            kd = np.array(DRIVE["kd"])
+            if not self.enabled or self.state in (0, 1):
+                assert not step.torque.any()
+            elif record is not None and before == 3 and were:
+                raw = np.array([first, second]) * PER_COUNT * 1000
+                assert ((np.abs(step.torque) <= kd * (np.abs(raw) + 1e4)) & np.isfinite(step.torque)).all()
+        if fault or us > SAFETY["late"]:
+            assert before in (0, 3) or self.state == 3
+
+    @precondition(lambda self: self.state == 3)
+    @rule()
+    def wait(self) -> None:
+        """Stopped drives go off in so many periods."""
+        for _ in range(SAFETY["damping"] + 1):
+            step = self.talk.step()
+            self.note(step.reports)
+        assert not step.enabled
+        assert self.talk.say("reset") == "done"
+        self.note(self.talk.reports)
+        assert self.state == 0
+
+
+@pytest.mark.usefixtures("directory")
+def test_anything_in_any_order(directory: Path) -> None:
+    from hypothesis.stateful import run_state_machine_as_test
+
+    Anything.directory = directory
+    run_state_machine_as_test(Anything, settings=settings(max_examples=60, stateful_step_count=40, deadline=None))
+
+
+def test_the_largest_float_is_no_limit(talk: Talk, table: dict[str, Any]) -> None:
+    none = struct.unpack("<f", struct.pack("<f", table["no_limit"]))[0]
+    talk.ready(
+        **{key: [none] * N for key in ("tracking", "speed", "high", "start", "frozen", "torque_limit")},
+        low=[-none] * N,
+        jump=[2**31 - 1] * N,
+    )
+    talk.run()
+    for k in range(50):
+        assert talk.step([100 + 1000 * k, -3 - 10**6 * k]).report("state") is None
+
+
+def every_piece(data: bytes) -> Iterator[bytes]:
+    yield from (data[k : k + 1] for k in range(len(data)))
+
+
+def test_bytes_in_any_pieces(talk: Talk) -> None:
+    """Byte by byte, with steps in between, as a serial line brings them."""
+    stream = b"".join(
+        talk.codec.encode(name, values_of(talk, name), k) for k, name in enumerate(["hello", "drive", "safety"], 1)
+    )
+    answers = []
+    for piece in every_piece(b"\0\0" + stream):
+        answers += [m for m in talk.raw(piece) if m.name == "ack"]
+        talk.step()
+    assert [talk.results[m.values["result"]] for m in answers] == ["done"] * 3
