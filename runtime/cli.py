@@ -90,11 +90,11 @@ class Source:
         effects = prepare_effects(tuple(self.library.values()) if self.own_effects else None)
         return load_model(prepare_arm(self.arm(text)), load_library(effects))
 
-    def controller(self, target: str = "host") -> Path:
+    def controller(self, target: str = "host", toolchain: str | None = None) -> Path:
         """The directory of the arm's firmware, built for a target of `tendon firmware`."""
         from codegen.workspace import prepare_firmware
 
-        return prepare_firmware(self.arm(), self.library, target)
+        return prepare_firmware(self.arm(), self.library, target, toolchain)
 
     def firmware(self, directory: Path) -> embedded.Tree:
         """The files of the controller's firmware, for a directory."""
@@ -102,12 +102,6 @@ class Source:
         from symbolic.model import derive
 
         return FirmwareTree.of(derive(self.arm()), self.library, directory)
-
-    def board(self, target: str, toolchain: str | None = None) -> Path:
-        """The directory of the firmware, compiled for a target; see codegen.workspace.prepare_firmware."""
-        from codegen.workspace import prepare_firmware
-
-        return prepare_firmware(self.arm(), self.library, target, toolchain)
 
     def add(self, text: str, effect: str, joint: int | None, values: Mapping[str, float] | None = None) -> str:
         """`text` with an effect more."""

@@ -62,7 +62,7 @@ def firmware(
             raise typer.Exit(boundary.NO)
         return
     with working(f"deriving {name} and compiling its firmware"):
-        prepared = source.board(target, toolchain)
+        prepared = source.controller(target, toolchain)
         tree = source.firmware(directory)
     tree.write()
     report = _install(prepared, directory / "build" / target)
