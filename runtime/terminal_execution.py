@@ -17,7 +17,7 @@ def show(document: Document) -> None:
     say(f"{plan['scenario']} on {document['on']}: {_trials(document)}; friction {friction}.")
     _arm(document)
     if document.get("every", 1) > 1:
-        say(f"The line carries the record of every {document['every']}th control period; the others are left out.")
+        say(f"The line carries one record in {document['every']} control periods; the others are left out.")
     if document.get("drives"):
         _drives(document)
     if document["uncompensated"]:

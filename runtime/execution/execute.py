@@ -51,8 +51,9 @@ class Execution:
 
     @cached_property
     def recording(self) -> Recording | None:
-        """All trials, a run each."""
-        return recorded(self.trials, self.plan.model, self.noise, self.seed) if self.trials else None
+        """All trials, a run each; None if nothing has moved."""
+        moved = any(len(trial.t) for trial in self.trials)
+        return recorded(self.trials, self.plan.model, self.noise, self.seed) if moved else None
 
     @property
     def completed(self) -> bool:

@@ -25,8 +25,9 @@ _SILENT = 0.3
 """s without telemetry after which the board counts as lost."""
 _END = 1.0
 """s that a board may take for a stop, besides its damping."""
+_PATIENCE = 5.0
+"""s that it may damp what another host has left in motion."""
 _TRAJECTORY = ("trajectory", "phase", "points")
-_BOARDS_OWN = ("done", "host", "none")
 
 
 class Refused(LinkError):
@@ -81,7 +82,9 @@ class Session:
         """The board's identity; it is idle then. Raises Refused for firmware that is not of this model, LinkLost."""
         # Ends whatever half a frame the line has brought before.
         self.link.write(DELIMITER)
-        self._command("hello", wanted=lambda: self._identity is not None)
+        self._identity = None
+        # A board of another version answers this, and nothing else that could be read here.
+        self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None)
         assert self._identity is not None
         found, own = self._identity.values, self.codec.document
         if found["version"] != own["version"]:
@@ -132,26 +135,29 @@ class Session:
         asked   whether the user wants to stop: 0 no, 1 yes, 2 without waiting for the board
         Raises Refused. A link that is lost ends the run, and what was recorded until then is returned.
         """
+        log, errors = _Log(every, self.codec), self._decoder.errors.total()
+        if asked():
+            return Run([], Ended("interrupted"), 0)
         self._telemetry.clear()
         self._state = None
-        log = _Log(every)
-        errors = self._decoder.errors.total()
         try:
-            self._command("arm")
-            self._command("run", {"periods": periods, "every": every})
-            ended = self._follow(log, asked)
-            left = self._leave(log, asked)
-            ended = ended or left or Ended("link_lost", detail="the board does not say that it has stopped")
+            ended = self._driven(periods, log, asked)
         except LinkLost as lost:
             log.take(self._telemetry)
             ended = Ended("link_lost", period=log.last, detail=str(lost))
-        rows = [row for row in log.rows if self._belongs(row, ended)]
-        return Run(rows, ended, self._decoder.errors.total() - errors)
+        except BaseException:
+            # Whatever has happened here, the arm does not go on.
+            with suppress(LinkLost):
+                self._stop()
+            raise
+        return Run(log.rows, ended, self._decoder.errors.total() - errors)
 
-    def _belongs(self, row: dict[str, Any], ended: Ended) -> bool:
-        """Whether a record is of the run itself, the step that stopped it included, and not of the damping."""
-        running = self._names["states"][row["state"]] == "running"
-        return running or (ended.reason != "done" and row["period"] == ended.period)
+    def _driven(self, periods: int, log: _Log, asked: Callable[[], int]) -> Ended:
+        self._command("arm")
+        self._command("run", {"periods": periods, "every": log.every})
+        ended = self._follow(log, asked)
+        told = self._leave(log, asked)
+        return ended or told or Ended("link_lost", period=log.last, detail="the board does not say that it has stopped")
 
     def _follow(self, log: _Log, asked: Callable[[], int]) -> Ended | None:
         """Until the board has stopped (None) or the host has to stop it."""
@@ -213,7 +219,7 @@ class Session:
         """From any state to idle, after another host has left the board in it."""
         self._command("stop")
         self._state = None
-        deadline = self.link.now() + _END
+        deadline = self.link.now() + _PATIENCE
         while not (self._stopped and self._off):
             if self.link.now() > deadline:
                 raise LinkLost("the board does not say that its drives are off")
@@ -254,16 +260,19 @@ class Session:
             raise Refused(self._refusal(name, ack.values))
 
     def _exchange(self, name: str, number: int, frame: bytes, wanted: Callable[[], bool]) -> Message:
+        self._repeat(name, frame, lambda: number in self._acks and wanted())
+        self._due = self.link.now() + self._silence / _ALIVES
+        return self._acks.pop(number)
+
+    def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool]) -> None:
+        """Send a frame until it is answered. Raises LinkLost."""
         for _ in range(_ATTEMPTS):
             self.link.write(frame)
             deadline = self.link.now() + _ANSWER
-            while (left := deadline - self.link.now()) > 0:
-                if number in self._acks and wanted():
-                    self._due = self.link.now() + self._silence / _ALIVES
-                    return self._acks.pop(number)
+            while not answered() and (left := deadline - self.link.now()) > 0:
                 self._listen(left)
-            if number in self._acks and wanted():
-                return self._acks.pop(number)
+            if answered():
+                return
         raise LinkLost(f"the board does not answer ({name}, {_ATTEMPTS} times); is its firmware running?")
 
     def _refusal(self, name: str, ack: dict[str, Any]) -> str:
@@ -291,11 +300,18 @@ class Session:
 
 
 class _Log:
-    """The telemetry of a run as long as it is whole. last: period of its last record."""
+    """The telemetry of a run as long as it is whole. last: period of its last record.
 
-    def __init__(self, every: int) -> None:
+    It ends with the record of the step that stopped the arm, whatever its period; a step that found the run done is
+    none of it.
+    """
+
+    def __init__(self, every: int, codec: Codec) -> None:
         self.every, self.rows = every, list[dict[str, Any]]()
+        self._states, self._reasons = codec.names("states"), codec.names("reasons")
+        self._expected = 0
         self._gap: str | None = None
+        self._over = False
 
     @property
     def last(self) -> int | None:
@@ -303,12 +319,20 @@ class _Log:
 
     def take(self, rows: list[dict[str, Any]]) -> str | None:
         """Add and clear `rows`; words for a gap, after which nothing is added."""
-        expected = 0 if self.last is None else self.last + self.every
         for row in rows:
-            if self._gap is None and row["period"] > expected:
-                self._gap = f"the telemetry of period {expected} is missing, that of {row['period']} is there"
-            if self._gap is None and row["period"] == expected:
-                self.rows.append(row)
-                expected += self.every
+            if self._gap is None and not self._over:
+                self._add(row)
         rows.clear()
         return self._gap
+
+    def _add(self, row: dict[str, Any]) -> None:
+        if row["period"] > self._expected:
+            self._gap = f"the telemetry of period {self._expected} is missing, that of {row['period']} is there"
+        elif self._states[row["state"]] == "running":
+            if row["period"] == self._expected:
+                self.rows.append(row)
+                self._expected += self.every
+        else:
+            self._over = True
+            if self._reasons[row["reason"]] != "done":
+                self.rows.append(row)

@@ -129,6 +129,12 @@ class Rig:
     def driven(self) -> Trial:
         return self.prepared().run()
 
+    def wait(self, seconds: float) -> None:
+        """As long in the link's time, without a word."""
+        end = self.link.now() + seconds
+        while self.link.now() < end:
+            self.lockstep.read(0.02)
+
     def check_safe(self, observed: int, missed: int | None = None) -> None:
         """From WITHIN periods after the criterion was met on, every torque damps or is zero, and in the end the drives
         are off. missed: a step in which nothing was measured."""

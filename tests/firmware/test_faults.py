@@ -412,7 +412,8 @@ def test_a_stop_before_the_first_step_does_not_take_the_encoders_place_for_a_rat
     one.settings = replace(one.settings, safety={**one.settings.safety, "jump": [2**31 - 1]})
     assert one.driven().stop is None
     one.lockstep.start(one.settings.points[3].astype(float), np.random.default_rng(1))
-    found = one.run(asked=lambda: 1)
+    wishes = iter([0])
+    found = one.run(asked=lambda: next(wishes, 1))
     assert found.stop is not None
     # A count more or less is 0.09 N m.
     assert 0 < np.abs(np.array(one.arm.torques)).max() < 0.1

@@ -1,0 +1,288 @@
+"""A board on a serial port: this computer's build of the machine behind a pseudo-terminal, in real time at 100 Hz."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import serial
+from bench_arm import BENCH, motion, trajectory
+
+from runtime import boundary, recording
+from runtime.cli import Source, app
+from runtime.execution.plant import Plant
+from runtime.execution.simulated import SimulatedArm
+from runtime.hardware.host_board import HostBoard
+from runtime.hardware.link import LinkError, LinkLost
+from runtime.hardware.serial_link import SerialLink
+from runtime.hardware.settings import Settings
+from runtime.loader import Model
+from runtime.planning.evaluate import mounted
+
+SLOW = BENCH.replace("rate = 1000.0", "rate = 100.0").replace("velocity_cutoff = 100.0", "velocity_cutoff = 25.0")
+PLAN = trajectory(motion([0.0, -0.3], [0.4, 0.4])[:1], periodic=False)
+
+
+class Bench(threading.Thread):
+    """The bench, its motor and its board, with a serial port; moved on by a control period every 10 ms, or later."""
+
+    def __init__(self, directory: Path, model: Model) -> None:
+        super().__init__(daemon=True)
+        settings = Settings.of(directory, model, PLAN)
+        self.arm = SimulatedArm(Plant(model, mounted(model, PLAN), settings.dt), settings)
+        self.board = HostBoard(directory, model.name, model.n)
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.device = os.ttyname(self.slave)
+        self.dt, self.over, self.deaf = settings.dt, threading.Event(), False
+        self.torques: list[float] = []
+        self.place(0.0)
+
+    def place(self, q: float) -> None:
+        """Where someone has put the arm, at rest."""
+        self.arm.start(np.array([q]), np.random.default_rng(0))
+
+    def run(self) -> None:
+        period, enabled = 0, False
+        while not self.over.is_set():
+            # Time is counted, not measured: a busy machine makes a slow board, not one that misses periods.
+            period += 1
+            due = time.monotonic() + self.dt
+            while (left := due - time.monotonic()) > 0:
+                if select.select([self.master], [], [], left)[0] and not self.deaf:
+                    self.board.receive(os.read(self.master, 4096))
+                    os.write(self.master, self.board.send())
+            on, torque = self.board.period(self.arm.counts(), round(1e6 * period * self.dt), 0)
+            if on != enabled:
+                enabled = on
+                self.arm.enable(on)
+            self.torques.append(float(torque[0]))
+            self.arm.apply(torque)
+            if not self.deaf:
+                os.write(self.master, self.board.send())
+
+    def close(self) -> None:
+        self.over.set()
+        if self.is_alive():
+            self.join()
+        for end in (self.master, self.slave):
+            os.close(end)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(SLOW)
+    return Source.read(path, None)
+
+
+@pytest.fixture(scope="module")
+def arm(source: Source) -> Model:
+    return source.model()
+
+
+@pytest.fixture
+def bench(source: Source, arm: Model) -> Iterator[Bench]:
+    made = Bench(source.controller(), arm)
+    made.start()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bench.toml").write_text(SLOW)
+    PLAN.write(tmp_path / "plan.json")
+    return tmp_path
+
+
+Outcome = tuple[int, str, str]
+
+
+@pytest.fixture
+def called(here: Path, capsys: pytest.CaptureFixture[str]) -> Any:  # noqa: ARG001 - where the files are
+    def execute(*arguments: object) -> Outcome:
+        status = boundary.run(app, ["execute", "bench.toml", "plan.json", *map(str, arguments)])
+        return status, *capsys.readouterr()
+
+    return execute
+
+
+# --- a run ---
+
+
+def test_a_motion_over_a_serial_port(bench: Bench, called: Any, arm: Model) -> None:
+    """There and back, three times, and the recording goes through compare."""
+    trajectory(motion([0.0, -0.3], [0.4, 0.4])).write(Path("plan.json"))
+    files = ("--cycles", 2, "--out", "run.csv", "--json", "e.json", "--model-out", "mounted.toml")
+    status, out, _ = called("--on", f"serial://{bench.device}?baud=115200", "--arm", *files)
+    assert status == 0, out
+    assert "The same on the simulated arm:" in out
+    document = json.loads(Path("e.json").read_text())
+    assert document["status"] == "done"
+    assert document["every"] == 1
+    assert len(document["trials"]) == 1
+    back = recording.read(Path("run.csv"), arm.metadata)
+    np.testing.assert_allclose(np.diff(back.t), 0.01)
+    assert len(back.t) == 240
+    assert back.q[0].min() == pytest.approx(-0.3, abs=0.02)
+    assert boundary.run(app, ["compare", "mounted.toml", "run.csv"]) == 0
+
+
+def test_without_arm_nothing_moves_and_the_port_is_not_even_opened(called: Any) -> None:
+    status, out, _ = called("--on", "serial:///dev/nowhere")
+    assert status == 1
+    assert "REFUSED, nothing has moved: a real arm moves only with --arm" in out
+    assert "room to the end of the range" in out
+
+
+def test_a_slow_line_carries_fewer_records_and_says_so(bench: Bench, called: Any) -> None:
+    """38 bytes of 10 bits, 100 times a second: 38 kbit/s, of which 90 % of 19200 is less than a half."""
+    status, out, _ = called("--on", f"serial://{bench.device}?baud=19200", "--arm", "--out", "run.csv")
+    assert status == 0, out
+    assert "The line carries one record in 3 control periods; the others are left out." in out
+    t = np.genfromtxt("run.csv", delimiter=",", skip_header=1)[:, 0]
+    np.testing.assert_allclose(np.diff(t), 0.03)
+
+
+def test_an_arm_that_stands_elsewhere_is_not_moved(bench: Bench, called: Any) -> None:
+    bench.place(0.2)
+    status, _, err = called("--on", f"serial://{bench.device}", "--arm")
+    assert status == 2
+    assert "the arm is not where the trajectory starts: joint 1 stands at 0.200 rad, the trajectory starts at 0" in err
+    assert not any(bench.torques)
+
+
+def test_it_is_driven_to_the_start_if_that_is_wanted(bench: Bench, called: Any) -> None:
+    bench.place(0.2)
+    status, out, _ = called("--on", f"serial://{bench.device}", "--arm", "--approach", "--json", "e.json")
+    assert status == 0, out
+    assert json.loads(Path("e.json").read_text())["mean"]["q_min"][0] == pytest.approx(-0.3, abs=0.02)
+
+
+def test_a_cable_that_is_pulled_in_motion(bench: Bench, called: Any) -> None:
+    def pull() -> None:
+        while not any(bench.torques):
+            time.sleep(0.01)
+        time.sleep(0.2)
+        bench.deaf = True
+
+    threading.Thread(target=pull, daemon=True).start()
+    status, out, _ = called("--on", f"serial://{bench.device}", "--arm", "--out", "run.csv", "--json", "e.json")
+    assert status == 1
+    assert "SAFE STOP" in out
+    document = json.loads(Path("e.json").read_text())
+    assert document["trials"][0]["stop"]["name"] == "link_lost"
+    assert len(Path("run.csv").read_text().splitlines()) > 5
+    time.sleep(1.0)
+    # The board has stopped by itself.
+    assert not any(bench.torques[-10:])
+
+
+# --- what is in the way before it ---
+
+
+@pytest.mark.parametrize("key", ["position", "speed", "torque"])
+def test_no_real_arm_moves_without_limits(called: Any, here: Path, key: str) -> None:
+    line = next(line for line in SLOW.splitlines() if line.startswith(f"{key} = "))
+    (here / "bench.toml").write_text(SLOW.replace(f"{line}\n", "", 1))
+    status, out, err = called("--on", "serial:///dev/nowhere", "--arm")
+    assert (status, out) == (2, "")
+    assert f"too few limits for a real arm; add to [joint.limits]: {key} at joint 1" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--on", "serial:///dev/nowhere"], "/dev/nowhere: there is no such port; is the board plugged in?"),
+        (["--on", "serial://"], "expected serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"),
+        (["--on", "serial:///dev/nowhere?baud=fast"], "expected serial:///dev/ttyACM0"),
+        (["--on", "serial:///dev/nowhere?speed=1"], "expected serial:///dev/ttyACM0"),
+        (["--on", "serial:///dev/nowhere", "--hide", "offset@1:torque=1"], "--hide is for the simulated arm"),
+        (
+            ["--on", "telnet://board"],
+            "--on telnet://board: no such target; there is: simulation, unicorn, qemu, serial",
+        ),
+    ],
+)
+def test_mistakes_are_one_line(called: Any, arguments: list[str], message: str) -> None:
+    status, out, err = called(*arguments, "--arm")
+    assert (status, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_arm_is_not_for_the_simulation(called: Any) -> None:
+    assert "--arm is for a real arm, and --on simulation is none" in called("--on", "simulation", "--arm")[2]
+
+
+def test_a_port_that_another_program_holds(bench: Bench) -> None:
+    first = SerialLink.of(f"serial://{bench.device}")
+    with pytest.raises(LinkError, match="another program holds this port; close it first"):
+        SerialLink.of(f"serial://{bench.device}")
+    first.close()
+    SerialLink.of(f"serial://{bench.device}").close()
+
+
+def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise serial.SerialException(13, "could not open port /dev/ttyACM0: [Errno 13] Permission denied")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(LinkError, match="no permission; join the group that owns it: sudo usermod -aG dialout"):
+        SerialLink("/dev/ttyACM0")
+
+
+def test_nobody_at_the_other_end(called: Any) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    status, _, err = called("--on", f"serial://{os.ttyname(slave)}", "--arm")
+    os.close(master)
+    os.close(slave)
+    assert status == 2
+    assert "the board does not answer (hello, 5 times); is its firmware running?" in err
+
+
+def test_a_port_that_goes_away_is_a_lost_link() -> None:
+    master, slave = os.openpty()
+    link = SerialLink(os.ttyname(slave))
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(LinkLost, match="is gone"):
+        link.read(0.05)
+    link.close()
+
+
+def test_firmware_of_another_arm(bench: Bench, called: Any, here: Path) -> None:
+    """The same joint with another effect to compensate: other settings, so another layout."""
+    (here / "bench.toml").write_text(SLOW + "[joint.effects.offset]\ntorque = 0.1\n")
+    status, _, err = called("--on", f"serial://{bench.device}", "--arm")
+    assert status == 2
+    assert "the board's firmware is of another arm or another version" in err
+    assert "build it anew (tendon firmware)" in err
+
+
+def test_the_serial_library_is_an_extra(called: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "serial", None)
+    assert "a serial port needs pyserial: pip install pyserial" in called("--on", "serial:///dev/x", "--arm")[2]
+
+
+def test_emulators_that_are_missing_say_what_to_install(called: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name: None if name == "qemu-system-arm" else which(name))
+    status, _, err = called("--on", "qemu")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "apt install qemu-system-arm" in err
+    monkeypatch.setitem(__import__("sys").modules, "unicorn", None)
+    assert "--on unicorn needs the emulator: pip install unicorn" in called("--on", "unicorn")[2]

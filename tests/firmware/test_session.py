@@ -1,0 +1,250 @@
+"""A host's conversation with a board: who it is, what it is told, what it records, and what it does not accept."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bench_arm import BENCH, THERE_AND_BACK, motion, trajectory
+from driven import Rig, rig
+
+from runtime.cli import Source
+from runtime.execution.interrupt import listening
+from runtime.execution.loop import Trial
+from runtime.hardware.frames import Codec
+from runtime.hardware.link import LinkLost
+from runtime.hardware.session import Refused, Session
+from runtime.loader import Model
+
+PLAN = trajectory(THERE_AND_BACK)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(BENCH)
+    return Source.read(path, None)
+
+
+@pytest.fixture(scope="module")
+def arm(bench: Source) -> Model:
+    return bench.model()
+
+
+@pytest.fixture
+def one(bench: Source, arm: Model) -> Rig:
+    return rig(arm, bench.controller(), PLAN)
+
+
+@pytest.fixture(scope="module")
+def clean(bench: Source, arm: Model) -> Trial:
+    return rig(arm, bench.controller(), PLAN).driven()
+
+
+# --- before a run ---
+
+
+def test_the_board_says_who_it_is(one: Rig) -> None:
+    page = one.session.codec.document
+    found = one.session.identify()
+    assert {name: found[name] for name in ("version", "joints", "fingerprint", "max_phases", "max_rows")} == {
+        name: page[name] for name in ("version", "joints", "fingerprint", "max_phases", "max_rows")
+    }
+
+
+def session_of(one: Rig, **others: object) -> Session:
+    """With another idea of the protocol."""
+    return Session(one.link, Codec({**one.session.codec.document, **others}))
+
+
+def test_another_version_of_the_protocol_is_refused(one: Rig) -> None:
+    with pytest.raises(Refused, match="speaks version 1 of the protocol, this host version 2; build its firmware anew"):
+        session_of(one, version=2).identify()
+
+
+def test_another_layout_is_refused(one: Rig) -> None:
+    with pytest.raises(Refused, match="of another arm or another version"):
+        session_of(one, fingerprint=1).identify()
+
+
+def test_a_trajectory_that_is_too_long_is_refused(bench: Source, arm: Model) -> None:
+    stations = [0.1 * (-1) ** k for k in range(17)]
+    with pytest.raises(Refused, match="the trajectory has 17 phases; the board takes 16"):
+        rig(arm, bench.controller(), trajectory(motion(stations, [0.2] * 17))).prepared()
+    phases = tuple(replace(p, points=np.tile(p.points[:, :1], 30)) for p in motion([0.0] * 9, [0.2] * 9))
+    with pytest.raises(Refused, match="the trajectory has 270 control points; the board takes 256"):
+        rig(arm, bench.controller(), trajectory(phases)).prepared()
+
+
+def test_a_board_that_another_host_left_running_is_stopped_first(one: Rig) -> None:
+    one.prepared()
+    # The other host stops talking in the middle of its run.
+    one.session._command("arm")
+    one.session._command("run", {"periods": 0, "every": 1})
+    for _ in range(5):
+        one.link.read(0.01)
+    assert one.arm.powered
+    fresh = Session(one.link, one.session.codec)
+    fresh.identify()
+    assert not one.arm.powered
+    one.session = fresh
+    assert one.driven().stop is None
+
+
+def test_the_encoders_are_read_before_anything_moves(one: Rig) -> None:
+    one.prepared()
+    assert one.session.counts() == tuple(one.arm.counts())
+    assert not one.arm.powered
+
+
+def test_encoders_do_not_start_at_zero(bench: Source, clean: Trial) -> None:
+    """The same motion, counted from elsewhere, even across the end of the counter."""
+    for zero in (12_345, 2**31 - 100, -(2**31) + 100):
+        text = BENCH.replace("counts = 2000.0", f"counts = 2000.0\nzero = {zero}")
+        source = replace(bench, text=text)
+        found = rig(source.model(), source.controller(), PLAN).driven()
+        assert found.stop is None
+        np.testing.assert_array_equal(found.q, clean.q)
+        np.testing.assert_array_equal(found.tau, clean.tau)
+
+
+# --- a run ---
+
+
+@pytest.mark.parametrize("every", [2, 3, 10])
+def test_fewer_records_of_the_same_motion(one: Rig, clean: Trial, every: int) -> None:
+    found = one.prepared().run(every=every)
+    for name in ("t", "q", "q_desired", "tau", "saturated"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(clean, name)[..., ::every])
+
+
+@pytest.mark.parametrize("every", [1, 3, 7])
+def test_the_record_of_the_step_that_stopped_the_arm_is_there(one: Rig, clean: Trial, every: int) -> None:
+    one.prepared()
+    one.arm.twist = lambda period, counts: counts + (100_000 if period >= 500 else 0)
+    found = one.run(every=every)
+    assert found.stop is not None
+    assert found.stop.name == "encoder_jump"
+    assert found.t[-1] == found.stop.t == 0.5
+    np.testing.assert_array_equal(found.q[:, :-1], clean.q[:, :500:every])
+    assert found.tau[0, -1] == 0.0
+
+
+def test_runs_follow_each_other(one: Rig, clean: Trial) -> None:
+    one.prepared()
+    for _ in range(3):
+        one.lockstep.start(one.settings.points[0], np.random.default_rng(1))
+        np.testing.assert_array_equal(one.run().tau, clean.tau)
+
+
+def test_the_board_hears_of_the_host_often_enough(one: Rig) -> None:
+    """Of the silence that it tolerates, never more than a third passes."""
+    heard: list[float] = []
+
+    def listen(frame: bytes) -> list[bytes]:
+        heard.append(one.link.now())
+        return [frame]
+
+    one.link.to_board = listen
+    assert one.driven().stop is None
+    assert 0 < np.diff(heard).max() < 0.2 / 3
+    assert len(heard) < 100
+
+
+def test_a_run_that_cannot_begin_leaves_the_drives_off(one: Rig) -> None:
+    """Armed, and then the run is refused."""
+    one.prepared()
+    with pytest.raises(Refused, match="does not take run: refused: a value is outside its range"):
+        one.run(every=0)
+    one.wait(1.0)
+    assert not one.arm.powered
+
+
+def test_an_error_of_the_host_stops_the_arm(one: Rig) -> None:
+    one.prepared()
+
+    def fail() -> int:
+        if one.arm.period > 100:
+            raise ZeroDivisionError
+        return 0
+
+    with pytest.raises(ZeroDivisionError):
+        one.run(asked=fail)
+    one.wait(1.0)
+    assert not one.arm.powered
+    one.check_safe(140)
+
+
+def test_what_was_asked_to_stop_before_does_not_begin(one: Rig) -> None:
+    found = one.prepared().run(asked=lambda: 1)
+    assert found.stop is not None
+    assert found.stop.reason == "interrupted (Ctrl-C)"
+    assert len(found.t) == 0
+    assert not one.arm.begun
+
+
+def test_an_arm_that_stands_elsewhere_is_not_moved(one: Rig) -> None:
+    one.prepared()
+    one.lockstep.start(np.array([0.2]), np.random.default_rng(1))
+    found = one.run()
+    assert found.stop is not None
+    assert (found.stop.name, found.stop.joint, found.stop.t) == ("start_position", 1, 0.0)
+    assert found.stop.reason == "stands 0.2 rad from the trajectory's start, over the limit of 0.05"
+    assert np.abs(np.array(one.arm.torques)).max() < 0.1
+
+
+class Dead:
+    """A line at whose end there is nothing; time passes."""
+
+    baud, fault = None, None
+
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def read(self, timeout: float) -> bytes:
+        self.time += timeout
+        return b""
+
+    def now(self) -> float:
+        return self.time
+
+    def close(self) -> None:
+        pass
+
+
+class Babbling(Dead):
+    """A line that brings noise, and no end of it."""
+
+    def read(self, timeout: float) -> bytes:
+        self.time += min(timeout, 1e-3)
+        return np.random.default_rng(round(1e4 * self.time)).integers(0, 256, 64, dtype=np.uint8).tobytes()
+
+
+@pytest.mark.parametrize("line", [Dead, Babbling])
+def test_no_wait_is_without_an_end(one: Rig, line: Callable[[], Any]) -> None:
+    dead = line()
+    with pytest.raises(LinkLost, match=r"the board does not answer \(hello, 5 times\)"):
+        Session(dead, one.session.codec).identify()
+    assert dead.time < 1.0
+
+
+# --- Ctrl-C ---
+
+
+def test_control_c_is_counted_and_the_third_one_interrupts() -> None:
+    with listening() as asked:
+        assert asked() == 0
+        for count in (1, 2):
+            signal.raise_signal(signal.SIGINT)
+            assert asked() == count
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
