@@ -86,6 +86,23 @@ def test_cmake_builds_it(vishard4: Arm, tree: Path, kind: str) -> None:
     assert kind == "zig" or (place / "vishard4.bin").stat().st_size == size.text + size.data
 
 
+@CMAKE
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_a_project_takes_it_in(tree: Path, tmp_path: Path) -> None:
+    """By CMake, with the project's own compiler; it calls the machine itself."""
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(own C)\n"
+        f"add_subdirectory({tree} firmware)\nadd_executable(own own.c)\ntarget_link_libraries(own vishard4)\n"
+    )
+    (tmp_path / "own.c").write_text(
+        '#include "vishard4_machine.h"\nstatic vishard4_machine machine;\n'
+        "int main(void)\n{\n    vishard4_machine_start(&machine);\n    return vishard4_machine_enabled(&machine);\n}\n"
+    )
+    run(["cmake", "-S", str(tmp_path), "-B", str(tmp_path / "build")])
+    run(["cmake", "--build", str(tmp_path / "build")])
+    run([str(tmp_path / "build" / "own")])
+
+
 def test_make_builds_a_library_for_this_computer(tree: Path) -> None:
     run(["make", "-C", str(tree), "TARGET=host", f"HOST_CC={' '.join(build.compiler())}"])
     assert (tree / "build" / "host" / "libvishard4.a").stat().st_size > 0
