@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from runtime.terminal_cells import Document, at, console, empty_table, figure, percent, say
 
+_SAME_RATE = 0.01
+
 
 def show(document: Document) -> None:
     """What ran, costs and tracking beside the plan's, the plate, why it stopped, and what to type next."""
@@ -18,6 +20,7 @@ def show(document: Document) -> None:
     _arm(document)
     if document.get("every", 1) > 1:
         say(f"The line carries one record in {document['every']} control periods; the others are left out.")
+    _clock(document)
     if document.get("drives"):
         _drives(document)
     if document["uncompensated"]:
@@ -48,6 +51,16 @@ def _beside_plate(distance: float) -> str:
     if distance < 0:
         return f"presses the plate down by {-100 * distance:.2f} cm"
     return f"stays {100 * distance:.2f} cm off the plate"
+
+
+def _clock(document: Document) -> None:
+    """Whether the board keeps the rate that its controller reckons with."""
+    period, measured = document["period"], document["period_measured"]
+    if measured is not None and abs(measured / period - 1.0) > _SAME_RATE:
+        say(
+            f"The board's records are {1e3 * measured:.4g} ms apart, by the model file {1e3 * period:.4g} ms:"
+            " set its timer to the rate in [controller], or the rate to the timer's."
+        )
 
 
 def _trials(document: Document) -> str:

@@ -33,6 +33,7 @@ class Execution:
     """Trials of a plan, none where it asks for more than the limits allow.
 
     compensated     whether the controller compensated friction
+    dt              s from one record to the next, as the model file has the rate
     uncompensated   effects of the model that it does not compensate
     arm             the effects of the arm that it ran on, with all values
     hidden          those that the model has not
@@ -60,6 +61,12 @@ class Execution:
         """Whether every trial came to its end."""
         return bool(self.trials) and all(trial.stop is None for trial in self.trials)
 
+    @property
+    def _period(self) -> float | None:
+        """s from one record to the next by the board's clock; None where there are none."""
+        ends = [(trial.t[-1] - trial.t[0], len(trial.t) - 1) for trial in self.trials if len(trial.t) > 1]
+        return sum(seconds for seconds, _ in ends) / sum(count for _, count in ends) if ends else None
+
     def to_json(self) -> dict[str, Any]:
         """Every figure, in SI."""
         effects = [
@@ -75,6 +82,7 @@ class Execution:
         return {
             "arm": self.plan.model.name,
             "period": self.dt,
+            "period_measured": self._period,
             "friction_compensation": self.compensated,
             "uncompensated": list(self.uncompensated),
             "run_in": RUN_IN if self.plan.trajectory.periodic else 0,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ RUN_IN = 1
 """Cycles of a periodic motion before those that count: it starts from rest."""
 SETTLE = 0.25
 """s that are recorded after a motion which is not periodic."""
+_MICROSECONDS = 1e6
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,10 @@ class Stop:
 
 @dataclass(frozen=True)
 class Trial:
-    """One execution: t (N,); q as counted, q_desired, tau as commanded (n, N); saturated (N,)."""
+    """One execution: t (N,); q as counted, q_desired, tau as commanded (n, N); saturated (N,).
+
+    t   by the board's clock, from the first control period on
+    """
 
     t: Array
     q: Array
@@ -44,6 +49,12 @@ class Trial:
     tau: Array
     saturated: NDArray[np.bool_]
     stop: Stop | None
+
+    @classmethod
+    def without_motion(cls, n: int, name: str, reason: str) -> Trial:
+        """One that could not begin, on an arm of n joints."""
+        nothing = np.empty((n, 0))
+        return cls(np.empty(0), nothing, nothing, nothing, np.empty(0, dtype=np.bool_), Stop(0.0, None, reason, name))
 
 
 def run(
@@ -58,13 +69,24 @@ def run(
     counts = np.array([row["counts"] for row in rows], dtype=np.int32).reshape(-1, n)
     status = np.array([row["status"] for row in rows], dtype=np.int64)
     return Trial(
-        t=settings.dt * np.array([row["period"] for row in rows], dtype=np.float64),
+        t=_times(rows, settings.dt),
         q=settings.positions(counts),
         q_desired=np.array([row["q_desired"] for row in rows], dtype=np.float64).reshape(-1, n).T,
         tau=np.array([row["torque"] for row in rows], dtype=np.float64).reshape(-1, n).T,
         saturated=(status & page["status"]["saturated"]) > 0,
         stop=_stop(done, settings, {reason["name"]: reason["text"] for reason in page["reasons"]}),
     )
+
+
+def _times(rows: Sequence[Mapping[str, Any]], dt: float) -> Array:
+    """(N,) s, as the board's clock stamped them; where that agrees with its control periods, those tell it finer."""
+    if not rows:
+        return np.empty(0)
+    nominal = dt * np.array([row["period"] for row in rows], dtype=np.float64)
+    stamps = np.array([row["time_us"] for row in rows], dtype=np.uint32)
+    # The clock wraps, and so does the difference.
+    stamped = nominal[0] + np.cumsum(np.diff(stamps, prepend=stamps[:1]).astype(np.float64)) / _MICROSECONDS
+    return nominal if np.abs(stamped - nominal).max() < 1.5 / _MICROSECONDS else stamped
 
 
 def _stop(done: Run, settings: Settings, texts: Mapping[str, str]) -> Stop | None:
@@ -82,8 +104,10 @@ def length(trajectory: Trajectory, cycles: int) -> float:
 
 
 def recorded(trials: Sequence[Trial], model: Model, noise: float, seed: int) -> Recording:
-    """The trials as one recording, a run each; noise of the torque sensor as a part of each joint's rms torque."""
+    """The trials that moved as one recording, a run each; noise of the torque sensor as a part of each joint's rms
+    torque."""
     rng = np.random.default_rng([seed, len(trials)])
+    trials = [trial for trial in trials if len(trial.t)]
     tau = np.concatenate([trial.tau for trial in trials], axis=1)
     tau += noise * np.sqrt(np.mean(tau**2, axis=1, keepdims=True)) * rng.standard_normal(tau.shape)
     ends = np.cumsum([len(trial.t) for trial in trials]).tolist()

@@ -14,7 +14,7 @@ from runtime.execution.execute import Execution
 from runtime.execution.loop import Trial, length, run
 from runtime.execution.plan import Plan
 from runtime.hardware.frames import Codec
-from runtime.hardware.link import Link
+from runtime.hardware.link import Link, LinkError, LinkLost
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
 from runtime.loader import Model
@@ -98,12 +98,14 @@ class _Executing:
         start, done = plan.motion.q[:, 0], list[Trial]()
         seconds = length(setup.trajectory, setup.cycles)
         while len(done) < setup.trials and not (done and done[-1].stop):
-            way = self._to(start, settings)
-            if way is not None and way.stop is not None:
-                done.append(replace(way, stop=replace(way.stop, reason=f"on the way to the start: {way.stop.reason}")))
-            else:
-                self.session.upload(settings)
-                done.append(run(self.session, settings, seconds, setup.every, self.asked))
+            try:
+                done.append(self._trial(start, settings, seconds))
+            except (LinkLost, LinkError, ControllerError) as error:
+                # What has been recorded is kept.
+                if not done:
+                    raise
+                name = "link_lost" if isinstance(error, LinkLost) else "refused"
+                done.append(Trial.without_motion(setup.model.n, name, str(error)))
         return Execution(
             plan=plan,
             dt=settings.dt * setup.every,
@@ -116,6 +118,13 @@ class _Executing:
             excess=(),
             trials=tuple(done),
         )
+
+    def _trial(self, start: Array, settings: Settings, seconds: float) -> Trial:
+        way = self._to(start, settings)
+        if way is not None and way.stop is not None:
+            return replace(way, stop=replace(way.stop, reason=f"on the way to the start: {way.stop.reason}"))
+        self.session.upload(settings)
+        return run(self.session, settings, seconds, self.setup.every, self.asked)
 
     def _to(self, start: Array, settings: Settings) -> Trial | None:
         """Drive to `start` (n,), if that is wanted and the arm does not stand there; None if it does."""

@@ -45,6 +45,7 @@ class Bench(threading.Thread):
         tty.setraw(self.slave)
         self.device = os.ttyname(self.slave)
         self.dt, self.over, self.deaf = settings.dt, threading.Event(), False
+        self.clock = 1.0
         self.torques: list[float] = []
         self.place(0.0)
 
@@ -62,7 +63,7 @@ class Bench(threading.Thread):
                 if select.select([self.master], [], [], left)[0] and not self.deaf:
                     self.board.receive(os.read(self.master, 4096))
                     os.write(self.master, self.board.send())
-            on, torque = self.board.period(self.arm.counts(), round(1e6 * period * self.dt), 0)
+            on, torque = self.board.period(self.arm.counts(), round(1e6 * self.clock * period * self.dt), 0)
             if on != enabled:
                 enabled = on
                 self.arm.enable(on)
@@ -156,6 +157,16 @@ def test_a_slow_line_carries_fewer_records_and_says_so(bench: Bench, called: Any
     np.testing.assert_allclose(np.diff(t), 0.03)
 
 
+def test_the_boards_own_clock_stamps_the_records(bench: Bench, called: Any) -> None:
+    """A timer that is set 2 % too slow shows in the recording, and is told."""
+    bench.clock = 1.02
+    status, out, _ = called("--on", f"serial://{bench.device}", "--arm", "--out", "run.csv")
+    assert status == 0, out
+    assert "The board's records are 10.2 ms apart, by the model file 10 ms: set its timer" in " ".join(out.split())
+    t = np.genfromtxt("run.csv", delimiter=",", skip_header=1)[:, 0]
+    np.testing.assert_allclose(np.diff(t), 0.0102)
+
+
 def test_an_arm_that_stands_elsewhere_is_not_moved(bench: Bench, called: Any) -> None:
     bench.place(0.2)
     status, _, err = called("--on", f"serial://{bench.device}", "--arm")
@@ -169,6 +180,17 @@ def test_it_is_driven_to_the_start_if_that_is_wanted(bench: Bench, called: Any) 
     status, out, _ = called("--on", f"serial://{bench.device}", "--arm", "--approach", "--json", "e.json")
     assert status == 0, out
     assert json.loads(Path("e.json").read_text())["mean"]["q_min"][0] == pytest.approx(-0.3, abs=0.02)
+
+
+def test_what_was_recorded_before_something_fails_is_kept(bench: Bench, called: Any) -> None:
+    """The motion ends elsewhere than it starts: there is no second one."""
+    files = ("--out", "run.csv", "--json", "e.json")
+    status, _, _ = called("--on", f"serial://{bench.device}", "--arm", "--trials", 2, *files)
+    assert status == 1
+    document = json.loads(Path("e.json").read_text())
+    assert [len(trial["cycles"]) for trial in document["trials"]] == [1, 0]
+    assert "trial 2 at t = 0 s: the arm is not where the trajectory starts" in document["reason"]
+    assert len(Path("run.csv").read_text().splitlines()) == 66
 
 
 def test_a_cable_that_is_pulled_in_motion(bench: Bench, called: Any) -> None:
