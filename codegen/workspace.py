@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from symbolic.arm import Arm
     from symbolic.effects.declaration import Effect
 
-_F32, _F64 = ("_f32.c", "_f32.h"), ("_f64.c", "_f64.h")
+_F64 = ("_f64.c", "_f64.h")
 _ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -36,11 +36,11 @@ def _sources() -> str:
     return digest.hexdigest()
 
 
-def _fill(directory: Path, files: Mapping[str, str], endings: tuple[str, ...] = _F64) -> None:
+def _fill(directory: Path, files: Mapping[str, str]) -> None:
     """The files and `lib.so`; a change that leaves the C as it is, such as another effect, compiles nothing."""
     for path, text in files.items():
         (directory / path).write_text(text, encoding="utf-8")
-    compiled = {path: text for path, text in files.items() if path.endswith(endings)}
+    compiled = {path: text for path, text in files.items() if path.endswith(_F64)}
     shutil.copyfile(build.shared_library(compiled, "code"), directory / "lib.so")
 
 
@@ -61,22 +61,6 @@ def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
     return [repr(library[name]) for name in sorted(active)]
-
-
-def prepare_controller(arm: Arm, library: Mapping[str, Effect]) -> Path:
-    """The directory that holds controller.json and `lib.so` of the controller's step; library: all effects by name."""
-    content = [repr(arm), *_active(arm, library)]
-
-    def fill(directory: Path) -> None:
-        from codegen import render
-        from symbolic.model import derive
-
-        model = derive(arm)
-        own = render.controller_files(model, library)
-        below = {path: text for path, text in render.arm_files(model).items() if path.endswith(_F32)}
-        _fill(directory, below | own, _F32)
-
-    return build.entry(f"controller-{arm.name}-{build.key(_sources(), *content)}", fill)
 
 
 def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:

@@ -8,8 +8,8 @@ from math import exp, pi
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from stepped import Controller
 
-from runtime.execution.controller import Controller
 from runtime.loader import Model
 from runtime.planning.trajectory import Motion, Phase, Trajectory
 

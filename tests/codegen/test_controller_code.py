@@ -130,11 +130,11 @@ def test_the_contact_s_own_effects_are_with_the_plate(vishard4: Arm) -> None:
 
 def test_a_prepared_controller_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = MIXED["rp"]
-    first = workspace.prepare_controller(arm, LIBRARY)
+    first = workspace.prepare_firmware(arm, LIBRARY)
     monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled again"))
-    assert workspace.prepare_controller(arm, LIBRARY) == first
+    assert workspace.prepare_firmware(arm, LIBRARY) == first
     other: Joint = replace(arm.joints[0], encoder_counts=512)
-    second = workspace.prepare_controller(replace(arm, joints=(other, arm.joints[1])), LIBRARY)
+    second = workspace.prepare_firmware(replace(arm, joints=(other, arm.joints[1])), LIBRARY)
     assert second != first
     assert (second / "lib.so").read_bytes() == (first / "lib.so").read_bytes()
     ctypes.CDLL(str(first / "lib.so")).arm_rp_controller_step_f32  # noqa: B018

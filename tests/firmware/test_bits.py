@@ -105,7 +105,7 @@ def sources(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactor
     for path, text in files.items():
         if path.endswith(("_f32.c", "_f32.h")):
             (directory / path).write_text(text)
-    prepared = workspace.prepare_controller(vishard4, LIBRARY)
+    prepared = workspace.prepare_firmware(vishard4, LIBRARY)
     # Two of the encoders' counters overflow on the way.
     zero = [0, 2**31 - 9000, -(2**31) + 5000, -77]
     settings = Settings.of(prepared, model, demanding(model))

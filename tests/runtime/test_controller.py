@@ -16,9 +16,10 @@ from compositions import PLATE, POSTURE, Array, Composition, agree, near, run, s
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_arms import MIXED
+from stepped import Controller
 
-from codegen.workspace import prepare_arm, prepare_controller
-from runtime.execution.controller import Controller, ControllerError
+from codegen.workspace import prepare_arm, prepare_firmware
+from runtime.hardware.settings import ControllerError
 from runtime.loader import Library, Model, load_model
 from runtime.planning.trajectory import Phase
 from symbolic import model_file
@@ -31,7 +32,7 @@ ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 @pytest.fixture(scope="session")
 def make(vishard4: Arm, model: Model) -> Callable[..., Controller]:
     """A controller of the paper's arm."""
-    directory = prepare_controller(vishard4, LIBRARY)
+    directory = prepare_firmware(vishard4, LIBRARY)
     return lambda trajectory, **options: Controller(directory, model, trajectory, **options)
 
 
@@ -216,8 +217,8 @@ def test_every_effect_that_can_be(vishard4: Arm, library: Library) -> None:
     joints[1] = replace(joints[1], effects={**joint_effects, "coupled_friction": {"torque": 0.8}})
     arm = replace(vishard4, joints=tuple(joints), effects={"gravity": {"gx": 0.3, "gy": -9.0}})
     model = load_model(prepare_arm(arm), library)
-    c = Controller(prepare_controller(arm, LIBRARY), model, still())
-    bare = Controller(prepare_controller(vishard4, LIBRARY), load_model(prepare_arm(vishard4), library), still(), False)
+    c = Controller(prepare_firmware(arm, LIBRARY), model, still())
+    bare = Controller(prepare_firmware(vishard4, LIBRARY), load_model(prepare_arm(vishard4), library), still(), False)
     counts = c.counts(POSTURE)[:, None] + np.array([[7], [-5], [9], [3]]) * np.arange(30)
     found = (run(c, counts) - run(bare, counts))[:, -1]
     q, qd = c.q.astype(float), c.qd.astype(float)
@@ -245,7 +246,7 @@ def test_joints_that_slide(library: Library) -> None:
     model = load_model(prepare_arm(arm), library)
     q = np.array([0.3, 0.2])
     plan = replace(still(), arm=arm.name, phases=(Phase("q", 1.0, np.tile(q[:, None], 3)),))
-    c = Controller(prepare_controller(arm, LIBRARY), model, plan)
+    c = Controller(prepare_firmware(arm, LIBRARY), model, plan)
     assert c.dt == 5e-4
     torque = run(c, c.counts(q)[:, None])[:, 0]
     assert torque == pytest.approx(model.gravity_torque(q) + 300.0 * (q - c.q), rel=1e-4)
@@ -257,7 +258,7 @@ def test_joints_that_slide(library: Library) -> None:
 def test_torques_are_limited(vishard4: Arm, library: Library) -> None:
     joints = tuple(replace(joint, limits=Limits(torque=2.0)) for joint in vishard4.joints)
     arm = replace(vishard4, joints=joints)
-    c = Controller(prepare_controller(arm, LIBRARY), load_model(prepare_arm(arm), library), still())
+    c = Controller(prepare_firmware(arm, LIBRARY), load_model(prepare_arm(arm), library), still())
     off = POSTURE + np.array([0.5, -0.5, 0.001, 0.0])
     c.reset(c.counts(off))
     torque = c.step(c.counts(off))
@@ -320,14 +321,14 @@ def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
     plan = replace(still(), arm="drive", phases=(Phase("q", 1.0, np.zeros((1, 3))),))
     model = load_model(prepare_arm(bare), library)
     with pytest.raises(ControllerError) as caught:
-        Controller(prepare_controller(bare, LIBRARY), model, plan)
+        Controller(prepare_firmware(bare, LIBRARY), model, plan)
     # 0.10 + 2.0 * 0.2^2 + 0.0565 kg m^2
     assert "for example kp = 37.3, kd = 5.94 (2 Hz at 0.236 kg m^2)" in str(caught.value)
     for key in ("[controller]", "[joint.controller] at joint 1", "[joint.encoder] at joint 1"):
         assert key in str(caught.value)
     arm = model_file.parse(text, "drive.toml")
     with pytest.raises(ControllerError, match=r"no value of joint1_coulomb_asymmetric_positive, .*tendon identify"):
-        Controller(prepare_controller(arm, LIBRARY), load_model(prepare_arm(arm), library), plan)
+        Controller(prepare_firmware(arm, LIBRARY), load_model(prepare_arm(arm), library), plan)
 
 
 def test_a_step_costs_little(make: Callable[..., Controller]) -> None:

@@ -1,21 +1,19 @@
-"""The generated C of the controller's step, called from Python: the part of the firmware that computes torques."""
+"""The generated C of the controller's step by itself, called from Python, without the machine around it."""
 
 from __future__ import annotations
 
 import ctypes
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.execution.records import structures
 from runtime.hardware.settings import ControllerError, Settings, Values
 from runtime.loader import Model
 from runtime.planning.trajectory import Trajectory
-
-__all__ = ["Controller", "ControllerError"]
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -24,7 +22,7 @@ Int32 = NDArray[np.int32]
 class Controller:
     """One arm's controller on one trajectory.
 
-    directory   of codegen.workspace.prepare_controller, for the same arm as the model
+    directory   of codegen.workspace.prepare_firmware for the host, of the same arm as the model
     friction    whether friction is compensated, (7); what else the model file has always is
     Raises ControllerError where the model file lacks what a controller needs, or the trajectory does not fit.
 
@@ -141,3 +139,22 @@ def _fill(target: ctypes.Structure, values: Values) -> None:
             getattr(target, name)[:] = value
         else:
             setattr(target, name, value)
+
+
+_SCALARS: dict[str, Any] = {"float": ctypes.c_float, "int32_t": ctypes.c_int32, "uint32_t": ctypes.c_uint32}
+
+
+def structures(records: Sequence[Mapping[str, Any]]) -> dict[str, type[ctypes.Structure]]:
+    """By name, in the order of the description: each may hold earlier ones."""
+    found: dict[str, type[ctypes.Structure]] = {}
+    for record in records:
+        fields = [(field["name"], _type(field, found)) for field in record["fields"]]
+        found[record["name"]] = type(record["name"], (ctypes.Structure,), {"_fields_": fields})
+    return found
+
+
+def _type(field: Mapping[str, Any], known: Mapping[str, Any]) -> Any:
+    kind = _SCALARS.get(field["type"]) or known[field["type"]]
+    if field["pointer"]:
+        return ctypes.POINTER(kind)
+    return kind if field["count"] is None else kind * field["count"]
