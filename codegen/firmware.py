@@ -79,8 +79,8 @@ def _page_holes(protocol: Protocol) -> dict[str, Any]:
         "banner_title": render.BANNER,
         "exception_frame": EXCEPTION_FRAME,
         "telemetry_bytes": wire,
-        # 10 bits a byte; some room for answers to the host.
-        "telemetry_rate": int(1e6 / 10 / wire / 100) * 100,
+        # 10 bits a byte; a tenth is for answers to the host.
+        "telemetry_rate": int(0.9 * 1e6 / 10 / wire / 50) * 50,
         "reasons": [" | ".join(cells) for cells in reasons],
     }
 

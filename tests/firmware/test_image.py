@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import struct
 import subprocess
 import sys
 import time
@@ -14,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from unicorn import arm_const
 
 from codegen import build, firmware, toolchain, workspace
 from codegen.elf import Elf
+from runtime.hardware import qemu_board
 from runtime.hardware.frames import Codec, Decoder
 from runtime.hardware.link import LinkLost
 from runtime.hardware.qemu_board import QemuBoard
@@ -166,19 +165,33 @@ def test_the_stack_is_never_deeper_than_the_compiler_says(vishard4: Arm, kind: s
     board.close()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_of_the_processor_takes_the_torque_away(vishard4: Arm, kind: str) -> None:
-    """The emulator has no exceptions: the handler is entered by hand, as the processor would through its table."""
-    directory, report = prepared(vishard4, "cortex-m4f", kind)
-    board = UnicornBoard(directory, "vishard4", len(vishard4.joints))
-    handlers = set(struct.unpack("<15I", board.cpu.mem_read(4, 60))) - {report["symbols"]["tendon_reset"] + 1}
-    assert handlers == {report["symbols"]["tendon_fault"] + 1}
-    board.cpu.reg_write(arm_const.UC_ARM_REG_PC, handlers.pop())
-    enabled, torque = board.period(np.zeros(4, dtype=np.int32), 0, 0)
-    assert not enabled
-    assert torque.tolist() == [0.0] * 4
+@QEMU
+def test_a_fault_of_the_processor_takes_the_torque_away(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the loop, an address that is not there is written, after a torque was given."""
+    broken = shutil.copytree(tree, tmp_path / "broken", ignore=shutil.ignore_patterns("build"))
+    step = "tendon_board_torque(torque);"
+    change = f"""
+        tendon_board_enable(true);
+        torque[0] = 1.0f;
+        {step}
+        if (time_us == 2000U) {{
+            *(volatile uint32_t *)0xFFFFFFF0U = 1U;
+        }}"""
+    source = (broken / "src" / "main.c").read_text()
+    (broken / "src" / "main.c").write_text(source.replace(step, change))
+    run(["make", "-C", str(broken), "BUILD=build", "TOOLCHAIN=zig", f"ZIG={sys.executable} -m ziglang", "elf"])
+    board = QemuBoard(broken / "build", "vishard4", 4)
+    answers = [board.period(np.zeros(4, dtype=np.int32), time_us, 0) for time_us in (1000, 2000, 3000)]
+    assert [(enabled, torque.tolist()) for enabled, torque in answers] == [
+        (True, [1.0, 0.0, 0.0, 0.0]),
+        (True, [1.0, 0.0, 0.0, 0.0]),
+        (False, [0.0, 0.0, 0.0, 0.0]),
+    ]
+    monkeypatch.setattr(qemu_board, "PATIENCE", 0.5)
     with pytest.raises(LinkLost):  # and nothing after that
-        board.period(np.zeros(4, dtype=np.int32), 1000, 0)
+        board.period(np.zeros(4, dtype=np.int32), 4000, 0)
     board.close()
 
 

@@ -2,7 +2,8 @@
 #include <stdint.h>
 
 /* What compilers call to copy or clear a structure where there is no C library; LLVM by the names of Arm's EABI, where
- * memset has its last two arguments the other way round. */
+ * memset has its last two arguments the other way round. gcc compiles it with -fno-tree-loop-distribute-patterns: else
+ * it would see in each loop the very function that it stands in. */
 
 void *memcpy(void *target, const void *source, uint32_t count);
 void *memset(void *target, int value, uint32_t count);

@@ -51,6 +51,9 @@ void tendon_reset(void)
         ++word;
     }
     (void)main();
+    for (;;) {
+        /* main does not return */
+    }
 }
 
 /* Every fault and every exception that nobody expects. */
