@@ -73,7 +73,7 @@ class Meter:
     """
 
     def __init__(self, cpu: Any, image: elf.Image, *functions: str) -> None:
-        self.counts: dict[str, list[int]] = defaultdict(list)
+        self._counts: dict[str, list[int]] = defaultdict(list)
         self._entries = {image.symbols[name][0] & ~1: name for name in functions}
         self._open: list[list[Any]] = []
         self._sizes: dict[tuple[int, int], int] = {}
@@ -81,11 +81,24 @@ class Meter:
         cpu.ctl_flush_tb()
         self._hook = cpu.hook_add(unicorn.UC_HOOK_BLOCK, self._block)
 
+    @property
+    def counts(self) -> dict[str, list[int]]:
+        """By function, in the order of the returns; not to be asked for within a call."""
+        while self._open:
+            self._close()
+        return self._counts
+
+    def _close(self) -> None:
+        name, _, count = self._open.pop()
+        self._counts[name].append(count)
+
     def _block(self, cpu: Any, at: int, size: int, _user: Any) -> None:
         while self._open and at == self._open[-1][1]:
-            name, _, count = self._open.pop()
-            self.counts[name].append(count)
+            self._close()
         if name := self._entries.get(at):
+            # Nothing calls itself: what is open has returned to where the emulation ends.
+            while name in (running[0] for running in self._open):
+                self._close()
             self._open.append([name, cpu.reg_read(arm.UC_ARM_REG_LR) & ~1, 0])
         if self._open:
             length = self._sizes.get((at, size)) or self._measured(cpu, at, size)

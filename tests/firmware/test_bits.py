@@ -13,25 +13,19 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import motions
 import numpy as np
 import pytest
-from compositions import PLATE, POSTURE, trajectory
 from emulation import Processor
 
-from codegen import build, render, toolchain, verify, workspace
-from codegen.controller import Controller
-from runtime.hardware.settings import Settings
+from codegen import build, render, toolchain, verify
 from runtime.loader import Model
-from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 
-HERE = Path(__file__).resolve().parent
-STEPS, NOISE = 10_000, 15
-"""Of the motion; counts that the encoders' noise has as values."""
-LIMIT = 45.0
-"""N m, which the motion asks for more than."""
+STEPS = 10_000
+"""Of the motion."""
 GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
@@ -42,81 +36,13 @@ Results = np.ndarray
 Images = Callable[[str, str, str], Path]
 
 
-def demanding(model: Model) -> Trajectory:
-    """Two phases of the joints, one of them slow, about one that slides along the plate; springs at all joints."""
-    rng = np.random.default_rng(5)
-    far = POSTURE[:, None] + np.cumsum(rng.uniform(-0.3, 0.3, (4, 8)), axis=1)
-    w = model.contact_coordinates(POSTURE)[:, None] + 0.01 * rng.normal(size=(4, 11)) * [[0], [1], [3], [3]]
-    slow = POSTURE[:, None] + 0.02 * rng.normal(size=(4, 4))
-    springs = {
-        joint: {"stiffness": 900.0 * joint, "radius": 0.06, "offset": float(POSTURE[joint - 1]), "pretension": 3.0}
-        for joint in range(1, 5)
-    }
-    contact = {**PLATE, "plate": {**PLATE["plate"], "position": float(model.tip(POSTURE)[1])}}
-    phases = [Phase("q", 0.9003, far), Phase("w", 1.1, w), Phase("q", 0.7, slow)]
-    return trajectory(phases, springs=springs, contact=contact)
-
-
-def initializer(values: Mapping[str, Any]) -> str:
-    return "{" + ", ".join(f".{name} = {literal(value)}" for name, value in values.items()) + "}"
-
-
-def literal(value: Any) -> str:
-    """Of C: exact."""
-    if isinstance(value, Mapping):
-        return initializer(value)
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return "{" + ", ".join(map(literal, value)) + "}"
-    if isinstance(value, (float, np.floating)):
-        return f"{float(np.float32(value)).hex()}f"
-    return str(value)
-
-
-def header(settings: Settings, page: Mapping[str, Any], zero: list[int]) -> str:
-    """The motion's settings as C."""
-    t, n = settings.trajectory, page["n"]
-    drive = {**settings.drive, "zero": zero, "torque_limit": [LIMIT] * n}
-    config = {"parameters": settings.parameters, "effects": settings.effects, **drive}
-    fields = {r["name"]: [f["name"] for f in r["fields"]] for r in page["records"]}
-    contact = {name: t[name] for name in fields["vishard4_contact_f32"]}
-    springs = [{name: t[f"spring_{name}"][j] for name in page["springs"]} for j in range(n)]
-    lines = ['#include "vishard4_controller_f32.h"', f"#define STEPS {STEPS}U", f"#define NOISE {NOISE}U"]
-    lines.append(f"static const int32_t begin[{n}] = {literal(zero)};")
-    lines.append(f"static const vishard4_contact_f32 contact = {literal(contact)};")
-    lines.append(f"static const float points[{settings.points.size}] = {literal(settings.points.ravel())};")
-    phases = [
-        f"{{.coordinates = {p['coordinates']}U, .degree = {p['degree']}U, .duration = {literal(p['duration'])}, "
-        f".points = &points[{n * p['first_row']}], .contact = {'&contact' if p['touches'] else 'NULL'}}}"
-        for p in settings.phases
-    ]
-    lines.append(f"static const vishard4_phase_f32 phases[{len(phases)}] = {{{', '.join(phases)}}};")
-    lines.append(f"static const vishard4_config_f32 config = {literal(config)};")
-    given = {"count": t["count"], "periodic": t["periodic"], "elbow": float(t["elbow"]), "springs": springs}
-    lines.append(f"static const vishard4_trajectory_f32 trajectory = {initializer(given)[:-1]}, .phases = phases}};")
-    return "\n".join(lines) + "\n"
-
-
 @pytest.fixture(scope="module")
 def sources(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with the generated C and the motion."""
+    """A directory with the generated C and a motion: wide, along the plate, slow."""
     directory = tmp_path_factory.mktemp("motion")
-    derived = derive(vishard4)
-    files = render.arm_files(derived) | render.controller_files(derived, LIBRARY)
-    for path, text in files.items():
-        if path.endswith(("_f32.c", "_f32.h")):
-            (directory / path).write_text(text)
-    prepared = workspace.prepare_firmware(vishard4, LIBRARY)
-    # Two of the encoders' counters overflow on the way.
-    zero = [0, 2**31 - 9000, -(2**31) + 5000, -77]
-    settings = Settings.of(prepared, model, demanding(model))
-    (directory / "motion.h").write_text(header(settings, Controller.of(derived, LIBRARY).document(), zero))
-    for name in ("motion.c", "motion.ld"):
-        shutil.copy(HERE / name, directory)
+    plan = motions.plan(model, motions.free(7), motions.sliding(model, 10), motions.slow(3))
+    motions.write(directory, vishard4, model, plan, STEPS)
     return directory
-
-
-def units(directory: Path) -> list[str]:
-    return sorted(path.name for path in directory.glob("*.c"))
 
 
 def on_this_computer(directory: Path, command: tuple[str, ...], level: str) -> Results:
@@ -127,7 +53,10 @@ def on_this_computer(directory: Path, command: tuple[str, ...], level: str) -> R
     flags += ["-fno-sanitize=all", "-nostdlib"] if "ziglang" in command else []
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(build.cache_directory() / "zig")}
     subprocess.run(
-        [*command, *flags, level, *units(directory), "-o", str(library)], cwd=directory, check=True, env=environment
+        [*command, *flags, level, *motions.units(directory), "-o", str(library)],
+        cwd=directory,
+        check=True,
+        env=environment,
     )
     loaded = ctypes.CDLL(str(library))
     loaded.motion()
@@ -153,7 +82,7 @@ def images(sources: Path) -> Images:
         if key not in made:
             made[key] = toolchain.compile_image(
                 sources,
-                units(sources),
+                motions.units(sources),
                 "motion.ld",
                 toolchain.TARGETS[target],
                 toolchain.find(kind),
@@ -173,7 +102,7 @@ def test_the_motion_is_demanding(expected: Results) -> None:
     assert set(status) == {0, 1}
     assert 100 < np.count_nonzero(status) < STEPS / 2
     assert np.isfinite(torque).all()
-    assert np.abs(torque).max() == LIMIT
+    assert np.abs(torque).max() == motions.LIMIT
     assert len(np.unique(torque)) > 3 * STEPS
 
 
@@ -210,9 +139,9 @@ def test_on_unicorn_it_is_what_sympy_says(vishard4: Arm, tmp_path: Path, kind: s
     derived = derive(vishard4)
     for path, text in render.probe_files(derived, LIBRARY).items():
         (tmp_path / path).write_text(text)
-    shutil.copy(HERE / "motion.ld", tmp_path)
+    shutil.copy(motions.HERE / "motion.ld", tmp_path)
     target, tools = toolchain.TARGETS["cortex-m4f"], toolchain.find(kind)
-    image = toolchain.compile_image(tmp_path, units(tmp_path), "motion.ld", target, tools, include=(".",))
+    image = toolchain.compile_image(tmp_path, motions.units(tmp_path), "motion.ld", target, tools, include=(".",))
     processor = Processor(image.elf)
     for subject in [*verify.arm_subjects(vishard4), *verify.controller_subjects(vishard4, LIBRARY)]:
         emulated = verify.Subject(subject.function, {"C float": called(processor, subject)}, subject.draw)
