@@ -17,6 +17,7 @@ from runtime.hardware.link import LinkError, LinkLost
 from runtime.hardware.lockstep import Counts, Float32
 
 _PROGRAM = "qemu-system-arm"
+_LOG, _WORDS = "log", 300
 _CHUNK = 65_536
 _ANSWER_WAIT = 1.0
 """s of real time that an answer to the host may take: it comes beside the control periods, not in them."""
@@ -78,55 +79,61 @@ class QemuBoard:
         listening = [_listener(path) for path in paths]
         serial = [part for path in paths for part in ("-serial", f"unix:{path}")]
         command = [program, "-M", machine, "-kernel", str(image), "-nographic", "-monitor", "none", *serial]
-        log = Path(self._place.name) / "log"
-        with log.open("wb") as errors, contextlib.ExitStack() as stack:
+        with (Path(self._place.name) / _LOG).open("wb") as errors, contextlib.ExitStack() as stack:
             for line in listening:
                 stack.callback(line.close)
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, preexec_fn=_die_with_parent
             )
-            self._sockets = [self._accepted(line, log) for line in listening]
+            self._sockets = [self._accepted(line) for line in listening]
 
-    def _accepted(self, listening: socket.socket, log: Path) -> socket.socket:
+    def _accepted(self, listening: socket.socket) -> socket.socket:
         assert self._process is not None
         deadline = time.monotonic() + PATIENCE
         while self._process.poll() is None and time.monotonic() < deadline:
             with contextlib.suppress(TimeoutError):
                 line, _ = listening.accept()
                 return line
-        words = log.read_text(errors="replace").strip().splitlines()
-        raise LinkError(f"{_PROGRAM} does not start: {words[-1] if words else 'it says nothing'}")
+        raise LinkError(f"{_PROGRAM} does not start: {self._last_words() or 'it says nothing'}")
 
     def _put(self, line: socket.socket, data: bytes) -> None:
+        line.settimeout(PATIENCE)
         try:
-            line.settimeout(PATIENCE)
             line.sendall(data)
         except OSError as error:
-            raise LinkLost(f"the emulated board takes no more bytes ({error})") from error
+            raise self._gone() from error
 
     def _take(self, timeout: float) -> bytes:
-        self._host.settimeout(timeout)
-        try:
-            return self._host.recv(_CHUNK)
-        except (BlockingIOError, TimeoutError):
-            return b""
-        except OSError as error:
-            raise LinkLost(f"the emulated board is gone ({error})") from error
+        """What the board has said to the host; b"" if nothing comes in time."""
+        with contextlib.suppress(BlockingIOError, TimeoutError):
+            return self._received(self._host, _CHUNK, timeout)
+        return b""
 
     def _answer(self) -> bytes:
-        self._plant.settimeout(PATIENCE)
         found = b""
         while len(found) < self._line.size:
             try:
-                more = self._plant.recv(self._line.size - len(found))
+                found += self._received(self._plant, self._line.size - len(found), PATIENCE)
             except TimeoutError as error:
                 raise LinkLost(f"the emulated board has not answered for {PATIENCE:g} s; it hangs") from error
-            except OSError as error:
-                raise LinkLost(f"the emulated board is gone ({error})") from error
-            if not more:
-                raise LinkLost("the emulated board is gone: QEMU has ended")
-            found += more
         return found
+
+    def _received(self, line: socket.socket, most: int, timeout: float) -> bytes:
+        line.settimeout(timeout)
+        try:
+            data = line.recv(most)
+        except ConnectionError as error:
+            raise self._gone() from error
+        if not data:
+            raise self._gone()
+        return data
+
+    def _gone(self) -> LinkLost:
+        return LinkLost(f"the emulated board is gone: {self._last_words() or 'QEMU has ended'}")
+
+    def _last_words(self) -> str:
+        words = (Path(self._place.name) / _LOG).read_text(errors="replace")
+        return " ".join(words.split())[-_WORDS:]
 
 
 def _listener(path: str) -> socket.socket:
