@@ -168,6 +168,7 @@ class FirmwareTree:
         return {path: text for path, text in self.files.items() if not self._is_owners(path)}
 
     def _is_owners(self, path: str) -> bool:
-        # JSON has no comments, so no banner.
         there = self.directory / path
-        return there.is_file() and there.suffix != ".json" and not render.has_banner(there)
+        if there.suffix == ".json":  # which has no comments, so no banner
+            return there.is_file() and b'"fingerprint"' not in there.read_bytes()
+        return there.is_file() and not render.has_banner(there)

@@ -13,14 +13,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from unicorn import arm_const
 
 from codegen import build, firmware, toolchain, workspace
 from codegen.elf import Elf
+from runtime.execution.execute import execute
 from runtime.hardware import qemu_board
 from runtime.hardware.frames import Codec, Decoder
 from runtime.hardware.link import LinkLost
 from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.unicorn_board import UnicornBoard
+from runtime.loader import Model
+from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
@@ -146,23 +150,42 @@ def test_it_boots_on_the_other_processor(vishard4: Arm) -> None:
     assert says_hello(QemuBoard(directory, "vishard4", len(vishard4.joints), report["machine"]), directory)
 
 
+class Painted(UnicornBoard):
+    """Its unused stack is filled with a pattern once it sleeps."""
+
+    BOTTOM, PATTERN = 0x2000_0000, 0xA5
+
+    def __init__(self, directory: Path, name: str, n: int) -> None:
+        super().__init__(directory, name, n)
+        self.top = self.image.symbols["tendon_stack_top"][0]
+        asleep = self.cpu.reg_read(arm_const.UC_ARM_REG_SP)
+        self.cpu.mem_write(self.BOTTOM, bytes([self.PATTERN]) * (asleep - self.BOTTOM))
+
+    @property
+    def used(self) -> int:
+        """Bytes from the deepest that was written to the top."""
+        stack = bytes(self.cpu.mem_read(self.BOTTOM, self.top - self.BOTTOM))
+        return len(stack.lstrip(bytes([self.PATTERN])))
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_stack_is_never_deeper_than_the_compiler_says(vishard4: Arm, kind: str) -> None:
+def test_the_stack_is_never_deeper_than_the_compiler_says(vishard4: Arm, model: Model, kind: str) -> None:
+    """Measured over upload, run and stop of a motion in joint and in contact coordinates, the plate touched."""
     directory, report = prepared(vishard4, "cortex-m4f", kind)
-    board = UnicornBoard(directory, "vishard4", len(vishard4.joints))
-    bottom, pattern = 0x2000_0000, b"\xa5"
-    top = report["symbols"]["tendon_stack_top"]
-    asleep = 64  # bytes below the top that main keeps while it sleeps are not ours to paint
-    board.cpu.mem_write(bottom, pattern * (top - bottom - report["stack"]["main"]))
-    codec = Codec.from_json(directory / "protocol.json")
-    for sequence in range(20):
-        board.receive(codec.encode("hello", sequence=sequence) + codec.encode("query", sequence=sequence))
-        board.send()
-        board.period(np.arange(4, dtype=np.int32) * sequence, 1000 * sequence, 0)
-    untouched = bytes(board.cpu.mem_read(bottom, top - bottom - asleep))
-    assert untouched.count(pattern) >= top - bottom - report["stack"]["main"]
-    assert untouched.startswith(pattern * (top - bottom - report["stack"]["main"]))
-    board.close()
+    q = np.array([[-0.5], [-0.4], [-1.6], [-1.0]])
+    still = {"q": q, "w": model.contact_coordinates(q)}
+    phases = tuple(Phase(kind, 0.05, np.repeat(points, 9, axis=1)) for kind, points in still.items())
+    assert model.contact is not None
+    contact = {"plate": model.contact["effects"]["plate"]}
+    trajectory = Trajectory("vishard4", "still", phases, True, -1.0, True, {}, contact)
+    boards: list[Painted] = []
+
+    def board(*arguments: Any) -> Painted:
+        boards.append(Painted(*arguments))
+        return boards[-1]
+
+    assert execute(model, directory, trajectory, trials=1, cycles=1, board=board).completed
+    assert 0.8 * report["stack"]["main"] < boards[0].used <= report["stack"]["main"]
 
 
 @QEMU

@@ -68,6 +68,7 @@ def test_what_is_not_generated_stays(files: dict[str, str], tmp_path: Path) -> N
         "Makefile": "all:\n",
         "src/notes.txt": "mine",
         "src/more.c": "mine",
+        "protocol.json": '{"mine": 1}',
     }
     for path, text in own.items():
         (tmp_path / path).parent.mkdir(exist_ok=True)
@@ -75,7 +76,7 @@ def test_what_is_not_generated_stays(files: dict[str, str], tmp_path: Path) -> N
     assert tree.stale() == []
     tree.write()
     assert {path: (tmp_path / path).read_text() for path in own} == own
-    assert set(tree.kept) == {"boards/own/board.c", "Makefile"}
+    assert set(tree.kept) == {"boards/own/board.c", "Makefile", "protocol.json"}
 
 
 def test_what_was_generated_is_kept_up_to_date(files: dict[str, str], tmp_path: Path) -> None:
@@ -83,7 +84,7 @@ def test_what_was_generated_is_kept_up_to_date(files: dict[str, str], tmp_path: 
     tree.write()
     (tmp_path / "src" / "main.c").write_text(files["src/main.c"] + "/* changed */\n")
     (tmp_path / "src" / "former.c").write_text(f"/* {BANNER} */\n")
-    (tmp_path / "protocol.json").write_text("{}")
+    (tmp_path / "protocol.json").write_text(files["protocol.json"].replace("idle", "Idle"))
     (tmp_path / "boards" / "mps2" / "board.c").unlink()
     found = {line.removeprefix(f"{tmp_path}/") for line in tree.stale()}
     assert found == {
