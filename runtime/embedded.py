@@ -45,7 +45,7 @@ def firmware(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Write the controller's firmware, complete, and compile it. Size and stack; files without banner stay yours."""
+    """Write the controller's firmware and compile it. Size, stack; files that do not say they are generated stay."""
     from runtime.cli import Source
     from runtime.terminal import working
 
