@@ -130,8 +130,8 @@ def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, Any]:
     flat = {Path(path).name: files[path] for path in _library(files)}
     flat |= {Path(path).name: text for path, text in files.items() if path.startswith("src/") and path.endswith(".h")}
     shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
-    command = " ".join(build.compiler())
-    tools = {"kind": "host", "version": command, "why": "the C compiler of this computer"}
+    said = toolchain.said_version(build.compiler())
+    tools = {"kind": "host", "version": said, "why": "the C compiler of this computer"}
     return {"target": HOST, "toolchain": tools, "outputs": ["lib.so"], "stack": None, "fits": True}
 
 

@@ -105,8 +105,9 @@ class Toolchain:
 
     @property
     def version(self) -> str:
-        """As the compiler says it, for example "clang version 22.1.8"."""
-        return _version(self.compile)
+        """As the compiler says it, for example "clang version 22.1.8 (ziglang 0.17.1)"."""
+        wheel = f" (ziglang {version('ziglang')})" if "ziglang" in self.compile else ""
+        return said_version(self.compile) + wheel
 
     @property
     def identity(self) -> str:
@@ -146,7 +147,8 @@ class Toolchain:
 
 
 @functools.cache
-def _version(command: tuple[str, ...]) -> str:
+def said_version(command: tuple[str, ...]) -> str:
+    """First line of what a compiler says of itself."""
     line = _run([*command, "--version"], Path.cwd()).splitlines()
     return line[0] if line else "unknown"
 
