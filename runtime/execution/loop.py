@@ -65,35 +65,31 @@ def run(
     every   control periods from one record to the next     asked   see Session.run
     """
     done = session.run(round(seconds / settings.dt), every, asked)
-    page, rows, n = session.codec.document, done.rows, settings.model.n
-    counts = np.array([row["counts"] for row in rows], dtype=np.int32).reshape(-1, n)
-    status = np.array([row["status"] for row in rows], dtype=np.int64)
+    page, rows = session.codec.document, done.rows
     return Trial(
         t=_times(rows, settings.dt),
-        q=settings.positions(counts),
-        q_desired=np.array([row["q_desired"] for row in rows], dtype=np.float64).reshape(-1, n).T,
-        tau=np.array([row["torque"] for row in rows], dtype=np.float64).reshape(-1, n).T,
-        saturated=(status & page["status"]["saturated"]) > 0,
+        q=settings.positions(rows["counts"]),
+        q_desired=rows["q_desired"].T.astype(np.float64),
+        tau=rows["torque"].T.astype(np.float64),
+        saturated=(rows["status"] & page["status"]["saturated"]) > 0,
         stop=_stop(done, settings, {reason["name"]: reason["text"] for reason in page["reasons"]}),
     )
 
 
-def _times(rows: Sequence[Mapping[str, Any]], dt: float) -> Array:
+def _times(rows: NDArray[Any], dt: float) -> Array:
     """(N,) s, as the board's clock stamped them; where that agrees with its control periods, those tell it finer."""
-    if not rows:
-        return np.empty(0)
-    nominal = dt * np.array([row["period"] for row in rows], dtype=np.float64)
-    stamps = np.array([row["time_us"] for row in rows], dtype=np.uint32)
+    nominal, stamps = dt * rows["period"].astype(np.float64), rows["time_us"]
     # The clock wraps, and so does the difference.
-    stamped = nominal[0] + np.cumsum(np.diff(stamps, prepend=stamps[:1]).astype(np.float64)) / _MICROSECONDS
-    return nominal if np.abs(stamped - nominal).max() < 1.5 / _MICROSECONDS else stamped
+    since = np.cumsum(np.diff(stamps, prepend=stamps[:1]).astype(np.float64)) / _MICROSECONDS
+    stamped = nominal[:1] + since
+    return nominal if np.abs(stamped - nominal).max(initial=0.0) < 1.5 / _MICROSECONDS else stamped
 
 
 def _stop(done: Run, settings: Settings, texts: Mapping[str, str]) -> Stop | None:
     ended = done.ended
     if ended.reason == "done":
         return None
-    last = done.rows[-1]["period"] if done.rows else 0
+    last = int(done.rows["period"][-1]) if len(done.rows) else 0
     t = settings.dt * (last if ended.period is None else ended.period)
     return Stop(t, ended.joint, stops.words(ended, done.rows, settings, texts), ended.reason)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,74 +22,72 @@ HOST = {
 """Reasons of the host; the board has its own."""
 
 
-def words(ended: Ended, rows: Sequence[Mapping[str, Any]], settings: Settings, texts: Mapping[str, str]) -> str:
-    """One sentence. rows: the run's telemetry up to the stop; texts: the reasons by name, as the protocol has them."""
+def words(ended: Ended, rows: NDArray[Any], settings: Settings, texts: Mapping[str, str]) -> str:
+    """One sentence. rows: the run's telemetry (N,); texts: the reasons by name, as the protocol has them."""
     if ended.reason == "drive":
         return ended.detail or f"{texts[ended.reason]} (code {ended.code})"
     # Both ends may lose the link; the host says what it has seen.
     if ended.detail or ended.reason not in texts:
         return HOST[ended.reason] + (f": {ended.detail}" if ended.detail else "")
-    if ended.joint is not None and ended.reason in _MEASURED and rows and rows[-1]["period"] == ended.period:
+    if ended.joint is not None and ended.reason in _MEASURED and len(rows) and rows[-1]["period"] == ended.period:
         return _MEASURED[ended.reason](ended.joint - 1, rows, settings)
     return texts[ended.reason]
 
 
-def _position(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> float:
-    return float(settings.positions(_counts(rows[-1:]))[k, 0])
-
-
-def _counts(rows: Sequence[Mapping[str, Any]]) -> NDArray[np.int32]:
-    return np.array([row["counts"] for row in rows], dtype=np.int32)
+def _position(k: int, rows: NDArray[Any], settings: Settings) -> float:
+    return float(settings.positions(rows["counts"][-1:])[k, 0])
 
 
 def _unit(k: int, settings: Settings) -> str:
     return settings.model.joints[k].position_unit
 
 
-def _tracking(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
+def _tracking(k: int, rows: NDArray[Any], settings: Settings) -> str:
     error = abs(_position(k, rows, settings) - rows[-1]["q_desired"][k])
     return f"tracking error {error:.3g} {_unit(k, settings)} is over the limit of {settings.safety['tracking'][k]:.3g}"
 
 
-def _start(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
+def _start(k: int, rows: NDArray[Any], settings: Settings) -> str:
     error = abs(_position(k, rows, settings) - rows[-1]["q_desired"][k])
     limit = settings.safety["start"][k]
     return f"stands {error:.3g} {_unit(k, settings)} from the trajectory's start, over the limit of {limit:.3g}"
 
 
-def _speed(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
-    q, gain = settings.positions(_counts(rows))[k], settings.drive["velocity_gain"]
+def _speed(k: int, rows: NDArray[Any], settings: Settings) -> str:
+    limit = f"over the limit of {settings.safety['speed'][k]:.3g} {_unit(k, settings)}/s"
+    if len(rows) != int(rows["period"][-1]) + 1:
+        # Not every period is there, and the filter runs through all of them.
+        return f"speed is {limit}"
+    q, gain = settings.positions(rows["counts"])[k], settings.drive["velocity_gain"]
     raw = np.diff(q, prepend=q[0]) * settings.drive["rate"]
-    if len(rows) > 1 and rows[1]["period"] - rows[0]["period"] > 1:
-        return "speed is over the limit"
     speed = abs(float(lfilter([gain], [1.0, gain - 1.0], raw)[-1]))
     return f"speed {speed:.3g} {_unit(k, settings)}/s is over the limit of {settings.safety['speed'][k]:.3g}"
 
 
-def _range(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
+def _range(k: int, rows: NDArray[Any], settings: Settings) -> str:
     low, high = (settings.safety[end][k] for end in ("low", "high"))
     return f"position {_position(k, rows, settings):.4g} {_unit(k, settings)} is outside {low:.4g} to {high:.4g}"
 
 
-def _saturated(k: int, _rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
+def _saturated(k: int, _rows: NDArray[Any], settings: Settings) -> str:
     seconds = settings.safety["saturated"] * settings.dt
     limit, unit = settings.drive["torque_limit"][k], settings.model.joints[k].force_unit
     return f"the torque has been at its limit of {limit:.4g} {unit} for {seconds:.3g} s"
 
 
-def _frozen(k: int, _rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
+def _frozen(k: int, _rows: NDArray[Any], settings: Settings) -> str:
     travel = settings.safety["frozen"][k]
     return f"the encoder has not counted while the joint was to move by {travel:.3g} {_unit(k, settings)}"
 
 
-def _jump(k: int, rows: Sequence[Mapping[str, Any]], settings: Settings) -> str:
+def _jump(k: int, rows: NDArray[Any], settings: Settings) -> str:
     if len(rows) < 2:
         return f"the encoder jumps by more than {settings.safety['jump'][k]} counts in a control period"
-    jump = int(np.diff(_counts(rows[-2:])[:, k])[0])
+    jump = int(np.diff(rows["counts"][-2:, k])[0])
     return f"the encoder jumps by {jump} counts in a control period, the limit is {settings.safety['jump'][k]}"
 
 
-_MEASURED: Mapping[str, Callable[[int, Sequence[Mapping[str, Any]], Settings], str]] = {
+_MEASURED: Mapping[str, Callable[[int, NDArray[Any], Settings], str]] = {
     "tracking": _tracking,
     "start_position": _start,
     "speed": _speed,

@@ -108,5 +108,5 @@ class Pace:
             yield
         finally:
             self._left_out += self._now() - since
-            # The period that follows begins at once.
-            self._next = self._now()
+            # What is held from now on is held for a period.
+            self._next = self._now() + self.length

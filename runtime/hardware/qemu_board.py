@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from runtime.hardware.emulated import PATIENCE, PlantLine
+from runtime.hardware.frames import DELIMITER, Codec, Message
 from runtime.hardware.link import LinkError, LinkLost
 from runtime.hardware.lockstep import Counts, Float32
 
@@ -21,7 +22,6 @@ _LOG, _WORDS = "log", 300
 _CHUNK = 65_536
 _ANSWER_WAIT = 1.0
 """s of real time that an answer to the host may take: it comes beside the control periods, not in them."""
-_DELIMITER = 0
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 
 
@@ -37,7 +37,9 @@ class QemuBoard:
         if program is None:
             raise LinkError(f"--on qemu needs {_PROGRAM}, which is not here: apt install qemu-system-arm")
         self._line = PlantLine(n)
-        self._asked = False
+        self._codec = Codec.from_json(directory / "protocol.json")
+        self._owed: set[int] = set()
+        self._rest = b""
         self._sockets: list[socket.socket] = []
         self._place = tempfile.TemporaryDirectory(prefix="tendon-qemu-")
         self._process: subprocess.Popen[bytes] | None = None
@@ -50,15 +52,21 @@ class QemuBoard:
 
     def receive(self, data: bytes) -> None:
         self._put(self._host, data)
-        self._asked = True
+        self._owed |= {message.sequence for message in self._messages(data)}
 
     def send(self) -> bytes:
-        """All that has come; whole frames, and an answer if something was asked."""
-        data = self._take(_ANSWER_WAIT if self._asked else 0.0)
-        while data and data[-1] != _DELIMITER and (more := self._take(_ANSWER_WAIT)):
+        """All that has come: whole frames, and the answers to what was asked.
+
+        They come by a line of their own, beside the control periods: without waiting for them it would be chance
+        whether a period passes in between.
+        """
+        data = self._taken(0.0)
+        while self._owed or not (data.endswith(DELIMITER) or not data):
+            more = self._taken(_ANSWER_WAIT)
+            if not more:
+                # What was asked has been lost on its way.
+                self._owed.clear()
             data += more
-        if data:
-            self._asked = False
         return data
 
     def period(self, counts: Counts, time_us: int, fault: int) -> tuple[bool, Float32]:
@@ -103,11 +111,21 @@ class QemuBoard:
         except OSError as error:
             raise self._gone() from error
 
-    def _take(self, timeout: float) -> bytes:
+    def _taken(self, timeout: float) -> bytes:
         """What the board has said to the host; b"" if nothing comes in time."""
-        with contextlib.suppress(BlockingIOError, TimeoutError):
-            return self._received(self._host, _CHUNK, timeout)
-        return b""
+        try:
+            data = self._received(self._host, _CHUNK, timeout)
+        except (BlockingIOError, TimeoutError):
+            return b""
+        if self._owed:
+            self._rest += data
+            self._owed -= {m.values["sequence"] for m in self._messages(self._rest) if m.name == "ack"}
+            self._rest = self._rest[self._rest.rfind(DELIMITER) + 1 :]
+        return data
+
+    def _messages(self, data: bytes) -> list[Message]:
+        found = (self._codec.decode(frame) for frame in data.split(DELIMITER)[:-1] if frame)
+        return [message for message in found if isinstance(message, Message)]
 
     def _answer(self) -> bytes:
         found = b""

@@ -11,6 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from runtime.hardware.frames import DELIMITER, Codec, Decoder, Message
 from runtime.hardware.link import Link, LinkError, LinkLost
 from runtime.hardware.settings import Settings
@@ -27,6 +30,8 @@ _END = 1.0
 """s that a board may take for a stop, besides its damping."""
 _PATIENCE = 5.0
 """s that it may damp what another host has left in motion."""
+_BLOCK = 4096
+_TYPES = {"u8": "<u1", "u16": "<u2", "u32": "<u4", "i32": "<i4", "float": "<f4"}
 _TRAJECTORY = ("trajectory", "phase", "points")
 
 
@@ -51,11 +56,10 @@ class Ended:
 
 @dataclass(frozen=True)
 class Run:
-    """rows: the values of the run's telemetry, without gaps, up to the end; dropped: frames that arrived damaged."""
+    """rows: the run's telemetry (N,), without gaps, up to the end; its fields are those of the message."""
 
-    rows: list[dict[str, Any]]
+    rows: NDArray[Any]
     ended: Ended
-    dropped: int
 
 
 class Session:
@@ -135,9 +139,9 @@ class Session:
         asked   whether the user wants to stop: 0 no, 1 yes, 2 without waiting for the board
         Raises Refused. A link that is lost ends the run, and what was recorded until then is returned.
         """
-        log, errors = _Log(every, self.codec), self._decoder.errors.total()
+        log = _Log(every, self.codec)
         if asked():
-            return Run([], Ended("interrupted"), 0)
+            return Run(log.rows(), Ended("interrupted"))
         self._telemetry.clear()
         self._state = None
         try:
@@ -150,7 +154,7 @@ class Session:
             with suppress(LinkLost):
                 self._stop()
             raise
-        return Run(log.rows, ended, self._decoder.errors.total() - errors)
+        return Run(log.rows(), ended)
 
     def _driven(self, periods: int, log: _Log, asked: Callable[[], int]) -> Ended:
         self._command("arm")
@@ -240,6 +244,7 @@ class Session:
         if self.link.now() < self._due:
             return
         if self._unanswered is None or self._unanswered[0] in self._acks:
+            self._acks.clear()
             self._unanswered = self._frame("alive")
         self.link.write(self._unanswered[1])
         self._due = self.link.now() + self._silence / _ALIVES
@@ -276,10 +281,20 @@ class Session:
         raise LinkLost(f"the board does not answer ({name}, {_ATTEMPTS} times); is its firmware running?")
 
     def _refusal(self, name: str, ack: dict[str, Any]) -> str:
-        result = next((r for r in self.codec.document["results"] if r["number"] == ack["result"]), None)
-        words = "refused" if result is None else result["text"]
-        meaning = f" ({result['detail']}: {ack['detail']})" if result and result["detail"] else ""
-        return f"the board does not take {name}: {words}{meaning}"
+        texts = {result["number"]: result["text"] for result in self.codec.document["results"]}
+        detail = self._detail(name, self._names["results"].get(ack["result"], ""), ack["detail"])
+        return f"the board does not take {name}: {texts.get(ack['result'], 'refused')}{detail and f' ({detail})'}"
+
+    def _detail(self, name: str, result: str, number: int) -> str:
+        """What the number beside a result stands for."""
+        if result in ("not_finite", "out_of_range"):
+            values = [field for field, count in self.codec.fields(name).items() for _ in range(count or 1)]
+            return values[number] if number < len(values) else f"phase {number + 1}"
+        if result == "incomplete":
+            return ", ".join(part for part, bit in self.codec.document["missing"].items() if number & bit)
+        if result == "state":
+            return self._names["states"].get(number, "")
+        return f"{number} is expected" if result in ("sequence", "order") else ""
 
     def _frame(self, name: str, values: Any = None) -> tuple[int, bytes]:
         self._sequence = (self._sequence + 1) & 0xFFFF
@@ -300,22 +315,26 @@ class Session:
 
 
 class _Log:
-    """The telemetry of a run as long as it is whole. last: period of its last record.
+    """The telemetry of a run as long as it is whole. last: period of its last record, None before the first.
 
     It ends with the record of the step that stopped the arm, whatever its period; a step that found the run done is
     none of it.
     """
 
     def __init__(self, every: int, codec: Codec) -> None:
-        self.every, self.rows = every, list[dict[str, Any]]()
+        self.every = every
+        self.last: int | None = None
+        self._type = _record_type(codec)
         self._states, self._reasons = codec.names("states"), codec.names("reasons")
+        self._whole: list[NDArray[Any]] = []
+        self._recent: list[tuple[Any, ...]] = []
         self._expected = 0
         self._gap: str | None = None
         self._over = False
 
-    @property
-    def last(self) -> int | None:
-        return self.rows[-1]["period"] if self.rows else None
+    def rows(self) -> NDArray[Any]:
+        """(N,) with the fields of the message."""
+        return np.concatenate([*self._whole, np.array(self._recent, dtype=self._type)])
 
     def take(self, rows: list[dict[str, Any]]) -> str | None:
         """Add and clear `rows`; words for a gap, after which nothing is added."""
@@ -330,9 +349,23 @@ class _Log:
             self._gap = f"the telemetry of period {self._expected} is missing, that of {row['period']} is there"
         elif self._states[row["state"]] == "running":
             if row["period"] == self._expected:
-                self.rows.append(row)
+                self._append(row)
                 self._expected += self.every
         else:
             self._over = True
             if self._reasons[row["reason"]] != "done":
-                self.rows.append(row)
+                self._append(row)
+
+    def _append(self, row: dict[str, Any]) -> None:
+        self.last = row["period"]
+        self._recent.append(tuple(row.values()))
+        # Of an hour at 1 kHz, arrays are a tenth as large as what they are made of.
+        if len(self._recent) >= _BLOCK:
+            self._whole.append(np.array(self._recent, dtype=self._type))
+            self._recent.clear()
+
+
+def _record_type(codec: Codec) -> np.dtype[Any]:
+    """Of a telemetry message."""
+    message = next(item for item in codec.document["messages"] if item["name"] == "telemetry")
+    return np.dtype([(field["name"], _TYPES[field["type"]], field["count"] or ()) for field in message["fields"]])

@@ -135,6 +135,7 @@ def test_no_emulator_outlives_its_parent(image: Path) -> None:
 def test_an_emulator_that_does_not_start_says_why(image: Path, tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"qemu-system-arm does not start: .*unsupported machine type"):
         QemuBoard(image, "bench", 1, machine="toaster")
+    shutil.copy(image / "protocol.json", tmp_path)
     board = QemuBoard(tmp_path, "other", 1)
     with pytest.raises(LinkLost, match=r"the emulated board is gone: .*other\.elf"):
         board.period(np.zeros(1, dtype=np.int32), 0, 0)
