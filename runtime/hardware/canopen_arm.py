@@ -123,7 +123,7 @@ class CanopenArm:
         if on:
             with self.pace.left_out():
                 self._switch_on()
-        elif self._on:
+        elif self._powered:
             with self.pace.left_out():
                 self._on = False
                 self._confirm(self._switch_off())
@@ -132,12 +132,13 @@ class CanopenArm:
         """Power off, and the bus given back; may be called twice. Raises Fault if a drive does not say it is off."""
         if self._network is None:
             return
-        was_on, self._on = self._on, False
+        self._on = False
         try:
-            still = self._switch_off() if was_on else []
+            still = self._switch_off() if self._powered else []
             with suppress(Fault), faults(self.address):
                 for drive in self._drives:
-                    if drive.heard:
+                    # One that may have power goes on watching: without a heartbeat it switches off by itself.
+                    if drive.heard and drive not in still:
                         drive.release()
                 self._network.send_message(_NMT, bytes((_PRE_OPERATIONAL, 0)))
         finally:
@@ -145,6 +146,11 @@ class CanopenArm:
             with suppress(Fault), faults(self.address):
                 network.disconnect()
         self._confirm(still)
+
+    @property
+    def _powered(self) -> bool:
+        """Whether some drive may have power: it has been told more than to be without, even on the way to being on."""
+        return any(word is not Command.DISABLE_VOLTAGE for word in self._sent)
 
     def figures(self) -> dict[str, Any]:
         """What became of it, in SI: the bus, punctuality, and what a torque is rounded to."""

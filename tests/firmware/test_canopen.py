@@ -527,6 +527,28 @@ def test_whatever_fails_no_drive_holds_a_torque(
         assert [drive.torque for drive in behind.drives] == [0.0] * 3
 
 
+@pytest.mark.parametrize("periods", [2, 3])
+def test_drives_that_were_being_switched_on_are_switched_off(periods: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By whatever is between: someone presses Ctrl-C while the drives have power already and are not all on yet."""
+    with bench({}) as (arm, behind):
+        arm.start(np.zeros(1), RNG)
+        period, passed = arm.pace.period, itertools.count()
+
+        def interrupted() -> int:
+            if next(passed) == periods:
+                raise KeyboardInterrupt
+            return period()
+
+        with monkeypatch.context() as patch:
+            patch.setattr(arm.pace, "period", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                arm.enable(True)
+        drive = behind.drives[0]
+        assert drive.state not in (DISABLED, FAULTY)
+        arm.close()
+        assert (drive.state, drive.target) == (DISABLED, 0)
+
+
 def test_closing_in_motion_takes_the_power() -> None:
     with bench({}, {}) as (arm, behind):
         arm.start(np.zeros(2), RNG)
