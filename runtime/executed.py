@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -162,7 +163,15 @@ def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, di
     with terminal.working("deriving and compiling the model and its controller"):
         model, controller = source.model(), source.controller(target.build)
     plan = read(path, model)
-    return _run(model, controller, plan, asked, target.board), {}
+    return _run(model, controller, plan, asked, target.board), {"image": _image(controller)}
+
+
+def _image(controller: Path) -> dict[str, Any] | None:
+    """What an emulated board runs: for which processor, by which compiler, bytes of code and constants."""
+    facts = loads((controller / "image.json").read_text(encoding="utf-8"))
+    if "elf" not in facts:
+        return None
+    return {"target": facts["target"], "compiler": facts["toolchain"]["version"], "text": facts["text"]}
 
 
 def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board: Any, trials: int = 3) -> Execution:

@@ -18,6 +18,8 @@ def show(document: Document) -> None:
     friction = "compensated" if document["friction_compensation"] else "not compensated"
     say(f"{plan['scenario']} on {document['on']}: {_trials(document)}; friction {friction}.")
     _arm(document)
+    if image := document.get("image"):
+        say(f"Firmware for {image['target']}, {image['text']} bytes, by {image['compiler']}.")
     if document.get("every", 1) > 1:
         say(f"The line carries one record in {document['every']} control periods; the others are left out.")
     _clock(document)

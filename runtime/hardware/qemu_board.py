@@ -90,8 +90,14 @@ class QemuBoard:
         with (Path(self._place.name) / _LOG).open("wb") as errors, contextlib.ExitStack() as stack:
             for line in listening:
                 stack.callback(line.close)
+            # A session of its own: Ctrl-C is for us to hear, who stop the arm first.
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, preexec_fn=_die_with_parent
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=errors,
+                stderr=errors,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
             )
             self._sockets = [self._accepted(line) for line in listening]
 

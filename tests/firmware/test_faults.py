@@ -247,7 +247,8 @@ def test_settings_that_are_no_numbers_are_refused(make: Make, message: str, fiel
     one = make().prepared()
     values = dict(getattr(one.settings, message))
     values[field] = [value] if isinstance(values[field], list) else value
-    with pytest.raises(Refused, match=f"does not take {message}: refused: a value is infinite or no number"):
+    words = rf"does not take {message}: refused: a value is infinite or no number \({field}\)"
+    with pytest.raises(Refused, match=words):
         one.session.upload(replace(one.settings, **{message: values}))
 
 
@@ -255,10 +256,10 @@ def test_a_trajectory_that_is_no_number_is_refused(make: Make) -> None:
     one = make().prepared()
     points = one.settings.points.copy()
     points[2, 0] = np.nan
-    with pytest.raises(Refused, match="does not take points: refused: a value is infinite or no number"):
+    with pytest.raises(Refused, match=r"does not take points: refused: a value is infinite or no number \(values\)"):
         one.session.upload(replace(one.settings, points=points))
     # What is half there cannot be run.
-    with pytest.raises(Refused, match="does not take arm: refused: something has not been uploaded"):
+    with pytest.raises(Refused, match=r"does not take arm: refused: something has not been uploaded \(trajectory\)"):
         one.run()
     assert not one.arm.powered
 

@@ -3,6 +3,7 @@ and leaves the recording that this computer's build of it leaves, bit for bit.""
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 from collections.abc import Callable
@@ -96,21 +97,32 @@ def called(*arguments: object) -> int:
     return boundary.run(app, [str(a) for a in arguments])
 
 
+@pytest.fixture(scope="module")
+def compared(
+    source: Source, plans: dict[str, Trajectory], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], dict[str, Any]]:
+    """By target: what the command line says of the execution and of its recording. A damper at the plate is hidden."""
+    here = tmp_path_factory.mktemp("compared")
+    (here / "arm.toml").write_text(source.text)
+    plans["scenario2"].write(here / "plan.json")
+
+    def by(on: str) -> dict[str, Any]:
+        run, mounted = here / f"{on}.csv.gz", here / f"{on}.toml"
+        options = ("--hide", HIDDEN[0], "--trials", 1, "--cycles", 1, "--out", run, "--model-out", mounted)
+        status = called("execute", here / "arm.toml", here / "plan.json", "--on", on, *options, "--json", here / "e")
+        assert status == 0
+        assert called("compare", mounted, run, "--json", here / "c") == 0
+        return {"execute": json.loads((here / "e").read_text()), "compare": json.loads((here / "c").read_text())}
+
+    return functools.cache(by)
+
+
 @pytest.mark.parametrize("target", EMULATED)
-def test_its_recording_goes_through_compare(
-    source: Source, plans: dict[str, Trajectory], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
-) -> None:
-    """A damper at the plate is hidden in the arm: the comparison finds the same, whoever drove the arm."""
-    monkeypatch.chdir(tmp_path)
-    Path("arm.toml").write_text(source.text)
-    plans["scenario2"].write(Path("plan.json"))
-    found: dict[str, Any] = {}
-    for on in ("simulation", target):
-        hide = ("--hide", HIDDEN[0], "--trials", 1, "--cycles", 1, "--friction-compensation")
-        files = ("--out", f"{on}.csv.gz", "--model-out", "mounted.toml", "--json", f"{on}-e.json")
-        assert called("execute", "arm.toml", "plan.json", "--on", on, *hide, *files) == 0
-        assert called("compare", "mounted.toml", f"{on}.csv.gz", "--json", f"{on}.json") == 0
-        found[on] = json.loads(Path(f"{on}.json").read_text())
-        assert json.loads(Path(f"{on}-e.json").read_text())["on"] == on
-    assert found[target]["joints"] == found["simulation"]["joints"]
-    assert len(found[target]["joints"]) == 4
+def test_its_recording_goes_through_compare(compared: Callable[[str], dict[str, Any]], target: str) -> None:
+    """The comparison finds the same, whoever drove the arm."""
+    found, expected = compared(target), compared("simulation")
+    assert found["execute"]["on"] == target
+    assert found["execute"]["image"]["target"] == "cortex-m4f"
+    assert expected["execute"]["image"] is None
+    assert len(found["compare"]["joints"]) == 4
+    assert found["compare"]["joints"] == expected["compare"]["joints"]

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -248,3 +255,42 @@ def test_control_c_is_counted_and_the_third_one_interrupts() -> None:
             signal.raise_signal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
+
+
+TARGETS = [
+    "simulation",
+    pytest.param(
+        "qemu", marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
+    ),
+]
+
+
+@pytest.mark.parametrize("on", TARGETS)
+def test_control_c_stops_the_arm_and_the_recording_is_written(bench: Source, tmp_path: Path, on: str) -> None:
+    """As a terminal does it: the signal goes to everything that was started there."""
+    bench.controller("host" if on == "simulation" else "cortex-m4f")
+    (tmp_path / "bench.toml").write_text(BENCH)
+    PLAN.write(tmp_path / "plan.json")
+    command = [sys.executable, "-c", "import runtime.cli; runtime.cli.main()", "execute", "bench.toml", "plan.json"]
+    options = ["--on", on, "--cycles", "10000", "--trials", "1", "--out", "run.csv", "--json", "-"]
+    started = subprocess.Popen(
+        [*command, *options],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert started.stderr is not None
+    while "executing" not in started.stderr.readline():
+        assert started.poll() is None
+    time.sleep(2.0)
+    os.killpg(started.pid, signal.SIGINT)
+    out, err = started.communicate(timeout=60)
+    assert started.returncode == 1, err
+    document = json.loads(out)
+    assert document["status"] == "stopped"
+    assert document["trials"][0]["stop"]["name"] == "interrupted"
+    assert "interrupted (Ctrl-C)" in document["reason"]
+    assert len((tmp_path / "run.csv").read_text().splitlines()) > 100
