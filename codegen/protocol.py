@@ -20,6 +20,10 @@ TELEMETRY_RECORDS, ACKS = 8, 8
 """What a board holds until the link takes it; powers of two."""
 HEADER = (("version", "u8"), ("type", "u8"), ("sequence", "u16"), ("length", "u16"))
 MOST_JOINTS = 16
+SOONEST = 5
+"""Periods within which every joint has been looked at closely."""
+IN_TURN = ("speed", "position", "encoder_frozen")
+"""Reasons whose criteria are looked at for a part of the joints each period, in turn."""
 
 
 @dataclass(frozen=True)
@@ -72,15 +76,17 @@ REASONS = (
         "zero", True,
     ),
     Reason("tracking", 7, "tracking error", "|q_d - q| over safety.tracking", "damping", True),
-    Reason("speed", 8, "speed", "|qd|, filtered, over safety.speed", "damping", True),
-    Reason("position", 9, "position", "q below safety.low or above safety.high", "damping", True),
+    Reason("speed", 8, "speed", "|qd|, filtered, over safety.speed (in turn)", "damping", True),
+    Reason(
+        "position", 9, "position", "q below safety.low or above safety.high, in whole counts (in turn)", "damping", True
+    ),
     Reason(
         "torque_limit", 10, "the torque has been at its limit for too long",
         "some torque limited in more than safety.saturated periods in a row", "damping", True,
     ),
     Reason(
         "encoder_frozen", 11, "the encoder does not count",
-        "q_d more than safety.frozen from where it was at the last change of the count; a joint a period, in turn",
+        "q_d more than safety.frozen from where it was at the last change of the count (in turn)",
         "zero", True,
     ),
     Reason(
@@ -139,6 +145,11 @@ class Protocol:
 
     def message(self, name: str) -> Message:
         return next(message for message in self.messages if message.name == name)
+
+    @property
+    def looks(self) -> int:
+        """Joints that are looked at closely each period."""
+        return -(-len(self.types) // SOONEST)
 
     @property
     def commands(self) -> tuple[Message, ...]:

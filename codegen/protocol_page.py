@@ -9,7 +9,18 @@ from typing import Any
 
 from codegen.controller_records import STATUS
 from codegen.messages import LARGEST, ROWS_A_MESSAGE, SIZES, WHOLE, Item, Message
-from codegen.protocol import ACKS, HEADER, MISSING, REASONS, RESULTS, STATES, TELEMETRY_RECORDS, VERSION, Protocol
+from codegen.protocol import (
+    ACKS,
+    HEADER,
+    IN_TURN,
+    MISSING,
+    REASONS,
+    RESULTS,
+    STATES,
+    TELEMETRY_RECORDS,
+    VERSION,
+    Protocol,
+)
 
 WATCHED_ARMED = ("drive", "watchdog", "encoder_jump", "speed", "link_lost", "corrupted", "sequence")
 _HEADER_MEANING = {
@@ -36,11 +47,13 @@ def holes(protocol: Protocol) -> dict[str, Any]:
         "example_plain": plain.hex(" "),
         "example_wire": wire.hex(" "),
         "state_table": _table(("number", "state", ""), [(str(s.number), s.name, s.meaning) for s in STATES]),
-        "watched": ", ".join(WATCHED_ARMED[:-1]) + f" and {WATCHED_ARMED[-1]}",
+        "watched": _listed(WATCHED_ARMED),
         "reason_table": _table(
             ("number", "reason", "", "criterion", "torque"),
             [(str(r.number), r.name, r.text, r.criterion, r.torque) for r in REASONS],
         ),
+        "in_turn": _listed(IN_TURN),
+        "turn": "one joint" if protocol.looks == 1 else f"{protocol.looks} joints",
         "no_limit": f"{LARGEST:.9g}",
         "rows_a_message": ROWS_A_MESSAGE,
         "commands": [_section(message) for message in protocol.commands],
@@ -81,6 +94,10 @@ def said_range(item: Item) -> str:
     if (low, high) == (least, most):
         return ""
     return f"{low:.0f} or more" if high == most else f"{low:.0f} to {high:.0f}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:-1]) + f" and {names[-1]}"
 
 
 def _section(message: Message) -> dict[str, str]:

@@ -6,7 +6,7 @@ import json
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from math import inf, nan
+from math import ceil, floor, inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -472,6 +472,15 @@ def told(talk: Talk, step: Step, reason: str, joint: int) -> None:
     assert step.report("counters") is not None
 
 
+def soon(talk: Talk, counts: Sequence[int]) -> Step:
+    """The step in which something is observed that is looked at in turn."""
+    for _ in range(N):
+        step = talk.step(counts)
+        if step.report("state") is not None:
+            break
+    return step
+
+
 def damped(talk: Talk, step: Step, qd: Sequence[float]) -> None:
     """Torque against the motion for as long as it was asked for, then none and the drives off."""
     kd, limit, gain = np.array(DRIVE["kd"]), np.array(DRIVE["torque_limit"]), DRIVE["velocity_gain"]
@@ -626,7 +635,9 @@ def test_speed(talk: Talk, joint: int, sign: int) -> None:
         one = Talk(talk.directory, ARM.name)
         one.ready(speed=[limit if k == joint else 1e9 for k in (1, 2)])
         one.run()
-        one.step()
+        # A joint is looked at every other period: the second one in the first step after the begin of the run.
+        for _ in range(N + 1 - joint):
+            one.step()
         step = one.step(counts)
         assert (step.report("state") is not None) == stops
         if stops:
@@ -654,8 +665,38 @@ def test_position(talk: Talk, low: float, high: float, to: float) -> None:
     end = 100 + round(to / PER_COUNT)
     assert talk.step([end, -3]).report("state") is None
     assert talk.step([end, -3]).report("state") is None
-    step = talk.step([end + (1 if to == high else -1), -3])
-    told(talk, step, "position", 1)
+    told(talk, soon(talk, [end + (1 if to == high else -1), -3]), "position", 1)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("before", range(2 * N))
+def test_every_joint_is_looked_at_within_as_many_periods_as_there_are(talk: Talk, joint: int, before: int) -> None:
+    talk.ready(high=[0.25, 0.25], speed=[1e9] * N, jump=[1000] * N)
+    talk.run()
+    for _ in range(1 + before):
+        talk.step()
+    counts = [100, -3]
+    counts[joint - 1] += 257
+    told(talk, soon(talk, counts), "position", joint)
+
+
+@given(st.floats(-3.0, 3.0, width=32), st.floats(0.0, 3.0, width=32), st.integers(-4000, 4000))
+def test_a_range_in_whole_counts(directory: Path, low: float, wide: float, counts: int) -> None:
+    """Within the range of the message to the last count; of what no count lies in, one remains."""
+    high, per_count = float(np.float32(low + wide)), float(np.float32(0.0011))
+    talk = Talk(directory, ARM.name)
+    free = dict.fromkeys(("speed", "tracking", "start", "frozen"), [1e9] * N)
+    talk.ready(
+        low=[low, -9.0], high=[high, 9.0], position_per_count=[per_count] * N, zero=[0, 0], jump=[9000] * N, **free
+    )
+    talk.counts = [counts, 0]
+    talk.run()
+    first, last = ceil(low / per_count - 1e-4), floor(high / per_count + 1e-4)
+    stops = talk.step().report("state") is not None
+    if counts < first - 1 or counts > max(first, last) + 1:
+        assert stops
+    if first + 1 <= counts <= last - 1:
+        assert not stops
 
 
 def test_a_torque_at_its_limit_for_too_long(talk: Talk) -> None:

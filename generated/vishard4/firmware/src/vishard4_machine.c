@@ -5,20 +5,21 @@
 
 #define JOINTS 4U
 #define ENDLESS 0xffffffffU
-#define MAGNITUDE 0x7fffffffU
 #define ARM 0U
+#define REASON 8U
+#define LOOKS 1U
 
 /* Reports that are sent when they are asked for or have changed. */
 #define PENDING_IDENTITY 1U
 #define PENDING_STATE 2U
 #define PENDING_COUNTERS 4U
 
-/* Bits of a float's magnitude. */
+/* A float's magnitude as a whole number: twice its bits. */
 static inline uint32_t magnitude(float x)
 {
     tendon_word w;
     w.value = x;
-    return w.bits & MAGNITUDE;
+    return w.bits << 1;
 }
 
 /* ---- stopping ---- */
@@ -35,6 +36,7 @@ TENDON_SMALL static bool gives_no_torque(uint32_t reason)
 TENDON_SMALL static void stop(vishard4_machine *m, uint32_t reason, uint32_t joint, uint32_t code)
 {
     m->state = VISHARD4_STATE_STOPPED;
+    m->standing = VISHARD4_STATE_STOPPED | (reason << REASON);
     m->steady = 0U;
     m->damping = gives_no_torque(reason) ? 0U : m->safety.damping;
     m->until = 1U;
@@ -52,6 +54,13 @@ static bool is_powered(const vishard4_machine *m)
     return (m->state == VISHARD4_STATE_ARMED) || (m->state == VISHARD4_STATE_RUNNING);
 }
 
+/* The host was heard: so many periods may come until it is heard again, or until the run is over. */
+TENDON_SMALL static void be_patient(vishard4_machine *m)
+{
+    const uint32_t more = m->last - m->period;
+    m->left = (more < m->safety.silence) ? more : m->safety.silence;
+}
+
 /* A frame that cannot be read. Some noise is tolerated. */
 TENDON_SMALL static void corrupted(vishard4_machine *m, uint32_t *counter)
 {
@@ -64,80 +73,85 @@ TENDON_SMALL static void corrupted(vishard4_machine *m, uint32_t *counter)
     }
 }
 
-/* ---- the guard: what is found is negative, as a whole number of two's complement ---- */
+/* ---- the guard ---- */
 
-static inline bool is_negative(uint32_t bits)
-{
-    return (bits >> 31) != 0U;
-}
-
-/* Negative where an encoder has gone further than it can in a period since the controller's last step. */
-static inline uint32_t leap(uint32_t most, int32_t from, int32_t to)
+/* Whether an encoder has gone further than it can in a period. */
+static inline bool jumps(const vishard4_bounds *b, int32_t from, int32_t to)
 {
     const uint32_t moved = (uint32_t)to - (uint32_t)from;
-    return most - (is_negative(moved) ? (0U - moved) : moved);
+    return (moved + b->jump) > (2U * b->jump);
 }
 
-/* Negative where a joint is out of its bounds: so is the difference of two magnitudes where the second one is larger,
- * and what is no number is larger than every limit. */
-static inline uint32_t excess(const vishard4_bounds *b, float q, float qd, float q_desired)
+/* Whether a joint is not where it should be. */
+static inline bool errs(const vishard4_bounds *b, const vishard4_output_f32 *output, uint32_t j)
 {
-    tendon_word above;
-    tendon_word below;
-    above.value = q - b->low;
-    below.value = b->high - q;
-    return (b->tracking - magnitude(q_desired - q)) | (b->speed - magnitude(qd)) | above.bits | below.bits;
+    return magnitude(output->q_desired[j] - output->q[j]) > b->tracking;
 }
 
-/* Negative where the desired position of a joint has gone far without one count of its encoder. One joint a period. */
-static inline uint32_t frozen(vishard4_machine *m, const int32_t counts[JOINTS])
+/* Whether a joint has left its range. */
+static inline bool strays(const vishard4_bounds *b, int32_t counts)
 {
-    const uint32_t j = ((m->look + 1U) < JOINTS) ? (m->look + 1U) : 0U;
+    return ((uint32_t)counts - b->lowest) > b->range;
+}
+
+/* A closer look at one joint, another one each time: whether it is too fast, has left its range, or should have gone
+ * far without one count of its encoder. */
+static inline bool look(vishard4_machine *m, const vishard4_record *now, const int32_t counts[JOINTS])
+{
+    const uint32_t j = ((m->looked + 1U) < JOINTS) ? (m->looked + 1U) : 0U;
     vishard4_bounds *b = &m->bounds[j];
-    const float desired = m->output.q_desired[j];
+    const float desired = now->output.q_desired[j];
+    m->looked = j;
     if (counts[j] != b->seen) {
         b->seen = counts[j];
         b->mark = desired;
     }
-    m->look = j;
-    return b->frozen - magnitude(desired - b->mark);
+    return (magnitude(now->output.qd[j]) > b->speed) || strays(b, counts[j])
+        || (magnitude(desired - b->mark) > b->frozen);
 }
 
-/* Negative where the link has been silent, or a torque limited, for too long. */
-static inline uint32_t tally(vishard4_machine *m)
+/* Whether a torque has been limited for too long, or is no number. */
+static inline bool tires(vishard4_machine *m, uint32_t status)
 {
-    const uint32_t limited = m->output.status & VISHARD4_SATURATED;
-    --m->patience;
-    m->tolerance = (limited != 0U) ? (m->tolerance - 1U) : m->safety.saturated;
-    return m->patience | m->tolerance;
+    bool tired = false;
+    if ((status & (VISHARD4_SATURATED | VISHARD4_INVALID)) == 0U) {
+        m->tolerance = m->safety.saturated;
+    } else {
+        tired = (m->tolerance == 0U) || ((status & VISHARD4_INVALID) != 0U);
+        --m->tolerance;
+    }
+    return tired;
 }
 
 /* ---- why ---- */
 
-TENDON_SMALL static uint32_t leaps(const vishard4_machine *m, const int32_t counts[JOINTS])
+/* The first joint whose encoder jumps. */
+TENDON_SMALL static uint32_t jumping_joint(const vishard4_machine *m, const int32_t counts[JOINTS])
 {
     uint32_t joint = ARM;
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        if (is_negative(leap(m->bounds[j - 1U].jump, m->controller.counts[j - 1U], counts[j - 1U]))) {
+        if (jumps(&m->bounds[j - 1U], m->controller.counts[j - 1U], counts[j - 1U])) {
             joint = j;
         }
     }
     return joint;
 }
 
-/* Why a joint is out of its bounds; none if it is not. */
-TENDON_SMALL static uint32_t reason_of(const vishard4_machine *m, uint32_t j)
+/* Why a joint is out of its bounds; none if it is not. closely: as `look` does. */
+TENDON_SMALL static uint32_t reason_of(const vishard4_machine *m, uint32_t j, int32_t counts, bool closely)
 {
     const vishard4_bounds *b = &m->bounds[j];
-    const float q = m->output.q[j];
+    const vishard4_output_f32 *output = &m->now->output;
     uint32_t reason = VISHARD4_REASON_NONE;
-    if (magnitude(m->output.q_desired[j] - q) > b->tracking) {
+    if (errs(b, output, j)) {
         reason = VISHARD4_REASON_TRACKING;
-    } else if (magnitude(m->output.qd[j]) > b->speed) {
+    } else if (!closely) {
+        /* Its turn will come. */
+    } else if (magnitude(output->qd[j]) > b->speed) {
         reason = VISHARD4_REASON_SPEED;
-    } else if ((q < b->low) || (q > b->high)) {
+    } else if (strays(b, counts)) {
         reason = VISHARD4_REASON_POSITION;
-    } else if ((j == m->look) && (magnitude(m->output.q_desired[j] - b->mark) > b->frozen)) {
+    } else if (magnitude(output->q_desired[j] - b->mark) > b->frozen) {
         reason = VISHARD4_REASON_ENCODER_FROZEN;
     } else {
         /* Within all bounds. */
@@ -150,7 +164,7 @@ TENDON_SMALL static uint32_t limited_joint(const vishard4_machine *m)
 {
     uint32_t joint = ARM;
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        if (magnitude(m->output.torque[j - 1U]) >= magnitude(m->config.torque_limit[j - 1U])) {
+        if (magnitude(m->now->output.torque[j - 1U]) >= magnitude(m->config.torque_limit[j - 1U])) {
             joint = j;
         }
     }
@@ -162,7 +176,7 @@ TENDON_SMALL static uint32_t unknown_joint(const vishard4_machine *m)
 {
     uint32_t joint = ARM;
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        if (magnitude(m->output.q_desired[j - 1U]) >= 0x7f800000U) {
+        if (magnitude(m->now->output.q_desired[j - 1U]) >= 0xff000000U) {
             joint = j;
         }
     }
@@ -170,23 +184,22 @@ TENDON_SMALL static uint32_t unknown_joint(const vishard4_machine *m)
 }
 
 /* After a step of the controller: stops the arm if it has to be, and says why. */
-TENDON_SMALL static void judge(vishard4_machine *m)
+TENDON_SMALL static void judge(vishard4_machine *m, const int32_t counts[JOINTS])
 {
-    if ((m->output.status & VISHARD4_INVALID) != 0U) {
+    if ((m->now->output.status & VISHARD4_INVALID) != 0U) {
         stop(m, VISHARD4_REASON_NOT_FINITE, unknown_joint(m), 0U);
     } else {
         uint32_t reason = VISHARD4_REASON_NONE;
         uint32_t joint = ARM;
         for (uint32_t j = 0U; (j < JOINTS) && (reason == VISHARD4_REASON_NONE); ++j) {
-            reason = reason_of(m, j);
+            const bool closely = (m->first != 0U) || (((m->looked + JOINTS - j) % JOINTS) < LOOKS);
+            reason = reason_of(m, j, counts[j], closely);
             joint = j + 1U;
         }
         if (reason != VISHARD4_REASON_NONE) {
             stop(m, reason, joint, 0U);
-        } else if (is_negative(m->tolerance)) {
+        } else if (m->tolerance == ENDLESS) {
             stop(m, VISHARD4_REASON_TORQUE_LIMIT, limited_joint(m), 0U);
-        } else if (is_negative(m->patience)) {
-            stop(m, VISHARD4_REASON_LINK_LOST, ARM, 0U);
         } else {
             /* Nothing is wrong. */
         }
@@ -195,10 +208,10 @@ TENDON_SMALL static void judge(vishard4_machine *m)
 
 /* ---- the control step ---- */
 
-/* Before a step of the controller: whether the board, the clock and the encoders allow one. */
+/* Before a step of the controller: whether the board, the clock, the encoders and the host allow one. */
 TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINTS], uint32_t gap, uint32_t fault)
 {
-    const uint32_t joint = leaps(m, counts);
+    const uint32_t jumping = jumping_joint(m, counts);
     if (fault != 0U) {
         stop(m, VISHARD4_REASON_DRIVE, ARM, fault);
     } else if (gap > m->safety.late) {
@@ -207,12 +220,14 @@ TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINT
         for (uint32_t j = 0U; j < JOINTS; ++j) {
             m->controller.counts[j] = counts[j];
         }
-    } else if (joint != ARM) {
-        stop(m, VISHARD4_REASON_ENCODER_JUMP, joint, 0U);
+    } else if (jumping != ARM) {
+        stop(m, VISHARD4_REASON_ENCODER_JUMP, jumping, 0U);
+    } else if (m->left != 0U) {
+        /* Go on. */
     } else if ((m->state == VISHARD4_STATE_RUNNING) && (m->period >= m->last)) {
         stop(m, VISHARD4_REASON_DONE, ARM, 0U);
     } else {
-        /* Go on. */
+        stop(m, VISHARD4_REASON_LINK_LOST, ARM, 0U);
     }
     return is_powered(m);
 }
@@ -220,32 +235,28 @@ TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINT
 /* The first step of a run: does the arm stand where the trajectory starts? */
 TENDON_SMALL static void begin(vishard4_machine *m, const int32_t counts[JOINTS])
 {
-    vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &m->output);
-    (void)tally(m);
+    vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &m->now->output);
+    (void)tires(m, m->now->output.status);
     m->steady = 1U;
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        const float away = m->output.q_desired[j - 1U] - m->output.q[j - 1U];
+        const float away = m->now->output.q_desired[j - 1U] - m->now->output.q[j - 1U];
         m->bounds[j - 1U].seen = counts[j - 1U];
-        m->bounds[j - 1U].mark = m->output.q_desired[j - 1U];
+        m->bounds[j - 1U].mark = m->now->output.q_desired[j - 1U];
         if (magnitude(away) > magnitude(m->safety.start[j - 1U])) {
             stop(m, VISHARD4_REASON_START_POSITION, j, 0U);
         }
     }
     if (m->steady != 0U) {
-        judge(m);
+        judge(m, counts);
     }
 }
 
 /* Armed: no torque, but an eye on the arm. */
 TENDON_SMALL static void wait(vishard4_machine *m, const int32_t counts[JOINTS])
 {
-    vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->output);
-    --m->patience;
-    if (is_negative(m->patience)) {
-        stop(m, VISHARD4_REASON_LINK_LOST, ARM, 0U);
-    }
+    vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->now->output);
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        if (magnitude(m->output.qd[j - 1U]) > m->bounds[j - 1U].speed) {
+        if (magnitude(m->now->output.qd[j - 1U]) > m->bounds[j - 1U].speed) {
             stop(m, VISHARD4_REASON_SPEED, j, 0U);
         }
     }
@@ -256,18 +267,18 @@ TENDON_SMALL static void oppose(vishard4_machine *m)
 {
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         const float limit = m->config.torque_limit[j];
-        const float against = -(m->config.kd[j] * m->output.qd[j]);
+        const float against = -(m->config.kd[j] * m->now->output.qd[j]);
         float given = 0.0f;
         if (against > limit) {
             given = limit;
         } else if (against < -limit) {
             given = -limit;
-        } else if (magnitude(against) < 0x7f800000U) {
+        } else if (magnitude(against) < 0xff000000U) {
             given = against;
         } else {
             /* No number, no torque. */
         }
-        m->output.torque[j] = given;
+        m->now->output.torque[j] = given;
     }
 }
 
@@ -276,14 +287,14 @@ TENDON_SMALL static void oppose(vishard4_machine *m)
 TENDON_SMALL static void coast(vishard4_machine *m, const int32_t counts[JOINTS], uint32_t fault, bool measured)
 {
     for (uint32_t j = 0U; j < JOINTS; ++j) {
-        m->output.torque[j] = 0.0f;
+        m->now->output.torque[j] = 0.0f;
     }
     if (m->state == VISHARD4_STATE_STOPPED) {
         if ((m->damping != 0U) && !measured) {
-            if ((leaps(m, counts) != ARM) || (fault != 0U)) {
+            if ((jumping_joint(m, counts) != ARM) || (fault != 0U)) {
                 m->damping = 0U;
             } else {
-                vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->output);
+                vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->now->output);
             }
         }
         if (m->damping != 0U) {
@@ -299,14 +310,28 @@ TENDON_SMALL static void coast(vishard4_machine *m, const int32_t counts[JOINTS]
     }
 }
 
+/* What is not measured or computed anew stays as it was in the period before. */
+TENDON_SMALL static void carry(vishard4_machine *m)
+{
+    for (uint32_t j = 0U; j < JOINTS; ++j) {
+        m->now->output.q_desired[j] = m->before->output.q_desired[j];
+        m->now->output.q[j] = m->before->output.q[j];
+        m->now->output.qd[j] = m->before->output.qd[j];
+    }
+    m->now->output.phase = m->before->output.phase;
+    m->now->output.status = m->before->output.status;
+}
+
 /* Every step but those in the middle of a run. */
 TENDON_SMALL static void hold(vishard4_machine *m, const int32_t counts[JOINTS], uint32_t gap, uint32_t fault)
 {
     bool measured = false;
     const bool first = m->first != 0U;
+    if (m->now != m->before) {
+        carry(m);
+    }
     if (first && (m->state != VISHARD4_STATE_IDLE)) {
         vishard4_controller_reset_f32(&m->controller, counts);
-        m->first = 0U;
     }
     if (is_powered(m)) {
         if (allowed(m, counts, first ? 0U : gap, fault)) {
@@ -315,41 +340,36 @@ TENDON_SMALL static void hold(vishard4_machine *m, const int32_t counts[JOINTS],
             } else {
                 wait(m, counts);
             }
+            --m->left;
             measured = true;
         } else {
             measured = m->report.reason == VISHARD4_REASON_WATCHDOG;
         }
+    }
+    if (m->state != VISHARD4_STATE_IDLE) {
+        m->first = 0U;
     }
     if (m->state != VISHARD4_STATE_RUNNING) {
         coast(m, counts, fault, measured);
     }
 }
 
-/* One record for the link, if it has room. */
+/* The record of this period is for the link, if it has room; the next period takes the next one. */
 static inline void record(vishard4_machine *m, const int32_t counts[JOINTS])
 {
+    vishard4_record *now = m->now;
     m->until = m->every;
-    if ((m->record_head - m->record_tail) < VISHARD4_TELEMETRY_RECORDS) {
-        vishard4_telemetry_message *r = &m->records[m->record_head % VISHARD4_TELEMETRY_RECORDS];
-        r->period = m->period;
-        r->time_us = m->time_us;
-        r->counts[0] = counts[0];
-        r->counts[1] = counts[1];
-        r->counts[2] = counts[2];
-        r->counts[3] = counts[3];
-        r->torque[0] = m->output.torque[0];
-        r->torque[1] = m->output.torque[1];
-        r->torque[2] = m->output.torque[2];
-        r->torque[3] = m->output.torque[3];
-        r->q_desired[0] = m->output.q_desired[0];
-        r->q_desired[1] = m->output.q_desired[1];
-        r->q_desired[2] = m->output.q_desired[2];
-        r->q_desired[3] = m->output.q_desired[3];
-        r->phase = (uint8_t)m->output.phase;
-        r->status = (uint8_t)m->output.status;
-        r->state = (uint8_t)m->state;
-        r->reason = m->report.reason;
-        ++m->record_head;
+    if (m->room > 0U) {
+        now->counts[0] = counts[0];
+        now->counts[1] = counts[1];
+        now->counts[2] = counts[2];
+        now->counts[3] = counts[3];
+        now->period = m->period;
+        now->time_us = m->time_us;
+        now->standing = m->standing;
+        m->before = now;
+        m->now = (now == &m->records[VISHARD4_TELEMETRY_RECORDS]) ? &m->records[0] : &now[1];
+        --m->room;
     } else {
         ++m->counters.telemetry_lost;
     }
@@ -363,29 +383,35 @@ void vishard4_machine_step(
     float torque[4])
 {
     const uint32_t gap = time_us - m->time_us;
-    uint32_t over = leap(m->bounds[0].jump, m->controller.counts[0], counts[0]);
-    over |= leap(m->bounds[1].jump, m->controller.counts[1], counts[1]);
-    over |= leap(m->bounds[2].jump, m->controller.counts[2], counts[2]);
-    over |= leap(m->bounds[3].jump, m->controller.counts[3], counts[3]);
+    vishard4_record *now = m->now;
     m->time_us = time_us;
-    if ((m->steady == 0U) || (fault != 0U) || (gap > m->safety.late) || (m->period >= m->last) || is_negative(over)) {
+    if ((m->steady == 0U) || (fault != 0U) || (gap > m->safety.late) || (m->left == 0U)
+        || jumps(&m->bounds[0], m->controller.counts[0], counts[0])
+        || jumps(&m->bounds[1], m->controller.counts[1], counts[1])
+        || jumps(&m->bounds[2], m->controller.counts[2], counts[2])
+        || jumps(&m->bounds[3], m->controller.counts[3], counts[3])
+    ) {
         hold(m, counts, gap, fault);
     } else {
-        vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &m->output);
-        over = tally(m) | frozen(m, counts);
-        over |= excess(&m->bounds[0], m->output.q[0], m->output.qd[0], m->output.q_desired[0]);
-        over |= excess(&m->bounds[1], m->output.q[1], m->output.qd[1], m->output.q_desired[1]);
-        over |= excess(&m->bounds[2], m->output.q[2], m->output.qd[2], m->output.q_desired[2]);
-        over |= excess(&m->bounds[3], m->output.q[3], m->output.qd[3], m->output.q_desired[3]);
-        if (is_negative(over) || ((m->output.status & VISHARD4_INVALID) != 0U)) {
-            judge(m);
-            coast(m, counts, fault, true);
+        --m->left;
+        vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &now->output);
+        if (tires(m, now->output.status)
+            || look(m, now, counts)
+            || errs(&m->bounds[0], &now->output, 0U)
+            || errs(&m->bounds[1], &now->output, 1U)
+            || errs(&m->bounds[2], &now->output, 2U)
+            || errs(&m->bounds[3], &now->output, 3U)
+        ) {
+            judge(m, counts);
+            if (m->state == VISHARD4_STATE_STOPPED) {
+                coast(m, counts, fault, true);
+            }
         }
     }
-    torque[0] = m->output.torque[0];
-    torque[1] = m->output.torque[1];
-    torque[2] = m->output.torque[2];
-    torque[3] = m->output.torque[3];
+    torque[0] = now->output.torque[0];
+    torque[1] = now->output.torque[1];
+    torque[2] = now->output.torque[2];
+    torque[3] = now->output.torque[3];
     --m->until;
     if (m->until == 0U) {
         record(m, counts);
@@ -435,9 +461,6 @@ TENDON_SMALL static uint32_t take_safety(vishard4_machine *m, const uint8_t *pay
             b->tracking = magnitude(m->safety.tracking[j]);
             b->speed = magnitude(m->safety.speed[j]);
             b->frozen = magnitude(m->safety.frozen[j]);
-            /* A sum with zero is never -0, so that a difference from it has the sign that it should. */
-            b->low = m->safety.low[j] + 0.0f;
-            b->high = m->safety.high[j] + 0.0f;
         }
     }
     return result;
@@ -535,6 +558,38 @@ TENDON_SMALL static uint32_t commit(vishard4_machine *m, const uint8_t *payload,
     return result;
 }
 
+/* A position in whole counts from zero, rounded up or down; the last one that there is for what lies beyond. */
+TENDON_SMALL static int32_t count_of(float position, float per_count, bool up)
+{
+    const float exact = position / per_count;
+    int32_t counts;
+    if (exact >= 2147483648.0f) {
+        counts = INT32_MAX;
+    } else if (exact <= -2147483648.0f) {
+        counts = INT32_MIN;
+    } else {
+        counts = (int32_t)exact;
+        if (up && ((float)counts < exact)) {
+            ++counts;
+        }
+        if (!up && ((float)counts > exact)) {
+            --counts;
+        }
+    }
+    return counts;
+}
+
+/* The ranges of position in counts. One that holds no count at all leaves one, at its low end. */
+TENDON_SMALL static void set_ranges(vishard4_machine *m)
+{
+    for (uint32_t j = 0U; j < JOINTS; ++j) {
+        const int32_t low = count_of(m->safety.low[j], m->config.position_per_count[j], true);
+        const int32_t high = count_of(m->safety.high[j], m->config.position_per_count[j], false);
+        m->bounds[j].lowest = (uint32_t)m->config.zero[j] + (uint32_t)low;
+        m->bounds[j].range = (high > low) ? ((uint32_t)high - (uint32_t)low) : 0U;
+    }
+}
+
 TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
 {
     uint32_t result = VISHARD4_RESULT_DONE;
@@ -550,18 +605,21 @@ TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
         }
     }
     if (result == VISHARD4_RESULT_DONE) {
+        set_ranges(m);
         m->state = VISHARD4_STATE_ARMED;
+        m->standing = VISHARD4_STATE_ARMED;
         m->first = 1U;
         m->enabled = 1U;
-        m->patience = m->safety.silence;
+        m->last = ENDLESS;
+        be_patient(m);
         m->corrupted = 0U;
         m->disordered = 0U;
         m->until = ENDLESS;
         m->every = ENDLESS;
-        m->output.phase = 0U;
-        m->output.status = 0U;
+        m->now->output.phase = 0U;
+        m->now->output.status = 0U;
         for (uint32_t j = 0U; j < JOINTS; ++j) {
-            m->output.q_desired[j] = 0.0f;
+            m->now->output.q_desired[j] = 0.0f;
         }
         m->pending |= PENDING_STATE;
     }
@@ -573,13 +631,15 @@ TENDON_SMALL static uint32_t run(vishard4_machine *m, const uint8_t *payload)
     vishard4_run_message message;
     vishard4_unpack_run(payload, &message);
     m->state = VISHARD4_STATE_RUNNING;
+    m->standing = VISHARD4_STATE_RUNNING;
     m->first = 1U;
     m->period = 0U;
     m->last = (message.periods != 0U) ? message.periods : ENDLESS;
     m->every = message.every;
     m->until = 1U;
     m->tolerance = m->safety.saturated;
-    m->look = 0U;
+    m->looked = 0U;
+    be_patient(m);
     m->pending |= PENDING_STATE;
     return VISHARD4_RESULT_DONE;
 }
@@ -592,6 +652,7 @@ TENDON_SMALL static uint32_t reset(vishard4_machine *m, uint32_t *detail)
         *detail = m->state;
     } else {
         m->state = VISHARD4_STATE_IDLE;
+        m->standing = VISHARD4_STATE_IDLE;
         m->report.reason = (uint8_t)VISHARD4_REASON_NONE;
         m->report.joint = 0U;
         m->report.code = 0U;
@@ -768,7 +829,7 @@ TENDON_SMALL static void read_frame(vishard4_machine *m)
         } else if ((version != VISHARD4_PROTOCOL_VERSION) && (type != VISHARD4_COMMAND_HELLO)) {
             corrupted(m, &m->counters.bad_header);
         } else {
-            m->patience = m->safety.silence;
+            be_patient(m);
             obey(m, type, tendon_get_u16(&m->frame[2]), &m->frame[VISHARD4_HEADER], length);
         }
     }
@@ -814,13 +875,35 @@ TENDON_SMALL static void report_identity(vishard4_machine *m, uint8_t plain[VISH
     wrap(m, VISHARD4_REPORT_IDENTITY, VISHARD4_SIZE_IDENTITY, plain);
 }
 
+TENDON_SMALL static void report_telemetry(vishard4_machine *m, uint8_t plain[VISHARD4_PLAIN])
+{
+    const vishard4_record *r = &m->records[m->record_tail];
+    vishard4_telemetry_message telemetry;
+    telemetry.period = r->period;
+    telemetry.time_us = r->time_us;
+    for (uint32_t j = 0U; j < JOINTS; ++j) {
+        telemetry.counts[j] = r->counts[j];
+        telemetry.torque[j] = r->output.torque[j];
+        telemetry.q_desired[j] = r->output.q_desired[j];
+    }
+    telemetry.phase = (uint8_t)r->output.phase;
+    telemetry.status = (uint8_t)r->output.status;
+    telemetry.state = (uint8_t)(r->standing & 255U);
+    telemetry.reason = (uint8_t)(r->standing >> REASON);
+    vishard4_pack_telemetry(&telemetry, &plain[VISHARD4_HEADER]);
+    m->record_tail = (m->record_tail < VISHARD4_TELEMETRY_RECORDS) ? (m->record_tail + 1U) : 0U;
+    ++m->room;
+    m->turn = 1U;
+    wrap(m, VISHARD4_REPORT_TELEMETRY, VISHARD4_SIZE_TELEMETRY, plain);
+}
+
 /* The next report into `wire`. Telemetry and the state take turns, so that a stop's last record comes before its
  * reason, and neither waits for long. */
 TENDON_SMALL static bool next_report(vishard4_machine *m)
 {
     uint8_t plain[VISHARD4_PLAIN];
     uint8_t *payload = &plain[VISHARD4_HEADER];
-    const bool recorded = m->record_head != m->record_tail;
+    const bool recorded = m->room < VISHARD4_TELEMETRY_RECORDS;
     bool found = true;
     if (m->ack_head != m->ack_tail) {
         vishard4_pack_ack(&m->acks[m->ack_tail % VISHARD4_ACKS], payload);
@@ -829,10 +912,7 @@ TENDON_SMALL static bool next_report(vishard4_machine *m)
     } else if ((m->pending & PENDING_IDENTITY) != 0U) {
         report_identity(m, plain);
     } else if (recorded && ((m->turn == 0U) || (m->pending == 0U))) {
-        vishard4_pack_telemetry(&m->records[m->record_tail % VISHARD4_TELEMETRY_RECORDS], payload);
-        ++m->record_tail;
-        m->turn = 1U;
-        wrap(m, VISHARD4_REPORT_TELEMETRY, VISHARD4_SIZE_TELEMETRY, plain);
+        report_telemetry(m, plain);
     } else if ((m->pending & PENDING_STATE) != 0U) {
         m->report.state = (uint8_t)m->state;
         m->report.enabled = (uint8_t)m->enabled;
@@ -877,23 +957,27 @@ uint32_t vishard4_machine_size(void)
 void vishard4_machine_start(vishard4_machine *m)
 {
     m->state = VISHARD4_STATE_IDLE;
+    m->standing = VISHARD4_STATE_IDLE;
+    m->now = &m->records[0];
+    m->before = m->now;
+    m->room = VISHARD4_TELEMETRY_RECORDS;
     m->first = 1U;
     m->period = 0U;
     m->time_us = 0U;
     m->last = ENDLESS;
     m->steady = 0U;
-    m->patience = 0U;
+    m->left = 0U;
     m->tolerance = 0U;
-    m->look = 0U;
+    m->looked = 0U;
     m->damping = 0U;
     m->enabled = 0U;
     m->until = ENDLESS;
     m->every = ENDLESS;
-    m->output.phase = 0U;
-    m->output.status = 0U;
+    m->now->output.phase = 0U;
+    m->now->output.status = 0U;
     for (uint32_t j = 0U; j < JOINTS; ++j) {
-        m->output.q_desired[j] = 0.0f;
-        m->output.torque[j] = 0.0f;
+        m->now->output.q_desired[j] = 0.0f;
+        m->now->output.torque[j] = 0.0f;
     }
     m->safety.errors = 0U;
     m->safety.damping = 0U;
@@ -930,7 +1014,6 @@ void vishard4_machine_start(vishard4_machine *m)
     m->turn = 0U;
     m->ack_head = 0U;
     m->ack_tail = 0U;
-    m->record_head = 0U;
     m->record_tail = 0U;
     m->sent_frames = 0U;
     m->ready = 0U;

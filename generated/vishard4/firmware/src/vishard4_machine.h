@@ -23,18 +23,27 @@
 #define VISHARD4_PLAIN (VISHARD4_HEADER + VISHARD4_LONGEST_REPORT + VISHARD4_CHECKSUM)
 #define VISHARD4_WIRE (VISHARD4_PLAIN + (VISHARD4_PLAIN / 254U) + 2U)
 
-/* What a joint must keep to. Magnitudes of floats as their bits: those compare as whole numbers, and what is no number
- * or has no end is larger than all. */
+/* What a joint must keep to. Magnitudes of floats as whole numbers, which compare as the floats do: twice their bits.
+ * What is no number or has no end is larger than all. */
 typedef struct {
-    uint32_t jump; /* counts */
-    uint32_t tracking; /* bits of a float */
-    uint32_t speed; /* bits of a float */
-    uint32_t frozen; /* bits of a float */
-    float low;
-    float high;
+    uint32_t jump; /* counts in a period */
+    uint32_t lowest; /* count */
+    uint32_t range; /* counts from there on */
+    uint32_t tracking; /* magnitude */
+    uint32_t speed; /* magnitude */
+    uint32_t frozen; /* magnitude */
     int32_t seen; /* the encoder's count when it was last looked for a change */
     float mark; /* where the joint should have been then */
 } vishard4_bounds;
+
+/* A control period, as telemetry tells of it; the controller writes its output right into it. */
+typedef struct {
+    vishard4_output_f32 output;
+    int32_t counts[4];
+    uint32_t period;
+    uint32_t time_us;
+    uint32_t standing; /* state, and the reason's number times 256 */
+} vishard4_record;
 
 /* A trajectory while it is uploaded. */
 typedef struct {
@@ -52,17 +61,20 @@ typedef struct {
     uint32_t time_us; /* of the last step */
     uint32_t period;
     uint32_t last; /* period in which the run is over */
-    uint32_t patience; /* periods without a frame that are left; negative: none were */
-    uint32_t tolerance; /* periods with a limited torque that are left; negative: none were */
+    uint32_t left; /* periods until the run is over or the host has been silent for too long */
+    uint32_t tolerance; /* periods with a limited torque that are left; the largest number: none were */
     uint32_t until; /* periods until the next telemetry record */
     uint32_t every; /* periods from one record to the next */
-    uint32_t look; /* joint whose encoder is looked at for counting at all */
+    uint32_t room; /* for records, besides that of the present period */
+    uint32_t standing; /* as a record has it */
+    vishard4_record *now; /* of the present period */
+    vishard4_record *before; /* of the period before */
+    uint32_t looked; /* which joint was looked at closely, from 0 */
     uint32_t state;
     uint32_t first; /* 1: no step since arm or run */
     uint32_t damping; /* periods that are left */
     uint32_t enabled;
     vishard4_state_f32 controller;
-    vishard4_output_f32 output;
     vishard4_bounds bounds[4];
     /* what was uploaded */
     vishard4_config_f32 config;
@@ -87,13 +99,12 @@ typedef struct {
     uint32_t turn; /* 1: telemetry was sent last */
     uint32_t ack_head; /* where the next one goes */
     uint32_t ack_tail; /* which one is sent next */
-    uint32_t record_head;
-    uint32_t record_tail;
+    uint32_t record_tail; /* which one is sent next */
     uint32_t sent_frames;
     uint32_t ready; /* bytes of `wire` */
     uint32_t sent; /* of them */
     vishard4_ack_message acks[VISHARD4_ACKS];
-    vishard4_telemetry_message records[VISHARD4_TELEMETRY_RECORDS];
+    vishard4_record records[VISHARD4_TELEMETRY_RECORDS + 1U];
     uint8_t frame[VISHARD4_FRAME];
     uint8_t wire[VISHARD4_WIRE];
 } vishard4_machine;
