@@ -235,10 +235,10 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
         approach=asked.approach,
     )
     with terminal.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
-        done = real.execute_on(link, setup, stop)
+        done, frames = real.execute_on(link, setup, stop)
     # Something may have failed after the motion: drives that do not go off.
     late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
-    return done, {**found, "every": setup.every, **link.figures(), **late}
+    return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}
 
 
 def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[dict[str, str]]:

@@ -23,6 +23,7 @@ def show(document: Document) -> None:
     if document.get("every", 1) > 1:
         say(f"The line carries one record in {document['every']} control periods; the others are left out.")
     _clock(document)
+    _frames(document)
     if document.get("drives"):
         _drives(document)
     if document["uncompensated"]:
@@ -63,6 +64,15 @@ def _clock(document: Document) -> None:
             f"The board's records are {1e3 * measured:.4g} ms apart, by the model file {1e3 * period:.4g} ms:"
             " set its timer to the rate in [controller], or the rate to the timer's."
         )
+
+
+def _frames(document: Document) -> None:
+    """Whether the link damaged any."""
+    link = document.get("link") or {}
+    here, there = sum(link.get("damaged", {}).values()), link.get("board") or {}
+    lost = sum(there.get(kind, 0) for kind in ("bad_frame", "bad_crc", "bad_header"))
+    if here or lost:
+        say(f"The link has damaged {lost} frames on their way to the board and {here} on their way back.")
 
 
 def _trials(document: Document) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,14 +74,14 @@ class Setup:
         return found if self.late is None else found.tolerating(self.late)
 
 
-def execute_on(link: Link, setup: Setup, asked: Callable[[], int]) -> Execution:
-    """All trials, or up to the first that is stopped; the link is closed.
+def execute_on(link: Link, setup: Setup, asked: Callable[[], int]) -> tuple[Execution, dict[str, Any]]:
+    """All trials, or up to the first that is stopped, and what became of the frames; the link is closed.
 
     Raises ControllerError where the arm stands elsewhere, LinkError, LinkLost.
     """
     session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
     try:
-        return _Executing(session, setup, asked).all()
+        return _Executing(session, setup, asked).all(), session.figures()
     finally:
         session.close()
 

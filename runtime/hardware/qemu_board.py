@@ -8,6 +8,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -172,5 +173,6 @@ _LIBC = ctypes.CDLL(None)
 
 
 def _die_with_parent() -> None:
-    """In the child, before it becomes QEMU: no emulator is left behind by a parent that was killed."""
-    _LIBC.prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    """In the child, before it becomes QEMU: no emulator is left behind by a parent that was killed. Linux can."""
+    if sys.platform == "linux":
+        _LIBC.prctl(_DIE_WITH_PARENT, signal.SIGKILL)

@@ -75,6 +75,7 @@ class Session:
         self._identity: Message | None = None
         self._state: dict[str, Any] | None = None
         self._telemetry: list[dict[str, Any]] = []
+        self._counters: dict[str, int] | None = None
         self._dt = self._silence = self._damping = self._due = 0.0
 
     def close(self) -> None:
@@ -86,11 +87,7 @@ class Session:
         """The board's identity; it is idle then. Raises Refused for firmware that is not of this model, LinkLost."""
         # Ends whatever half a frame the line has brought before.
         self.link.write(DELIMITER)
-        self._identity = None
-        # A board of another version answers this, and nothing else that could be read here.
-        self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None)
-        assert self._identity is not None
-        found, own = self._identity.values, self.codec.document
+        found, own = self._hello(), self.codec.document
         if found["version"] != own["version"]:
             raise Refused(
                 f"the board speaks version {found['version']} of the protocol, this host version {own['version']}; "
@@ -130,6 +127,10 @@ class Session:
         self._telemetry.clear()
         self._command("query", wanted=lambda: bool(self._telemetry))
         return tuple(self._telemetry.pop()["counts"])
+
+    def figures(self) -> dict[str, Any]:
+        """What the link did to frames: those that arrived damaged here, by kind, and what the board has counted."""
+        return {"damaged": dict(self._decoder.errors), "board": self._counters}
 
     # --- a run ---
 
@@ -194,9 +195,10 @@ class Session:
             log.take(self._telemetry)
             ended = ended or self._board_ended()
         if self._stopped and self._off:
-            # A board that no longer hears this has stopped all the same; why, it has said.
-            with suppress(LinkLost):
-                self._settle()
+            # A board that no longer hears this has stopped all the same; why, it has said. Some of the last words may
+            # have been lost, so the commands are numbered anew.
+            with suppress(LinkLost, Refused):
+                self._hello()
                 self._command("reset")
         elif not self._stopped:
             self._stop()
@@ -233,6 +235,14 @@ class Session:
 
     # --- words ---
 
+    def _hello(self) -> dict[str, Any]:
+        """The board's identity; the commands that follow are numbered from here."""
+        self._identity = self._unanswered = None
+        # Of a board of another version, the identity is all that can be read.
+        self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None)
+        assert self._identity is not None
+        return self._identity.values
+
     def _stop(self) -> None:
         """Whatever else is under way; the board takes it in every state, and again."""
         _, frame = self._frame("stop")
@@ -248,13 +258,6 @@ class Session:
             self._unanswered = self._frame("alive")
         self.link.write(self._unanswered[1])
         self._due = self.link.now() + self._silence / _ALIVES
-
-    def _settle(self) -> None:
-        """The last sign of life has its answer, so that the next command is the next in number."""
-        if self._unanswered is not None:
-            number, frame = self._unanswered
-            self._unanswered = None
-            self._exchange("alive", number, frame, lambda: True)
 
     def _command(self, name: str, values: Any = None, wanted: Callable[[], bool] = lambda: True) -> None:
         """A command until it is acknowledged, and what it is to bring has come. Raises Refused, LinkLost."""
@@ -312,6 +315,8 @@ class Session:
                 self._state = message.values
             elif message.name == "identity":
                 self._identity = message
+            elif message.name == "counters":
+                self._counters = message.values
 
 
 class _Log:

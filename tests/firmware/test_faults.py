@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from bench_arm import BENCH, THERE_AND_BACK, trajectory
 from driven import Faulty, Rig, rig
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from runtime.cli import Source
 from runtime.execution.loop import Trial
@@ -234,6 +236,64 @@ def test_many_commands_out_of_order_stop_the_arm(make: Make, clean: Trial) -> No
     check(found, "sequence", AT + 25, clean)
     assert found.stop is not None
     one.check_safe(round(1e3 * found.stop.t))
+
+
+class Noise:
+    """A line that loses, doubles, delays, corrupts and invents frames, each with a probability, from a time on."""
+
+    def __init__(self, seed: int, strength: float, one: Rig, since: int) -> None:
+        self.rng, self.strength, self.one, self.since = np.random.default_rng(seed), strength, one, since
+        self.held: list[bytes] = []
+
+    def __call__(self, frame: bytes) -> Sequence[bytes]:
+        if self.one.arm.period < self.since or self.rng.random() > self.strength:
+            found, self.held = [*self.held, frame], []
+            return found
+        match self.rng.integers(6):
+            case 0:
+                return []
+            case 1:
+                return [frame, frame]
+            case 2:
+                self.held.append(frame)
+                return []
+            case 3:
+                flips = self.rng.integers(0, 256, len(frame), dtype=np.uint8) * (self.rng.random(len(frame)) < 0.1)
+                return [(np.frombuffer(frame, np.uint8) ^ flips).astype(np.uint8).tobytes()]
+            case 4:
+                return [frame[: self.rng.integers(len(frame))]]
+            case _:
+                return [self.rng.integers(0, 256, self.rng.integers(1, 200), dtype=np.uint8).tobytes(), frame]
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    to_board=st.sampled_from([0.0, 0.02, 0.1, 0.5, 1.0]),
+    to_host=st.sampled_from([0.0, 0.001, 0.01, 0.1, 1.0]),
+    since=st.integers(1, 1500),
+)
+def test_whatever_a_line_does_to_a_run(
+    make: Make, clean: Trial, seed: int, to_board: float, to_host: float, since: int
+) -> None:
+    """It comes to an end, with a name; what was recorded is true; in the end the drives are off."""
+    one = make().prepared()
+    one.link.to_board = Noise(seed, to_board, one, since)
+    one.link.to_host = Noise(seed + 1, to_host, one, since)
+    begun = one.link.now()
+    found = one.run()
+    assert one.link.now() - begun < 1.4 + 5.0
+    count = len(found.t)
+    if found.stop is None:
+        assert same(found, clean)
+    else:
+        assert found.stop.name in {"telemetry_lost", "link_lost", "corrupted", "sequence", "host"}
+        # The step that stopped the arm has another torque.
+        np.testing.assert_array_equal(found.q[:, :count], clean.q[:, :count])
+        np.testing.assert_array_equal(found.tau[:, : count - 1], clean.tau[:, : max(count - 1, 0)])
+    one.wait(1.0)
+    assert not one.arm.powered
+    assert not any(torque.any() for torque in one.arm.torques[-5:])
 
 
 # --- numbers that are none ---

@@ -133,6 +133,8 @@ def test_a_motion_over_a_serial_port(bench: Bench, called: Any, arm: Model) -> N
     document = json.loads(Path("e.json").read_text())
     assert document["status"] == "done"
     assert document["every"] == 1
+    assert document["link"]["damaged"] == {}
+    assert document["link"]["board"]["bad_crc"] == 0
     assert len(document["trials"]) == 1
     back = recording.read(Path("run.csv"), arm.metadata)
     np.testing.assert_allclose(np.diff(back.t), 0.01)
