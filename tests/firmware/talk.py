@@ -61,12 +61,14 @@ class Talk:
 
     directory: Path
     name: str
+    n: int = N
     sequence: int = 0
     time_us: int = 0
-    counts: list[int] = field(default_factory=lambda: list(DRIVE["zero"]))
+    counts: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.board = HostBoard(self.directory, self.name, N)
+        self.counts = self.counts or list(self.each(DRIVE["zero"]))
+        self.board = HostBoard(self.directory, self.name, self.n)
         self.codec = Codec.from_json(self.directory / "protocol.json")
         self.decoder = Decoder(self.codec)
         self.results = self.codec.names("results")
@@ -116,12 +118,16 @@ class Talk:
 
     # --- whole parts of a session ---
 
+    def each(self, value: Any) -> Any:
+        """A value a joint, in turn, where there is a list of them."""
+        return [value[j % len(value)] for j in range(self.n)] if isinstance(value, list) else value
+
     def settings(self, **changed: Any) -> None:
         """All of them; changed: fields of drive or safety."""
         for name in ("parameters", "effects"):
             assert self.say(name, dict.fromkeys(self.codec.fields(name), 0.5)) == "done"
         for name, values in (("drive", DRIVE), ("safety", SAFETY)):
-            assert self.say(name, {key: changed.get(key, value) for key, value in values.items()}) == "done"
+            assert self.say(name, {key: self.each(changed.get(key, value)) for key, value in values.items()}) == "done"
 
     def parts(
         self, rows: Sequence[Sequence[float]], duration: float, periodic: bool
@@ -143,15 +149,13 @@ class Talk:
         messages = [("trajectory", head), ("phase", phase)]
         for first in range(0, len(rows), size):
             flat = [value for row in rows[first : first + size] for value in row]
-            messages.append(("points", {"first_row": first, "values": flat + [0.0] * (size * N - len(flat))}))
+            messages.append(("points", {"first_row": first, "values": flat + [0.0] * (size * self.n - len(flat))}))
         return messages
 
-    def upload(
-        self, rows: Sequence[Sequence[float]] = ((0.0, 0.0),) * 5, duration: float = 1.0, periodic: bool = False
-    ) -> None:
+    def upload(self, rows: Sequence[Sequence[float]] = (), duration: float = 1.0, periodic: bool = False) -> None:
         """A trajectory of one phase; as it stands, one that rests at zero."""
         checksum = 0
-        for name, values in self.parts(rows, duration, periodic):
+        for name, values in self.parts(rows or [[0.0] * self.n] * 5, duration, periodic):
             assert self.say(name, values) == "done"
             checksum = zlib.crc32(self.codec.payload(name, values), checksum)
         assert self.say("commit", {"checksum": checksum}) == "done"

@@ -680,6 +680,24 @@ def test_every_joint_is_looked_at_within_as_many_periods_as_there_are(talk: Talk
     told(talk, soon(talk, counts), "position", joint)
 
 
+@pytest.mark.parametrize("name", ["r", "rrprrrr"])
+def test_arms_of_one_and_of_seven_joints_are_looked_at_within_five_periods(name: str) -> None:
+    arm = MIXED[name]
+    n, directory = len(arm.joints), workspace.prepare_firmware(arm, LIBRARY)
+    for joint in range(1, n + 1):
+        for before in range(5):
+            talk = Talk(directory, arm.name, n)
+            talk.ready(high=[0.25], speed=[1e9], jump=[1000])
+            talk.run()
+            for _ in range(1 + before):
+                assert talk.step().report("state") is None
+            counts = list(talk.counts)
+            counts[joint - 1] += 257
+            states = [state for _ in range(5) if (state := talk.step(counts).report("state")) is not None]
+            assert [talk.reasons[state["reason"]] for state in states[:1]] == ["position"]
+            assert states[0]["joint"] == joint
+
+
 @given(st.floats(-3.0, 3.0, width=32), st.floats(0.0, 3.0, width=32), st.integers(-4000, 4000))
 def test_a_range_in_whole_counts(directory: Path, low: float, wide: float, counts: int) -> None:
     """Within the range of the message to the last count; of what no count lies in, one remains."""
