@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench_arm import BENCH, THERE_AND_BACK, trajectory
+from bench_arm import THERE_AND_BACK, trajectory
 from driven import Rig, rig
 
 from runtime.cli import Source
@@ -29,20 +29,8 @@ AT = 50
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    path.write_text(BENCH)
-    return Source.read(path, None)
-
-
-@pytest.fixture(scope="module")
-def arm(source: Source) -> Model:
-    return source.model()
-
-
-@pytest.fixture(scope="module")
-def image(source: Source) -> Path:
-    return source.controller("cortex-m4f")
+def image(bench: Source) -> Path:
+    return bench.controller("cortex-m4f")
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench_arm import BENCH, THERE_AND_BACK, trajectory
+from bench_arm import THERE_AND_BACK, trajectory
 from driven import Faulty, Rig, rig
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -37,18 +37,6 @@ BOARDS = [
         marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm"),
     ),
 ]
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    path.write_text(BENCH)
-    return Source.read(path, None)
-
-
-@pytest.fixture(scope="module")
-def arm(bench: Source) -> Model:
-    return bench.model()
 
 
 Make = Callable[..., Rig]

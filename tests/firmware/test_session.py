@@ -30,18 +30,6 @@ from runtime.loader import Model
 PLAN = trajectory(THERE_AND_BACK)
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    path.write_text(BENCH)
-    return Source.read(path, None)
-
-
-@pytest.fixture(scope="module")
-def arm(bench: Source) -> Model:
-    return bench.model()
-
-
 @pytest.fixture
 def one(bench: Source, arm: Model) -> Rig:
     return rig(arm, bench.controller(), PLAN)
@@ -285,7 +273,7 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(bench: Source, tmp
     assert started.stderr is not None
     while "executing" not in started.stderr.readline():
         assert started.poll() is None
-    time.sleep(2.0)
+    time.sleep(0.7)
     os.killpg(started.pid, signal.SIGINT)
     out, err = started.communicate(timeout=60)
     assert started.returncode == 1, err
