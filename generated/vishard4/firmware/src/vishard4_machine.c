@@ -36,7 +36,6 @@ TENDON_SMALL static bool gives_no_torque(uint32_t reason)
 TENDON_SMALL static void stop(vishard4_machine *m, uint32_t reason, uint32_t joint, uint32_t code)
 {
     m->state = VISHARD4_STATE_STOPPED;
-    m->standing = VISHARD4_STATE_STOPPED | (reason << REASON);
     m->steady = 0U;
     m->damping = gives_no_torque(reason) ? 0U : m->safety.damping;
     m->until = 1U;
@@ -206,6 +205,31 @@ TENDON_SMALL static void judge(vishard4_machine *m, const int32_t counts[JOINTS]
     }
 }
 
+/* ---- telemetry ---- */
+
+/* The record of the last step is for the link, if it has room; the next step takes the next one. No step waits for this
+ * unless nothing was sent or received since the last one. */
+TENDON_SMALL static void settle(vishard4_machine *m)
+{
+    if (m->until == 0U) {
+        vishard4_record *now = m->now;
+        m->until = m->every;
+        if (m->room > 0U) {
+            for (uint32_t j = 0U; j < JOINTS; ++j) {
+                now->counts[j] = m->controller.counts[j];
+            }
+            now->period = m->period - 1U;
+            now->time_us = m->time_us;
+            now->standing = m->state | ((uint32_t)m->report.reason << REASON);
+            m->before = now;
+            m->now = (now == &m->records[VISHARD4_TELEMETRY_RECORDS]) ? &m->records[0] : &now[1];
+            --m->room;
+        } else {
+            ++m->counters.telemetry_lost;
+        }
+    }
+}
+
 /* ---- the control step ---- */
 
 /* Before a step of the controller: whether the board, the clock, the encoders and the host allow one. */
@@ -352,26 +376,8 @@ TENDON_SMALL static void hold(vishard4_machine *m, const int32_t counts[JOINTS],
     if (m->state != VISHARD4_STATE_RUNNING) {
         coast(m, counts, fault, measured);
     }
-}
-
-/* The record of this period is for the link, if it has room; the next period takes the next one. */
-static inline void record(vishard4_machine *m, const int32_t counts[JOINTS])
-{
-    vishard4_record *now = m->now;
-    m->until = m->every;
-    if (m->room > 0U) {
-        now->counts[0] = counts[0];
-        now->counts[1] = counts[1];
-        now->counts[2] = counts[2];
-        now->counts[3] = counts[3];
-        now->period = m->period;
-        now->time_us = m->time_us;
-        now->standing = m->standing;
-        m->before = now;
-        m->now = (now == &m->records[VISHARD4_TELEMETRY_RECORDS]) ? &m->records[0] : &now[1];
-        --m->room;
-    } else {
-        ++m->counters.telemetry_lost;
+    for (uint32_t j = 0U; j < JOINTS; ++j) {
+        m->controller.counts[j] = counts[j];
     }
 }
 
@@ -383,7 +389,11 @@ void vishard4_machine_step(
     float torque[4])
 {
     const uint32_t gap = time_us - m->time_us;
-    vishard4_record *now = m->now;
+    vishard4_record *now;
+    if (m->until == 0U) {
+        settle(m);
+    }
+    now = m->now;
     m->time_us = time_us;
     if ((m->steady == 0U) || (fault != 0U) || (gap > m->safety.late) || (m->left == 0U)
         || jumps(&m->bounds[0], m->controller.counts[0], counts[0])
@@ -413,9 +423,6 @@ void vishard4_machine_step(
     torque[2] = now->output.torque[2];
     torque[3] = now->output.torque[3];
     --m->until;
-    if (m->until == 0U) {
-        record(m, counts);
-    }
     ++m->period;
 }
 
@@ -607,7 +614,6 @@ TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
     if (result == VISHARD4_RESULT_DONE) {
         set_ranges(m);
         m->state = VISHARD4_STATE_ARMED;
-        m->standing = VISHARD4_STATE_ARMED;
         m->first = 1U;
         m->enabled = 1U;
         m->last = ENDLESS;
@@ -631,7 +637,6 @@ TENDON_SMALL static uint32_t run(vishard4_machine *m, const uint8_t *payload)
     vishard4_run_message message;
     vishard4_unpack_run(payload, &message);
     m->state = VISHARD4_STATE_RUNNING;
-    m->standing = VISHARD4_STATE_RUNNING;
     m->first = 1U;
     m->period = 0U;
     m->last = (message.periods != 0U) ? message.periods : ENDLESS;
@@ -652,7 +657,6 @@ TENDON_SMALL static uint32_t reset(vishard4_machine *m, uint32_t *detail)
         *detail = m->state;
     } else {
         m->state = VISHARD4_STATE_IDLE;
-        m->standing = VISHARD4_STATE_IDLE;
         m->report.reason = (uint8_t)VISHARD4_REASON_NONE;
         m->report.joint = 0U;
         m->report.code = 0U;
@@ -837,6 +841,7 @@ TENDON_SMALL static void read_frame(vishard4_machine *m)
 
 void vishard4_machine_receive(vishard4_machine *m, const uint8_t *bytes, uint32_t count)
 {
+    settle(m);
     for (uint32_t k = 0U; k < count; ++k) {
         const tendon_frame_event event = tendon_decoder_put(&m->decoder, m->frame, VISHARD4_FRAME, bytes[k]);
         if (event == TENDON_FRAME_WHOLE) {
@@ -935,6 +940,7 @@ uint32_t vishard4_machine_send(vishard4_machine *m, uint8_t *bytes, uint32_t mos
 {
     uint32_t count = 0U;
     bool more = true;
+    settle(m);
     while (more && (count < most)) {
         if (m->sent < m->ready) {
             bytes[count] = m->wire[m->sent];
@@ -957,7 +963,6 @@ uint32_t vishard4_machine_size(void)
 void vishard4_machine_start(vishard4_machine *m)
 {
     m->state = VISHARD4_STATE_IDLE;
-    m->standing = VISHARD4_STATE_IDLE;
     m->now = &m->records[0];
     m->before = m->now;
     m->room = VISHARD4_TELEMETRY_RECORDS;

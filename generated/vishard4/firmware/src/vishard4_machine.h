@@ -63,12 +63,11 @@ typedef struct {
     uint32_t last; /* period in which the run is over */
     uint32_t left; /* periods until the run is over or the host has been silent for too long */
     uint32_t tolerance; /* periods with a limited torque that are left; the largest number: none were */
-    uint32_t until; /* periods until the next telemetry record */
+    uint32_t until; /* periods until the next telemetry record; 0: that of the last step is still to be made */
     uint32_t every; /* periods from one record to the next */
     uint32_t room; /* for records, besides that of the present period */
-    uint32_t standing; /* as a record has it */
-    vishard4_record *now; /* of the present period */
-    vishard4_record *before; /* of the period before */
+    vishard4_record *now; /* into which a step writes */
+    vishard4_record *before; /* the last one that is for the link */
     uint32_t looked; /* which joint was looked at closely, from 0 */
     uint32_t state;
     uint32_t first; /* 1: no step since arm or run */
