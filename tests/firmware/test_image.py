@@ -205,6 +205,7 @@ def test_a_fault_of_the_processor_takes_the_torque_away(
     source = (broken / "src" / "main.c").read_text()
     (broken / "src" / "main.c").write_text(source.replace(step, change))
     run(["make", "-C", str(broken), "BUILD=build", "TOOLCHAIN=zig", f"ZIG={sys.executable} -m ziglang", "elf"])
+    shutil.copy(broken / "protocol.json", broken / "build")
     board = QemuBoard(broken / "build", "vishard4", 4)
     answers = [board.period(np.zeros(4, dtype=np.int32), time_us, 0) for time_us in (1000, 2000, 3000)]
     assert [(enabled, torque.tolist()) for enabled, torque in answers] == [
