@@ -8,7 +8,7 @@ from typing import Any
 from codegen import metadata, protocol_code, protocol_page
 from codegen.controller import Controller
 from codegen.messages import SIZES
-from codegen.protocol import ACKS, HEADER, MISSING, REASONS, TELEMETRY_RECORDS, Protocol
+from codegen.protocol import ACKS, HEADER, MISSING, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol
 from codegen.render import BANNER, page
 from symbolic.effects.declaration import Effect
 from symbolic.kinematics import Coordinates
@@ -56,11 +56,14 @@ def _holes(controller: Controller, protocol: Protocol) -> dict[str, Any]:
         "without_torque": "\n        || ".join(zero),
         "infinity": "0xff000000U",
         "one_period": "0.999f",
+        "outrun": f"{OUTRUN}f",
         "spring": [field.name for field in records["spring_f32"].fields],
         "contact": [field.name for field in records["contact_f32"].fields],
         "counters": [item.name for item in protocol.message("counters").fields],
         "low_place": protocol.message("safety").place("low"),
         "high_place": protocol.message("safety").place("high"),
+        "early_place": protocol.message("safety").place("early"),
+        "late_place": protocol.message("safety").place("late"),
         "elbow_place": protocol.message("trajectory").place("elbow"),
         "row_place": protocol.message("phase").place("first_row"),
         "everything": f"{sum(MISSING.values())}U",

@@ -11,6 +11,8 @@ from codegen.records import Record
 
 MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
 """What a board holds of a trajectory: phases, control points of all phases; and control points in a message."""
+MOST_DAMPING = 40_000
+"""Control periods: ten seconds at 4 kHz. By then whatever was to be damped has come to rest."""
 SIZES = {"u8": 1, "u16": 2, "u32": 4, "i32": 4, "float": 4}
 WHOLE = {"u8": (0, 2**8 - 1), "u16": (0, 2**16 - 1), "u32": (0, 2**32 - 1), "i32": (-(2**31), 2**31 - 1)}
 LARGEST = (2.0 - 2.0**-23) * 2.0**127
@@ -112,7 +114,10 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
     n, units = len(types), _Units.of(types)
     idle = ("idle",)
     return (
-        Message("hello", 1, "command", "Who are you? Answered by `identity`; numbers the commands anew."),
+        Message(
+            "hello", 1, "command",
+            "Who are you? Answered by `identity`; numbers the commands anew, but in `armed` and `running`.",
+        ),
         Message(
             "parameters", 2, "command", "The arm's lumped parameters.", _floats(records["parameters_f32"]), idle,
             "parameters",
@@ -146,7 +151,10 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
             ("armed",),
         ),
         Message("alive", 12, "command", "The host is there: sent when there is nothing else to say."),
-        Message("stop", 13, "command", "Stop the arm, whatever its sequence number, in every state."),
+        Message(
+            "stop", 13, "command",
+            "Stop the arm, whatever its sequence number, in every state; a second one ends the damping.",
+        ),
         Message(
             "reset", 14, "command", "To idle, once the drives are off; what was uploaded is kept.", (), ("stopped",)
         ),
@@ -180,8 +188,9 @@ def _safety(n: int, units: _Units) -> tuple[Item, ...]:
         Item("saturated", "u32", "periods", "in a row with a limited torque that are tolerated", high=2**31 - 1),
         Item("silence", "u32", "periods", "without a valid frame that are tolerated", low=1, high=2**31 - 1),
         Item("errors", "u32", "", "corrupted frames, and commands out of sequence, that are tolerated from `arm` on"),
-        Item("late", "u32", "us", "most between two steps", low=1),
-        Item("damping", "u32", "periods", "of active damping after a stop"),
+        Item("early", "u32", "us", "least between two steps"),
+        Item("late", "u32", "us", "most between two steps, not below `early`", low=1),
+        Item("damping", "u32", "periods", "of active damping after a stop", high=MOST_DAMPING),
     )
 
 

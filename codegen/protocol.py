@@ -18,6 +18,8 @@ VERSION = 1
 """Of the frame and of the meaning of messages."""
 TELEMETRY_RECORDS, ACKS = 8, 8
 """What a board holds until the link takes it; powers of two."""
+OUTRUN = 1.25
+"""Of a joint's rate at a stop, or its limit if that is more: a damping in which it gets faster than this ends."""
 HEADER = (("version", "u8"), ("type", "u8"), ("sequence", "u16"), ("length", "u16"))
 MOST_JOINTS = 16
 SOONEST = 5
@@ -93,7 +95,8 @@ REASONS = (
         "encoder_jump", 12, "the encoder jumps", "more than safety.jump counts between two periods", "zero", True
     ),
     Reason(
-        "watchdog", 13, "a control period was missed", "more than safety.late microseconds between two steps", "damping"
+        "watchdog", 13, "a control period was missed, or came too soon",
+        "less than safety.early or more than safety.late microseconds between two steps", "damping",
     ),
     Reason(
         "start_position", 14, "the arm does not stand where the trajectory starts",

@@ -76,6 +76,7 @@ class Session:
         self._state: dict[str, Any] | None = None
         self._telemetry: list[dict[str, Any]] = []
         self._counters: dict[str, int] | None = None
+        self._stopping: bytes | None = None
         self._dt = self._silence = self._damping = self._due = 0.0
 
     def close(self) -> None:
@@ -144,7 +145,7 @@ class Session:
         if asked():
             return Run(log.rows(), Ended("interrupted"))
         self._telemetry.clear()
-        self._state = None
+        self._state = self._stopping = None
         try:
             ended = self._driven(periods, log, asked)
         except LinkLost as lost:
@@ -223,7 +224,9 @@ class Session:
 
     def _rest(self) -> None:
         """From any state to idle, after another host has left the board in it."""
-        self._command("stop")
+        assert self._identity is not None
+        if self._names["states"][self._identity.values["state"]] != "stopped":
+            self._command("stop")
         self._state = None
         deadline = self.link.now() + _PATIENCE
         while not (self._stopped and self._off):
@@ -244,10 +247,12 @@ class Session:
         return self._identity.values
 
     def _stop(self) -> None:
-        """Whatever else is under way; the board takes it in every state, and again."""
-        _, frame = self._frame("stop")
-        self._unanswered = None
-        self.link.write(frame)
+        """Whatever else is under way; the board takes it in every state. Said again, it is the same one: a second one
+        would end the damping."""
+        if self._stopping is None:
+            _, self._stopping = self._frame("stop")
+            self._unanswered = None
+        self.link.write(self._stopping)
 
     def _stay_alive(self) -> None:
         """A sign of life, when it is time for one. One that was not answered is said again: no number is left out."""

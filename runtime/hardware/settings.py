@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import ceil, exp, inf, pi, prod
+from math import ceil, exp, floor, inf, pi, prod
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,8 @@ _JUMP, _LEAST_JUMP, _ANY_JUMP = 4.0, 16, 2**31 - 1
 """An encoder jumps where it tells of this many times the speed that is a safe stop; counts."""
 _FROZEN = 0.5
 """Of the largest tracking error: desired travel in which an encoder that works has counted."""
-_LATE = 1.5
-"""Control periods between two steps."""
+_EARLY, _LATE = 0.5, 1.5
+"""Control periods between two steps, at least and at most."""
 _ERRORS = 3
 _MICROSECONDS = 1e6
 
@@ -70,9 +70,10 @@ class Settings:
     points: Array
 
     def tolerating(self, late: float) -> Settings:
-        """The same where so many s may lie between two control steps, if that is more."""
+        """The same where so many s may lie between two control steps, if that is more: as a step that came late is
+        followed by one soon after it, the shortest time has no limit then."""
         longest = max(self.safety["late"], ceil(late * _MICROSECONDS))
-        return replace(self, safety={**self.safety, "late": longest})
+        return replace(self, safety={**self.safety, "early": 0, "late": longest})
 
     @classmethod
     def of(
@@ -166,6 +167,7 @@ def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -
         "saturated": ceil(SATURATED / dt),
         "silence": ceil(SILENCE / dt),
         "errors": _ERRORS,
+        "early": floor(_EARLY * dt * _MICROSECONDS),
         "late": ceil(_LATE * dt * _MICROSECONDS),
         "damping": ceil(DAMPING / dt),
     }

@@ -197,8 +197,9 @@ static void settle(uint32_t degree)
             tendon_put_u32(&p[28], below(200U)); /* saturated */
             tendon_put_u32(&p[32], 20U + below(50U)); /* silence */
             tendon_put_u32(&p[36], below(5U)); /* errors */
-            tendon_put_u32(&p[40], 1000U + below(1000U)); /* late */
-            tendon_put_u32(&p[44], below(20U)); /* damping */
+            tendon_put_u32(&p[40], below(1000U)); /* early */
+            tendon_put_u32(&p[44], 1000U + below(1000U)); /* late */
+            tendon_put_u32(&p[48], below(20U)); /* damping */
         }
         say(kinds[kind].type, p, kinds[kind].size);
     }

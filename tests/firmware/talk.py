@@ -37,6 +37,7 @@ SAFETY: dict[str, Any] = {
     "saturated": 50,
     "silence": 100_000,
     "errors": 3,
+    "early": 500,
     "late": 1500,
     "damping": 4,
 }

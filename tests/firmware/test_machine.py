@@ -227,6 +227,7 @@ def test_every_value_within_its_range_is_taken(directory: Path, data: st.DataObj
         values["low"], values["high"] = zip(
             *(sorted(pair) for pair in zip(values["low"], values["high"], strict=True)), strict=True
         )
+        values["early"], values["late"] = sorted((values["early"], values["late"]))
     assert talk.say(name, values) == "done"
 
 
@@ -605,6 +606,17 @@ def test_a_torque_that_is_no_number(talk: Talk) -> None:
     without_torque(talk, step)
 
 
+def test_no_number_in_the_first_step(talk: Talk) -> None:
+    """Of which it is not asked whether it is near the start."""
+    talk.settings(**dict.fromkeys(("tracking", "speed", "high", "torque_limit"), [3e38] * N), low=[-3e38] * N)
+    assert talk.say("parameters", dict.fromkeys(talk.codec.fields("parameters"), 3e38)) == "done"
+    talk.upload([(1.0, 3e38)] + [(3e38, -3e38)] * 4, 0.002, True)
+    talk.run()
+    step = talk.step()
+    told(talk, step, "not_finite", step.report("state")["joint"])
+    without_torque(talk, step)
+
+
 @pytest.mark.parametrize("joint", [1, 2])
 def test_tracking(talk: Talk, joint: int) -> None:
     """Exactly at the limit it runs on; beyond it by one unit in the last place it stops."""
@@ -764,14 +776,23 @@ def test_an_encoder_that_jumps(talk: Talk, joint: int, sign: int) -> None:
 
 
 @pytest.mark.parametrize("state", ["armed", "running"])
-def test_a_period_that_was_missed(talk: Talk, state: str) -> None:
+@pytest.mark.parametrize(("kept", "untimely"), [(1500, 1501), (500, 499), (1000, 0)])
+def test_a_period_that_is_not_kept(talk: Talk, state: str, kept: int, untimely: int) -> None:
+    """Missed, or a timer that is too fast, or a clock that stands still: the trajectory would go by too fast and every
+    rate be taken for less than it is."""
     brought_to(talk, state)
     for _ in range(3):
         talk.step()
-    assert talk.step(us=1500).report("state") is None
-    step = talk.step(us=1501)
+    assert talk.step(us=kept).report("state") is None
+    step = talk.step(us=untimely)
     told(talk, step, "watchdog", 0)
     damped(talk, step, [0.0, 0.0])
+
+
+def test_a_longest_period_below_the_shortest_is_refused(talk: Talk) -> None:
+    assert talk.say("safety", {**SAFETY, "early": 1501}) == "out_of_range"
+    assert talk.detail == 7 * N + 4
+    assert talk.say("safety", {**SAFETY, "early": 1500}) == "done"
 
 
 def test_after_a_missed_period_the_damping_goes_by_the_last_rate(talk: Talk) -> None:
@@ -783,11 +804,57 @@ def test_after_a_missed_period_the_damping_goes_by_the_last_rate(talk: Talk) -> 
     damped(talk, step, [each, each])
 
 
+def test_a_period_missed_in_the_damping(talk: Talk) -> None:
+    """What was counted meanwhile is no rate; the last one is good for one step, and is not held for a second."""
+    moving(talk, damping=20)
+    assert talk.say("stop") == "done"
+    first, gap, next_ = talk.step(moved(talk, 1, 1)), talk.step(moved(talk, 30, 30), us=30_000), talk.step()
+    each = PER_COUNT * 1000
+    assert first.torque[0] == pytest.approx(-2 * each, rel=1e-4)
+    assert gap.torque.tolist() == first.torque.tolist()
+    assert next_.torque[0] == pytest.approx(-each, rel=1e-4), "half as fast, by a joint that stands"
+    assert talk.step(us=0).enabled
+    without_torque(talk, talk.step(us=0))
+
+
 def test_the_clock_goes_round(talk: Talk) -> None:
     talk.time_us = 2**32 - 10_500
     talk.ready().run()
     for _ in range(30):
         assert talk.step().report("state") is None
+
+
+@pytest.mark.parametrize(
+    ("counts", "us", "reason"), [(5000, 1000, "encoder_jump"), (0, 50_000, "watchdog"), (0, 0, "watchdog")]
+)
+def test_nothing_is_overlooked_between_arm_and_run(talk: Talk, counts: int, us: int, reason: str) -> None:
+    wide = dict.fromkeys(("start", "tracking", "speed", "high"), [1e9] * N)
+    talk.ready(**wide, low=[-1e9] * N).run()
+    told(talk, talk.step(moved(talk, counts, 0), us), reason, int(counts > 0))
+
+
+def test_a_run_begins_with_the_rate_that_the_arm_has(talk: Talk) -> None:
+    talk.ready(start=[0.5] * N)
+    assert talk.say("arm") == "done"
+    for _ in range(20):
+        talk.step(moved(talk, 5, 0))
+    assert talk.say("run", {"periods": 0, "every": 1}) == "done"
+    talk.step(moved(talk, 5, 0))
+    assert talk.say("stop") == "done"
+    assert talk.step(moved(talk, 5, 0)).torque[0] == pytest.approx(-2 * 5 * PER_COUNT * 1000, rel=1e-4)
+
+
+@pytest.mark.parametrize("run", [False, True])
+def test_a_stop_before_the_first_step_leaves_the_drives_off(talk: Talk, run: bool) -> None:
+    talk.ready().step()
+    assert talk.say("arm") == "done"
+    assert not run or talk.say("run", {"periods": 0, "every": 1}) == "done"
+    assert talk.say("stop") == "done"
+    assert talk.report("state")["enabled"] == 0
+    steps = [talk.step(moved(talk, 1, 1)) for _ in range(5)]
+    assert not any(step.enabled or step.torque.any() for step in steps)
+    assert [step.report("telemetry") is None for step in steps] == [False] + [True] * 4
+    assert talk.say("reset") == "done"
 
 
 def test_standing_elsewhere_than_the_trajectory_starts(talk: Talk) -> None:
@@ -824,6 +891,86 @@ def test_damping_ends_where_it_cannot_be_trusted(talk: Talk, jump: bool) -> None
     assert talk.state()["reason"] == "host"
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("limit", "at_stop", "most"), [(4.0, 0.9766, 4.0), (0.5, 0.9766, 1.25 * 0.9766), (0.5, 0.0, 0.5)]
+)
+def test_damping_that_drives_ends(talk: Talk, sign: int, limit: float, at_stop: float, most: float) -> None:
+    """A joint that gets faster than its limit, and than it was: a sign is wrong."""
+    talk.settings(speed=[9.0] * N, damping=1000)
+    assert talk.say("safety", {**SAFETY, "speed": [9.0, limit], "damping": 1000}) == "done"
+    talk.upload()
+    assert talk.say("arm") == "done"
+    talk.step()
+    rate, gain, each = 0.0, DRIVE["velocity_gain"], PER_COUNT * DRIVE["rate"]
+    if at_stop:
+        while rate < min(limit, 0.99 * at_stop):
+            step = talk.step(moved(talk, 0, sign))
+            rate += gain * (each - rate)
+    if at_stop < limit:
+        assert talk.say("stop") == "done"
+    else:
+        told(talk, step, "speed", 2)
+        most = max(limit, 1.25 * rate)
+    for k in range(200):
+        counts = 1 if k % 8 else 1 + k // 16
+        rate += gain * (counts * each - rate)
+        step = talk.step(moved(talk, 0, sign * counts))
+        assert step.enabled == (rate <= most)
+        assert (step.torque[1] * sign < 0) == step.enabled
+        if not step.enabled:
+            break
+    without_torque(talk, step)
+
+
+def test_a_second_stop_ends_the_damping(talk: Talk) -> None:
+    moving(talk)
+    assert talk.say("stop") == "done"
+    assert talk.step(moved(talk, 1, 1)).torque.any()
+    assert talk.say("stop") == "done"
+    without_torque(talk, talk.step(moved(talk, 1, 1)))
+
+
+def test_a_stop_that_is_said_again_is_the_same_one(talk: Talk) -> None:
+    """Also where another command came in between; and its number is not the last one then."""
+    moving(talk)
+    assert talk.say("stop") == "done"
+    number = talk.sequence
+    step = talk.step(moved(talk, 1, 1))
+    assert talk.say("alive") == "done"
+    assert talk.say("stop", sequence=number) == "done"
+    talk.sequence = number + 1
+    assert talk.say("query") == "done"
+    assert talk.report("counters")["duplicates"] == 1
+    for _ in range(SAFETY["damping"] - 1):
+        step = talk.step(moved(talk, 1, 1))
+        assert step.torque.any()
+    assert not talk.step().enabled
+
+
+def test_a_stop_after_one_of_the_boards_own_is_the_first(talk: Talk) -> None:
+    moving(talk)
+    told(talk, talk.step(moved(talk, 1, 1), us=5000), "watchdog", 0)
+    assert talk.say("stop") == "done"
+    assert talk.step(moved(talk, 1, 1)).torque.any()
+    assert talk.state()["reason"] == "watchdog"
+    assert talk.say("stop") == "done"
+    without_torque(talk, talk.step(moved(talk, 1, 1)))
+
+
+def test_the_number_of_an_old_stop_stops_a_new_run(talk: Talk) -> None:
+    brought_to(talk, "running")
+    talk.step()
+    assert talk.say("stop", sequence=77) == "done"
+    for _ in range(SAFETY["damping"] + 1):
+        talk.step()
+    assert talk.say("reset") == "done"
+    talk.run()
+    talk.step()
+    assert talk.say("stop", sequence=77) == "done"
+    assert talk.state()["state"] == "stopped"
+
+
 def test_every_reason_is_tested_here(table: dict[str, Any]) -> None:
     text = Path(__file__).read_text()
     assert [r["name"] for r in table["reasons"] if f'"{r["name"]}"' not in text] == []
@@ -841,7 +988,7 @@ class Anything(RuleBasedStateMachine):
     def start(self, ready: bool) -> None:
         self.talk = Talk(self.directory, ARM.name)
         self.state, self.reason, self.enabled = 0, 0, 0
-        self.fresh = False
+        self.fresh, self.rate, self.at_stop = True, np.zeros(N), np.zeros(N)
         if ready:
             self.talk.ready(silence=60, errors=2)
 
@@ -852,6 +999,8 @@ class Anything(RuleBasedStateMachine):
                 assert (self.state, after["state"]) in {
                     *((k, k) for k in range(4)), (0, 1), (1, 2), (1, 3), (2, 3), (3, 0), (0, 3),
                 }  # fmt: skip
+                if self.state != 3:
+                    self.at_stop = np.abs(self.rate)
                 self.state, self.reason, self.enabled = after["state"], after["reason"], after["enabled"]
                 assert (self.reason == 0) == (self.state != 3)
                 assert self.enabled == 1 or self.state in (0, 3)
@@ -866,7 +1015,7 @@ class Anything(RuleBasedStateMachine):
             values = {"periods": data.draw(st.integers(0, 9)), "every": 1}
         before = self.state
         result = self.talk.say(name, values)
-        self.fresh = self.fresh or (name in ("arm", "run") and result == "done")
+        self.fresh = self.fresh or (name == "arm" and result == "done")
         self.note(self.talk.reports)
         if result != "done":
             assert self.state == before
@@ -886,37 +1035,48 @@ class Anything(RuleBasedStateMachine):
     @rule(
         first=st.integers(-3, 3),
         second=st.one_of(st.integers(-3, 3), st.integers(-(2**31), 2**31 - 1)),
-        us=st.sampled_from([1000] * 30 + [1501, 2**31]),
+        us=st.sampled_from([1000] * 30 + [0, 499, 1501, 2**31]),
         fault=st.sampled_from([0] * 40 + [5]),
     )
     def step(self, first: int, second: int, us: int, fault: int) -> None:
-        before, were = self.state, self.enabled
-        step = self.talk.step(moved(self.talk, first, second), us, fault)
+        self.advance([first, second], us, fault)
+
+    def advance(self, travel: Sequence[int], us: int = 1000, fault: int = 0) -> Step:
+        before, were, fresh = self.state, self.enabled, self.fresh
+        untimely = not fresh and not SAFETY["early"] <= us <= SAFETY["late"]
+        self.measure(travel, untimely)
+        step = self.talk.step(moved(self.talk, *travel), us, fault)
         self.note(step.reports)
         assert step.enabled == bool(self.enabled)
         limit = np.array(DRIVE["torque_limit"], dtype=np.float32)
         assert (np.abs(step.torque) <= limit).all()
-        if self.state != 2:
-            record = step.report("telemetry")
-            kd = np.array(DRIVE["kd"])
-            if not self.enabled or self.state in (0, 1):
-                assert not step.torque.any()
-            elif record is not None and before == 3 and were:
-                raw = np.array([first, second]) * PER_COUNT * 1000
-                assert ((np.abs(step.torque) <= kd * (np.abs(raw) + 1e4)) & np.isfinite(step.torque)).all()
-        # Since arm or run, no time has been measured in the first step.
-        if fault or (us > SAFETY["late"] and not self.fresh):
+        if self.state == 3 and step.enabled:
+            expected = np.clip(-np.array(DRIVE["kd"]) * self.rate, -limit, limit)
+            assert step.torque == pytest.approx(expected, rel=1e-4, abs=1e-4)
+            assert (np.abs(self.rate) <= 1.0001 * np.maximum(1.25 * self.at_stop, SAFETY["speed"])).all()
+        elif self.state != 2:
+            assert not step.torque.any()
+        if fault or untimely:
             assert before in (0, 3) or self.state == 3
-        self.fresh = False
+        if fault:
+            assert not (before == 3 and were) or not step.enabled
+        return step
+
+    def measure(self, travel: Sequence[int], untimely: bool) -> None:
+        """The rates that the board has, where it looks."""
+        if self.state in (1, 2) or self.enabled:
+            if self.fresh:
+                self.rate = np.zeros(N)
+            elif not untimely:
+                self.rate = self.rate + DRIVE["velocity_gain"] * (np.array(travel) * PER_COUNT * 1000 - self.rate)
+            self.fresh = False
 
     @precondition(lambda self: self.state == 3)
     @rule()
     def wait(self) -> None:
         """Stopped drives go off in so many periods."""
         for _ in range(SAFETY["damping"] + 1):
-            step = self.talk.step()
-            self.fresh = False
-            self.note(step.reports)
+            step = self.advance([0, 0])
         assert not step.enabled
         assert self.talk.say("reset") == "done"
         self.note(self.talk.reports)

@@ -6,6 +6,7 @@
 #define JOINTS 4U
 #define ENDLESS 0xffffffffU
 #define ARM 0U
+#define NOBODY 0xffffffffU
 #define REASON 8U
 #define LOOKS 1U
 
@@ -37,9 +38,21 @@ TENDON_SMALL static void stop(vishard4_machine *m, uint32_t reason, uint32_t joi
 {
     m->state = VISHARD4_STATE_STOPPED;
     m->steady = 0U;
+    m->untimely = 0U;
+    m->stopper = NOBODY;
     m->damping = gives_no_torque(reason) ? 0U : m->safety.damping;
     m->until = 1U;
     m->every = (m->every == ENDLESS) ? 1U : m->every;
+    for (uint32_t j = 0U; j < JOINTS; ++j) {
+        const uint32_t more = magnitude(1.25f * m->controller.qd[j]);
+        m->bounds[j].outrun = (more > m->bounds[j].speed) ? more : m->bounds[j].speed;
+    }
+    if (m->first != 0U) {
+        /* No step since `arm`: the drives have not come on, and stay off. */
+        m->enabled = 0U;
+        m->damping = 0U;
+        m->every = ENDLESS;
+    }
     m->report.reason = (uint8_t)reason;
     m->report.joint = (uint8_t)joint;
     m->report.code = code;
@@ -182,8 +195,9 @@ TENDON_SMALL static uint32_t unknown_joint(const vishard4_machine *m)
     return joint;
 }
 
-/* After a step of the controller: stops the arm if it has to be, and says why. */
-TENDON_SMALL static void judge(vishard4_machine *m, const int32_t counts[JOINTS])
+/* After a step of the controller: stops the arm if it has to be, and says why. first: of a run, in which every joint is
+ * looked at closely. */
+TENDON_SMALL static void judge(vishard4_machine *m, const int32_t counts[JOINTS], bool first)
 {
     if ((m->now->output.status & VISHARD4_INVALID) != 0U) {
         stop(m, VISHARD4_REASON_NOT_FINITE, unknown_joint(m), 0U);
@@ -191,7 +205,7 @@ TENDON_SMALL static void judge(vishard4_machine *m, const int32_t counts[JOINTS]
         uint32_t reason = VISHARD4_REASON_NONE;
         uint32_t joint = ARM;
         for (uint32_t j = 0U; (j < JOINTS) && (reason == VISHARD4_REASON_NONE); ++j) {
-            const bool closely = (m->first != 0U) || (((m->looked + JOINTS - j) % JOINTS) < LOOKS);
+            const bool closely = first || (((m->looked + JOINTS - j) % JOINTS) < LOOKS);
             reason = reason_of(m, j, counts[j], closely);
             joint = j + 1U;
         }
@@ -221,7 +235,6 @@ TENDON_SMALL static void settle(vishard4_machine *m)
             now->period = m->period - 1U;
             now->time_us = m->time_us;
             now->standing = m->state | ((uint32_t)m->report.reason << REASON);
-            m->before = now;
             m->now = (now == &m->records[VISHARD4_TELEMETRY_RECORDS]) ? &m->records[0] : &now[1];
             --m->room;
         } else {
@@ -233,17 +246,13 @@ TENDON_SMALL static void settle(vishard4_machine *m)
 /* ---- the control step ---- */
 
 /* Before a step of the controller: whether the board, the clock, the encoders and the host allow one. */
-TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINTS], uint32_t gap, uint32_t fault)
+TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINTS], bool untimely, uint32_t fault)
 {
     const uint32_t jumping = jumping_joint(m, counts);
     if (fault != 0U) {
         stop(m, VISHARD4_REASON_DRIVE, ARM, fault);
-    } else if (gap > m->safety.late) {
+    } else if (untimely) {
         stop(m, VISHARD4_REASON_WATCHDOG, ARM, 0U);
-        /* What was counted over several periods is no rate: this step damps by that of the last one. */
-        for (uint32_t j = 0U; j < JOINTS; ++j) {
-            m->controller.counts[j] = counts[j];
-        }
     } else if (jumping != ARM) {
         stop(m, VISHARD4_REASON_ENCODER_JUMP, jumping, 0U);
     } else if (m->left != 0U) {
@@ -260,18 +269,19 @@ TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINT
 TENDON_SMALL static void begin(vishard4_machine *m, const int32_t counts[JOINTS])
 {
     vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &m->now->output);
+    const bool known = (m->now->output.status & VISHARD4_INVALID) == 0U;
     (void)tires(m, m->now->output.status);
     m->steady = 1U;
     for (uint32_t j = JOINTS; j > 0U; --j) {
         const float away = m->now->output.q_desired[j - 1U] - m->now->output.q[j - 1U];
         m->bounds[j - 1U].seen = counts[j - 1U];
         m->bounds[j - 1U].mark = m->now->output.q_desired[j - 1U];
-        if (magnitude(away) > magnitude(m->safety.start[j - 1U])) {
+        if (known && (magnitude(away) > magnitude(m->safety.start[j - 1U]))) {
             stop(m, VISHARD4_REASON_START_POSITION, j, 0U);
         }
     }
     if (m->steady != 0U) {
-        judge(m, counts);
+        judge(m, counts, true);
     }
 }
 
@@ -291,7 +301,7 @@ TENDON_SMALL static void oppose(vishard4_machine *m)
 {
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         const float limit = m->config.torque_limit[j];
-        const float against = -(m->config.kd[j] * m->now->output.qd[j]);
+        const float against = -(m->config.kd[j] * m->controller.qd[j]);
         float given = 0.0f;
         if (against > limit) {
             given = limit;
@@ -306,21 +316,41 @@ TENDON_SMALL static void oppose(vishard4_machine *m)
     }
 }
 
-/* Nothing is followed: no torque but that of the damping after a stop, as long as it lasts and as the encoders and the
- * drives can be trusted; then the drives go off. */
-TENDON_SMALL static void coast(vishard4_machine *m, const int32_t counts[JOINTS], uint32_t fault, bool measured)
+/* Whether a joint has got faster than the arm was when it was stopped, beyond its limit and a margin: what should damp
+ * drives it then, because the sign of its motor or of its encoder is wrong. What is no number is faster than all. */
+TENDON_SMALL static bool outruns(const vishard4_machine *m)
+{
+    bool found = false;
+    for (uint32_t j = 0U; j < JOINTS; ++j) {
+        found = found || (magnitude(m->controller.qd[j]) > m->bounds[j].outrun);
+    }
+    return found;
+}
+
+/* Before a step of the damping: whether it may go on. */
+TENDON_SMALL static void watch(vishard4_machine *m, const int32_t counts[JOINTS], bool untimely, uint32_t fault)
+{
+    if (untimely) {
+        /* What was counted in another time than a period is no rate: this step damps by that of the last one; but only
+         * one step does, for no torque may be held. */
+        m->damping = (m->untimely != 0U) ? 0U : m->damping;
+    } else if (jumping_joint(m, counts) != ARM) {
+        m->damping = 0U;
+    } else {
+        vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->now->output);
+        m->damping = outruns(m) ? 0U : m->damping;
+    }
+    m->damping = (fault != 0U) ? 0U : m->damping;
+    m->untimely = untimely ? 1U : 0U;
+}
+
+/* Nothing is followed: no torque but that of the damping after a stop, as long as it lasts; then the drives go off. */
+TENDON_SMALL static void coast(vishard4_machine *m)
 {
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         m->now->output.torque[j] = 0.0f;
     }
     if (m->state == VISHARD4_STATE_STOPPED) {
-        if ((m->damping != 0U) && !measured) {
-            if ((jumping_joint(m, counts) != ARM) || (fault != 0U)) {
-                m->damping = 0U;
-            } else {
-                vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->now->output);
-            }
-        }
         if (m->damping != 0U) {
             --m->damping;
             oppose(m);
@@ -347,34 +377,33 @@ TENDON_SMALL static void carry(vishard4_machine *m)
 }
 
 /* Every step but those in the middle of a run. */
-TENDON_SMALL static void hold(vishard4_machine *m, const int32_t counts[JOINTS], uint32_t gap, uint32_t fault)
+TENDON_SMALL static void hold(vishard4_machine *m, const int32_t counts[JOINTS], bool untimely, uint32_t fault)
 {
+    const bool first = (m->first != 0U) && (m->state != VISHARD4_STATE_IDLE);
+    /* Before the first step there was no period. */
+    const bool wrong = untimely && !first;
     bool measured = false;
-    const bool first = m->first != 0U;
     if (m->now != m->before) {
         carry(m);
     }
-    if (first && (m->state != VISHARD4_STATE_IDLE)) {
+    if (first) {
         vishard4_controller_reset_f32(&m->controller, counts);
-    }
-    if (is_powered(m)) {
-        if (allowed(m, counts, first ? 0U : gap, fault)) {
-            if (m->state == VISHARD4_STATE_RUNNING) {
-                begin(m, counts);
-            } else {
-                wait(m, counts);
-            }
-            --m->left;
-            measured = true;
-        } else {
-            measured = m->report.reason == VISHARD4_REASON_WATCHDOG;
-        }
-    }
-    if (m->state != VISHARD4_STATE_IDLE) {
         m->first = 0U;
     }
+    if (is_powered(m) && allowed(m, counts, wrong, fault)) {
+        if (m->state == VISHARD4_STATE_RUNNING) {
+            begin(m, counts);
+        } else {
+            wait(m, counts);
+        }
+        --m->left;
+        measured = true;
+    }
     if (m->state != VISHARD4_STATE_RUNNING) {
-        coast(m, counts, fault, measured);
+        if ((m->damping != 0U) && !measured) {
+            watch(m, counts, wrong, fault);
+        }
+        coast(m);
     }
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         m->controller.counts[j] = counts[j];
@@ -388,20 +417,20 @@ void vishard4_machine_step(
     uint32_t fault,
     float torque[4])
 {
-    const uint32_t gap = time_us - m->time_us;
+    const bool untimely = ((time_us - m->time_us) - m->safety.early) > m->margin;
     vishard4_record *now;
     if (m->until == 0U) {
         settle(m);
     }
     now = m->now;
     m->time_us = time_us;
-    if ((m->steady == 0U) || (fault != 0U) || (gap > m->safety.late) || (m->left == 0U)
+    if ((m->steady == 0U) || (fault != 0U) || untimely || (m->left == 0U)
         || jumps(&m->bounds[0], m->controller.counts[0], counts[0])
         || jumps(&m->bounds[1], m->controller.counts[1], counts[1])
         || jumps(&m->bounds[2], m->controller.counts[2], counts[2])
         || jumps(&m->bounds[3], m->controller.counts[3], counts[3])
     ) {
-        hold(m, counts, gap, fault);
+        hold(m, counts, untimely, fault);
     } else {
         --m->left;
         vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &now->output);
@@ -412,9 +441,9 @@ void vishard4_machine_step(
             || errs(&m->bounds[2], &now->output, 2U)
             || errs(&m->bounds[3], &now->output, 3U)
         ) {
-            judge(m, counts);
+            judge(m, counts, false);
             if (m->state == VISHARD4_STATE_STOPPED) {
-                coast(m, counts, fault, true);
+                coast(m);
             }
         }
     }
@@ -422,6 +451,7 @@ void vishard4_machine_step(
     torque[1] = now->output.torque[1];
     torque[2] = now->output.torque[2];
     torque[3] = now->output.torque[3];
+    m->before = now;
     --m->until;
     ++m->period;
 }
@@ -451,6 +481,8 @@ TENDON_SMALL static uint32_t take_drive(vishard4_machine *m, const uint8_t *payl
 
 TENDON_SMALL static uint32_t take_safety(vishard4_machine *m, const uint8_t *payload, uint32_t *detail)
 {
+    const uint32_t early = tendon_get_u32(&payload[sizeof(uint32_t) * 31U]);
+    const uint32_t late = tendon_get_u32(&payload[sizeof(uint32_t) * 32U]);
     uint32_t result = VISHARD4_RESULT_DONE;
     for (uint32_t j = JOINTS; j > 0U; --j) {
         const float low = tendon_get_float(&payload[sizeof(float) * (8U + (j - 1U))]);
@@ -460,8 +492,13 @@ TENDON_SMALL static uint32_t take_safety(vishard4_machine *m, const uint8_t *pay
             *detail = 12U + (j - 1U);
         }
     }
+    if (late < early) {
+        result = VISHARD4_RESULT_OUT_OF_RANGE;
+        *detail = 32U;
+    }
     if (result == VISHARD4_RESULT_DONE) {
         vishard4_unpack_safety(payload, &m->safety);
+        m->margin = late - early;
         for (uint32_t j = 0U; j < JOINTS; ++j) {
             vishard4_bounds *b = &m->bounds[j];
             b->jump = (uint32_t)m->safety.jump[j];
@@ -622,6 +659,7 @@ TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
         m->disordered = 0U;
         m->until = ENDLESS;
         m->every = ENDLESS;
+        m->before = m->now;
         m->now->output.phase = 0U;
         m->now->output.status = 0U;
         for (uint32_t j = 0U; j < JOINTS; ++j) {
@@ -637,7 +675,6 @@ TENDON_SMALL static uint32_t run(vishard4_machine *m, const uint8_t *payload)
     vishard4_run_message message;
     vishard4_unpack_run(payload, &message);
     m->state = VISHARD4_STATE_RUNNING;
-    m->first = 1U;
     m->period = 0U;
     m->last = (message.periods != 0U) ? message.periods : ENDLESS;
     m->every = message.every;
@@ -745,6 +782,11 @@ TENDON_SMALL static uint32_t execute(
         case VISHARD4_COMMAND_STOP:
             if (is_powered(m)) {
                 stop(m, VISHARD4_REASON_HOST, ARM, 0U);
+            } else if (m->stopper != NOBODY) {
+                /* It has been asked to stop before: not even damping is wanted. */
+                m->damping = 0U;
+            } else {
+                /* It has stopped by itself, which the host may not have heard yet. */
             }
             break;
         case VISHARD4_COMMAND_RESET:
@@ -782,10 +824,15 @@ TENDON_SMALL static void obey(vishard4_machine *m, uint32_t type, uint32_t seque
     const uint32_t expected = (m->sequence + 1U) & 0xffffU;
     const bool anew = (type == VISHARD4_COMMAND_STOP) || ((type == VISHARD4_COMMAND_HELLO) && !is_powered(m));
     uint32_t detail = 0U;
-    if (anew || (sequence == expected)) {
+    if ((type == VISHARD4_COMMAND_STOP) && (m->state == VISHARD4_STATE_STOPPED) && (sequence == m->stopper)) {
+        const vishard4_ack_message answer = {(uint8_t)type, (uint8_t)VISHARD4_RESULT_DONE, (uint16_t)sequence, 0U};
+        ++m->counters.duplicates;
+        acknowledge(m, &answer);
+    } else if (anew || (sequence == expected)) {
         const uint32_t result = execute(m, type, payload, length, &detail);
         m->sequence = sequence;
         m->type = type;
+        m->stopper = (type == VISHARD4_COMMAND_STOP) ? sequence : m->stopper;
         m->answer.type = (uint8_t)type;
         m->answer.result = (uint8_t)result;
         m->answer.sequence = (uint16_t)sequence;
@@ -983,10 +1030,14 @@ void vishard4_machine_start(vishard4_machine *m)
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         m->now->output.q_desired[j] = 0.0f;
         m->now->output.torque[j] = 0.0f;
+        m->controller.qd[j] = 0.0f;
     }
     m->safety.errors = 0U;
     m->safety.damping = 0U;
     m->safety.silence = 0U;
+    m->safety.early = 0U;
+    m->margin = 0U;
+    m->untimely = 0U;
     m->trajectory.count = 0U;
     m->upload.open = 0U;
     m->upload.phases = 0U;
@@ -1000,6 +1051,7 @@ void vishard4_machine_start(vishard4_machine *m)
     tendon_decoder_start(&m->decoder);
     m->sequence = 0U;
     m->type = 0U;
+    m->stopper = NOBODY;
     m->answer.type = 0U;
     m->answer.result = (uint8_t)VISHARD4_RESULT_UNKNOWN;
     m->answer.sequence = 0U;

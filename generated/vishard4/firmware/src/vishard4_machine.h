@@ -32,6 +32,7 @@ typedef struct {
     uint32_t tracking; /* magnitude */
     uint32_t speed; /* magnitude */
     uint32_t frozen; /* magnitude */
+    uint32_t outrun; /* magnitude, of the rate in the damping */
     int32_t seen; /* the encoder's count when it was last looked for a change */
     float mark; /* where the joint should have been then */
 } vishard4_bounds;
@@ -59,6 +60,7 @@ typedef struct {
     /* the control step */
     uint32_t steady; /* 1: running, and not the first step */
     uint32_t time_us; /* of the last step */
+    uint32_t margin; /* us, from the shortest period to the longest */
     uint32_t period;
     uint32_t last; /* period in which the run is over */
     uint32_t left; /* periods until the run is over or the host has been silent for too long */
@@ -67,10 +69,11 @@ typedef struct {
     uint32_t every; /* periods from one record to the next */
     uint32_t room; /* for records, besides that of the present period */
     vishard4_record *now; /* into which a step writes */
-    vishard4_record *before; /* the last one that is for the link */
+    vishard4_record *before; /* into which the last one wrote: the same one, unless that is for the link */
     uint32_t looked; /* which joint was looked at closely, from 0 */
     uint32_t state;
-    uint32_t first; /* 1: no step since arm or run */
+    uint32_t first; /* 1: no step since arm */
+    uint32_t untimely; /* 1: so was the last step of the damping */
     uint32_t damping; /* periods that are left */
     uint32_t enabled;
     vishard4_state_f32 controller;
@@ -90,6 +93,7 @@ typedef struct {
     tendon_decoder decoder;
     uint32_t sequence; /* of the last command */
     uint32_t type; /* of the last command */
+    uint32_t stopper; /* number of the last `stop` since the arm stopped, if there was one */
     vishard4_ack_message answer; /* to the last command */
     uint32_t corrupted; /* frames since arm */
     uint32_t disordered; /* commands since arm */

@@ -67,7 +67,7 @@ uint32_t vishard4_check_command(
     uint32_t state,
     uint32_t *detail)
 {
-    static const rule rules[29] = {
+    static const rule rules[30] = {
         {0U, 16U, REAL, 0x00800000U, 0xff7fffffU}, /* parameters from J1 on: any finite number */
         {0U, 18U, REAL, 0x00800000U, 0xff7fffffU}, /* effects from friction_scale on: any finite number */
         {0U, 1U, REAL, 0xbf800000U, 0xc7c35000U}, /* drive from rate on: 1 to 100000 */
@@ -82,7 +82,8 @@ uint32_t vishard4_check_command(
         {24U, 4U, REAL, 0x7fffffffU, 0xff7fffffU}, /* safety from frozen on: 0 or more */
         {28U, 1U, COUNT, 0x00000000U, 0x7fffffffU}, /* safety from saturated on: 0 to 2147483647 */
         {29U, 1U, COUNT, 0x00000001U, 0x7fffffffU}, /* safety from silence on: 1 to 2147483647 */
-        {31U, 1U, COUNT, 0x00000001U, 0xffffffffU}, /* safety from late on: 1 or more */
+        {32U, 1U, COUNT, 0x00000001U, 0xffffffffU}, /* safety from late on: 1 or more */
+        {33U, 1U, COUNT, 0x00000000U, 0x00009c40U}, /* safety from damping on: 0 to 40000 */
         {0U, 1U, COUNT, 0x00000001U, 0x00000010U}, /* trajectory from count on: 1 to 16 */
         {1U, 1U, COUNT, 0x00000000U, 0x00000001U}, /* trajectory from periodic on: 0 to 1 */
         {2U, 1U, SIGNED, 0x7fffffffU, 0x80000001U}, /* trajectory from elbow on: -1 to 1 */
@@ -104,17 +105,17 @@ uint32_t vishard4_check_command(
         {64U, 0x1U, 0U, 1U}, /* parameters */
         {72U, 0x1U, 1U, 1U}, /* effects */
         {88U, 0x1U, 2U, 5U}, /* drive */
-        {132U, 0x1U, 7U, 8U}, /* safety */
-        {84U, 0x1U, 15U, 5U}, /* trajectory */
-        {24U, 0x1U, 20U, 6U}, /* phase */
-        {132U, 0x1U, 26U, 2U}, /* points */
-        {4U, 0x1U, 28U, 0U}, /* commit */
-        {0U, 0x1U, 28U, 0U}, /* arm */
-        {8U, 0x2U, 28U, 1U}, /* run */
-        {0U, 0xfU, 29U, 0U}, /* alive */
-        {0U, 0xfU, 29U, 0U}, /* stop */
-        {0U, 0x8U, 29U, 0U}, /* reset */
-        {0U, 0xfU, 29U, 0U}, /* query */
+        {136U, 0x1U, 7U, 9U}, /* safety */
+        {84U, 0x1U, 16U, 5U}, /* trajectory */
+        {24U, 0x1U, 21U, 6U}, /* phase */
+        {132U, 0x1U, 27U, 2U}, /* points */
+        {4U, 0x1U, 29U, 0U}, /* commit */
+        {0U, 0x1U, 29U, 0U}, /* arm */
+        {8U, 0x2U, 29U, 1U}, /* run */
+        {0U, 0xfU, 30U, 0U}, /* alive */
+        {0U, 0xfU, 30U, 0U}, /* stop */
+        {0U, 0x8U, 30U, 0U}, /* reset */
+        {0U, 0xfU, 30U, 0U}, /* query */
     };
     uint32_t result = VISHARD4_RESULT_UNKNOWN;
     *detail = 0U;
@@ -224,8 +225,9 @@ void vishard4_unpack_safety(const uint8_t *payload, vishard4_safety_message *mes
     message->saturated = tendon_get_u32(&payload[112U]);
     message->silence = tendon_get_u32(&payload[116U]);
     message->errors = tendon_get_u32(&payload[120U]);
-    message->late = tendon_get_u32(&payload[124U]);
-    message->damping = tendon_get_u32(&payload[128U]);
+    message->early = tendon_get_u32(&payload[124U]);
+    message->late = tendon_get_u32(&payload[128U]);
+    message->damping = tendon_get_u32(&payload[132U]);
 }
 
 void vishard4_unpack_trajectory(const uint8_t *payload, vishard4_trajectory_message *message)

@@ -10,7 +10,7 @@
 /* The messages of PROTOCOL.md. */
 
 #define VISHARD4_PROTOCOL_VERSION 1U
-#define VISHARD4_FINGERPRINT 0x9cc6adf7U
+#define VISHARD4_FINGERPRINT 0xeda7d132U
 
 /* What is held of a trajectory, and how many of its control points come in a message. */
 #define VISHARD4_MAX_PHASES 16U
@@ -20,7 +20,7 @@
 /* Bytes of a frame's header and checksum, and of the longest payloads. */
 #define VISHARD4_HEADER 6U
 #define VISHARD4_CHECKSUM 4U
-#define VISHARD4_LONGEST_COMMAND 132U
+#define VISHARD4_LONGEST_COMMAND 136U
 #define VISHARD4_LONGEST_REPORT 60U
 
 /* Types of commands, host to board. */
@@ -119,7 +119,8 @@ typedef struct {
     uint32_t saturated; /* periods: in a row with a limited torque that are tolerated */
     uint32_t silence; /* periods: without a valid frame that are tolerated */
     uint32_t errors; /* corrupted frames, and commands out of sequence, that are tolerated from `arm` on */
-    uint32_t late; /* us: most between two steps */
+    uint32_t early; /* us: least between two steps */
+    uint32_t late; /* us: most between two steps, not below `early` */
     uint32_t damping; /* periods: of active damping after a stop */
 } vishard4_safety_message;
 
