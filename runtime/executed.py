@@ -38,6 +38,7 @@ class _Asked:
     tracking_limit: float | None
     arm: bool
     approach: bool
+    talks: bool
 
 
 @app.command(epilog="Example: tendon execute vishard4.toml case1D.json --on simulation --out run.csv.gz")
@@ -103,7 +104,18 @@ def execute(
     from runtime import files, recording, terminal_execution
 
     asked = _Asked(
-        on, trials, cycles, seed, noise, hide or (), change or (), friction_compensation, tracking_limit, arm, approach
+        on,
+        trials,
+        cycles,
+        seed,
+        noise,
+        hide or (),
+        change or (),
+        friction_compensation,
+        tracking_limit,
+        arm,
+        approach,
+        json != "-",
     )
     is_real = _is_real(asked)
     boundary.check_writable(json, out, model_out)
@@ -201,7 +213,7 @@ def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board:
 
 def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:
     """On a real arm: simulated first, and moved only if that went well and it is armed."""
-    from runtime import terminal
+    from runtime import terminal, terminal_execution
     from runtime.execution import prediction, real, targets
     from runtime.execution.interrupt import listening
     from runtime.planning.trajectory import read
@@ -234,8 +246,13 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
         late=link.late,
         approach=asked.approach,
     )
+
+    def ready() -> None:
+        if asked.talks:
+            terminal_execution.prediction(boundary.plain(found["prediction"]))
+
     with terminal.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
-        done, frames = real.execute_on(link, setup, stop)
+        done, frames = real.execute_on(link, setup, ready, stop)
     # Something may have failed after the motion: drives that do not go off.
     late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
     return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}

@@ -9,9 +9,9 @@ _SAME_RATE = 0.01
 
 def show(document: Document) -> None:
     """What ran, costs and tracking beside the plan's, the plate, why it stopped, and what to type next."""
-    if document.get("prediction"):
-        _prediction(document)
     if document["status"] == "refused" and document.get("reason") and not document["exceeded"]:
+        if document.get("prediction"):
+            prediction(document["prediction"])
         say(f"REFUSED, nothing has moved: {document['reason']}.")
         return
     plan = document["plan"]
@@ -35,19 +35,18 @@ def show(document: Document) -> None:
     _end(document)
 
 
-def _prediction(document: Document) -> None:
-    """What the simulated arm did, before a real one is asked to."""
+def prediction(document: Document) -> None:
+    """What the simulated arm did, before a real one does it."""
     say("The same on the simulated arm:")
     table = empty_table("joint", "peak torque", "limit", "", "speed", "limit", "", "room to the end of the range")
-    for joint in document["prediction"]["joints"]:
+    for joint in document["joints"]:
         force, unit = joint["force_unit"], joint["position_unit"]
         row = (joint["torque"], joint["torque_limit"], force, joint["speed"], joint["speed_limit"], f"{unit}/s")
         cells = [cell if isinstance(cell, str) else f"{cell:.3g}" for cell in row]
         table.add_row(str(joint["joint"]), *cells, f"{joint['room']:.3g} {unit}")
     console().print(table)
-    plate = document["prediction"]["plate"]
-    if plate is not None:
-        say(f"The end-effector {_beside_plate(plate)}.")
+    if document["plate"] is not None:
+        say(f"The end-effector {_beside_plate(document['plate'])}.")
 
 
 def _beside_plate(distance: float) -> str:

@@ -74,14 +74,19 @@ class Setup:
         return found if self.late is None else found.tolerating(self.late)
 
 
-def execute_on(link: Link, setup: Setup, asked: Callable[[], int]) -> tuple[Execution, dict[str, Any]]:
+def execute_on(
+    link: Link, setup: Setup, ready: Callable[[], None], asked: Callable[[], int]
+) -> tuple[Execution, dict[str, Any]]:
     """All trials, or up to the first that is stopped, and what became of the frames; the link is closed.
+
+    ready   called once the board is known and has taken everything, before anything moves
+    asked   whether the user wants to stop; see Session.run
 
     Raises ControllerError where the arm stands elsewhere, LinkError, LinkLost.
     """
     session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
     try:
-        return _Executing(session, setup, asked).all(), session.figures()
+        return _Executing(session, setup, ready, asked).all(), session.figures()
     finally:
         session.close()
 
@@ -90,6 +95,7 @@ def execute_on(link: Link, setup: Setup, asked: Callable[[], int]) -> tuple[Exec
 class _Executing:
     session: Session
     setup: Setup
+    ready: Callable[[], None]
     asked: Callable[[], int]
 
     def all(self) -> Execution:
@@ -98,6 +104,8 @@ class _Executing:
         settings, plan = setup.settings(setup.trajectory), Plan(setup.model, setup.trajectory)
         start, done = plan.motion.q[:, 0], list[Trial]()
         seconds = length(setup.trajectory, setup.cycles)
+        self.session.upload(settings)
+        self.ready()
         while len(done) < setup.trials and not (done and done[-1].stop):
             try:
                 done.append(self._trial(start, settings, seconds))

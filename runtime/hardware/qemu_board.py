@@ -40,7 +40,6 @@ class QemuBoard:
         self._line = PlantLine(n)
         self._codec = Codec.from_json(directory / "protocol.json")
         self._owed: set[int] = set()
-        self._rest = b""
         self._sockets: list[socket.socket] = []
         self._place = tempfile.TemporaryDirectory(prefix="tendon-qemu-")
         self._process: subprocess.Popen[bytes] | None = None
@@ -62,13 +61,20 @@ class QemuBoard:
         whether a period passes in between.
         """
         data = self._taken(0.0)
-        while self._owed or not (data.endswith(DELIMITER) or not data):
+        while self._waits(data):
             more = self._taken(_ANSWER_WAIT)
             if not more:
                 # What was asked has been lost on its way.
                 self._owed.clear()
+                break
             data += more
         return data
+
+    def _waits(self, data: bytes) -> bool:
+        """Whether more has to come after `data`."""
+        if self._owed:
+            self._owed -= {m.values["sequence"] for m in self._messages(data) if m.name == "ack"}
+        return bool(self._owed) or (data != b"" and not data.endswith(DELIMITER))
 
     def period(self, counts: Counts, time_us: int, fault: int) -> tuple[bool, Float32]:
         self._put(self._plant, self._line.period(counts, time_us, fault))
@@ -121,14 +127,9 @@ class QemuBoard:
     def _taken(self, timeout: float) -> bytes:
         """What the board has said to the host; b"" if nothing comes in time."""
         try:
-            data = self._received(self._host, _CHUNK, timeout)
+            return self._received(self._host, _CHUNK, timeout)
         except (BlockingIOError, TimeoutError):
             return b""
-        if self._owed:
-            self._rest += data
-            self._owed -= {m.values["sequence"] for m in self._messages(self._rest) if m.name == "ack"}
-            self._rest = self._rest[self._rest.rfind(DELIMITER) + 1 :]
-        return data
 
     def _messages(self, data: bytes) -> list[Message]:
         found = (self._codec.decode(frame) for frame in data.split(DELIMITER)[:-1] if frame)

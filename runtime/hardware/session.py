@@ -20,6 +20,8 @@ from runtime.hardware.settings import Settings
 
 _ATTEMPTS, _ANSWER = 5, 0.1
 """How often a command is sent, and s that its answer may take each time."""
+_GREETINGS = 30
+"""The same of the first word: some boards start anew when their port is opened."""
 _CHUNK = 0.02
 """s of one read in a run."""
 _ALIVES = 4
@@ -88,7 +90,7 @@ class Session:
         """The board's identity; it is idle then. Raises Refused for firmware that is not of this model, LinkLost."""
         # Ends whatever half a frame the line has brought before.
         self.link.write(DELIMITER)
-        found, own = self._hello(), self.codec.document
+        found, own = self._hello(_GREETINGS), self.codec.document
         if found["version"] != own["version"]:
             raise Refused(
                 f"the board speaks version {found['version']} of the protocol, this host version {own['version']}; "
@@ -238,11 +240,11 @@ class Session:
 
     # --- words ---
 
-    def _hello(self) -> dict[str, Any]:
+    def _hello(self, attempts: int = _ATTEMPTS) -> dict[str, Any]:
         """The board's identity; the commands that follow are numbered from here."""
         self._identity = self._unanswered = None
         # Of a board of another version, the identity is all that can be read.
-        self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None)
+        self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None, attempts)
         assert self._identity is not None
         return self._identity.values
 
@@ -277,16 +279,16 @@ class Session:
         self._due = self.link.now() + self._silence / _ALIVES
         return self._acks.pop(number)
 
-    def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool]) -> None:
+    def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool], attempts: int = _ATTEMPTS) -> None:
         """Send a frame until it is answered. Raises LinkLost."""
-        for _ in range(_ATTEMPTS):
+        for _ in range(attempts):
             self.link.write(frame)
             deadline = self.link.now() + _ANSWER
             while not answered() and (left := deadline - self.link.now()) > 0:
                 self._listen(left)
             if answered():
                 return
-        raise LinkLost(f"the board does not answer ({name}, {_ATTEMPTS} times); is its firmware running?")
+        raise LinkLost(f"the board does not answer ({name}, {attempts} times); is its firmware running?")
 
     def _refusal(self, name: str, ack: dict[str, Any]) -> str:
         texts = {result["number"]: result["text"] for result in self.codec.document["results"]}

@@ -9,7 +9,8 @@ import shutil
 import threading
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,23 @@ import pytest
 import serial
 from bench_arm import BENCH, motion, trajectory
 
+from codegen.workspace import prepare_arm, prepare_firmware
 from runtime import boundary, recording
 from runtime.cli import Source, app
 from runtime.execution.plant import Plant
+from runtime.execution.real import decimation
 from runtime.execution.simulated import SimulatedArm
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.link import LinkError, LinkLost
+from runtime.hardware.lockstep import Board
+from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.serial_link import SerialLink
 from runtime.hardware.settings import Settings
-from runtime.loader import Model
+from runtime.hardware.unicorn_board import UnicornBoard
+from runtime.loader import Library, Model, load_model
 from runtime.planning.evaluate import mounted
+from symbolic.arm import Arm
+from symbolic.effects import LIBRARY
 
 SLOW = BENCH.replace("rate = 1000.0", "rate = 100.0").replace("velocity_cutoff = 100.0", "velocity_cutoff = 25.0")
 PLAN = trajectory(motion([0.0, -0.3], [0.4, 0.4])[:1], periodic=False)
@@ -36,11 +44,11 @@ PLAN = trajectory(motion([0.0, -0.3], [0.4, 0.4])[:1], periodic=False)
 class Bench(threading.Thread):
     """The bench, its motor and its board, with a serial port; moved on by a control period every 10 ms, or later."""
 
-    def __init__(self, directory: Path, model: Model) -> None:
+    def __init__(self, model: Model, directory: Path, board: Callable[[Path, str, int], Board] = HostBoard) -> None:
         super().__init__(daemon=True)
         settings = Settings.of(directory, model, PLAN)
         self.arm = SimulatedArm(Plant(model, mounted(model, PLAN), settings.dt), settings)
-        self.board = HostBoard(directory, model.name, model.n)
+        self.board = board(directory, model.name, model.n)
         self.master, self.slave = os.openpty()
         tty.setraw(self.slave)
         self.device = os.ttyname(self.slave)
@@ -76,6 +84,7 @@ class Bench(threading.Thread):
         self.over.set()
         if self.is_alive():
             self.join()
+        self.board.close()
         for end in (self.master, self.slave):
             os.close(end)
 
@@ -94,7 +103,7 @@ def arm(source: Source) -> Model:
 
 @pytest.fixture
 def bench(source: Source, arm: Model) -> Iterator[Bench]:
-    made = Bench(source.controller(), arm)
+    made = Bench(arm, source.controller())
     made.start()
     yield made
     made.close()
@@ -123,12 +132,42 @@ def called(here: Path, capsys: pytest.CaptureFixture[str]) -> Any:  # noqa: ARG0
 # --- a run ---
 
 
-def test_a_motion_over_a_serial_port(bench: Bench, called: Any, arm: Model) -> None:
+BOARDS = [
+    pytest.param(HostBoard, id="host"),
+    pytest.param(UnicornBoard, id="unicorn"),
+    pytest.param(
+        QemuBoard,
+        id="qemu",
+        marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm"),
+    ),
+]
+
+
+@pytest.fixture
+def behind(source: Source, arm: Model) -> Iterator[Callable[..., Bench]]:
+    """A bench with a board of some kind: the firmware's image, emulated, behind a serial port."""
+    made: list[Bench] = []
+
+    def on(board: Callable[..., Any]) -> Bench:
+        made.append(Bench(arm, source.controller("host" if board is HostBoard else "cortex-m4f"), board))
+        made[-1].start()
+        while not made[-1].torques:
+            time.sleep(0.01)  # an emulator takes its time to start
+        return made[-1]
+
+    yield on
+    for one in made:
+        one.close()
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board: Callable[..., Any]) -> None:
     """There and back, three times, and the recording goes through compare."""
+    bench = behind(board)
     trajectory(motion([0.0, -0.3], [0.4, 0.4])).write(Path("plan.json"))
     files = ("--cycles", 2, "--out", "run.csv", "--json", "e.json", "--model-out", "mounted.toml")
-    status, out, _ = called("--on", f"serial://{bench.device}?baud=115200", "--arm", *files)
-    assert status == 0, out
+    status, out, err = called("--on", f"serial://{bench.device}?baud=115200", "--arm", *files)
+    assert status == 0, err
     assert "The same on the simulated arm:" in out
     document = json.loads(Path("e.json").read_text())
     assert document["status"] == "done"
@@ -214,6 +253,17 @@ def test_a_cable_that_is_pulled_in_motion(bench: Bench, called: Any) -> None:
     assert not any(bench.torques[-10:])
 
 
+@pytest.mark.parametrize(("rate", "baud", "every"), [(1000, 1_000_000, 1), (4000, 1_000_000, 4), (1000, 115_200, 7)])
+def test_a_record_each_control_period_at_1_khz_over_1_mbaud(
+    vishard4: Arm, library: Library, rate: int, baud: int, every: int
+) -> None:
+    """Of the paper's arm: 73 bytes, of 10 bits each, and a tenth of the line left for acknowledgements."""
+    assert vishard4.controller is not None
+    made = replace(vishard4, controller=replace(vishard4.controller, rate=float(rate)))
+    model = load_model(prepare_arm(made), library)
+    assert decimation(prepare_firmware(made, LIBRARY), model, baud) == every
+
+
 # --- what is in the way before it ---
 
 
@@ -275,7 +325,7 @@ def test_nobody_at_the_other_end(called: Any) -> None:
     os.close(master)
     os.close(slave)
     assert status == 2
-    assert "the board does not answer (hello, 5 times); is its firmware running?" in err
+    assert "the board does not answer (hello, 30 times); is its firmware running?" in err
 
 
 def test_a_port_that_goes_away_is_a_lost_link() -> None:
