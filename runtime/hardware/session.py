@@ -11,12 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from runtime.hardware.frames import DELIMITER, Codec, Decoder, Message
 from runtime.hardware.link import Link, LinkError, LinkLost
 from runtime.hardware.settings import Settings
+from runtime.hardware.telemetry import Log
 
 _ATTEMPTS, _ANSWER = 5, 0.1
 """How often a command is sent, and s that its answer may take each time."""
@@ -32,8 +32,6 @@ _END = 1.0
 """s that a board may take for a stop, besides its damping."""
 _PATIENCE = 5.0
 """s that it may damp what another host has left in motion."""
-_BLOCK = 4096
-_TYPES = {"u8": "<u1", "u16": "<u2", "u32": "<u4", "i32": "<i4", "float": "<f4"}
 _TRAJECTORY = ("trajectory", "phase", "points")
 
 
@@ -143,7 +141,7 @@ class Session:
         asked   whether the user wants to stop: 0 no, 1 yes, 2 without waiting for the board
         Raises Refused. A link that is lost ends the run, and what was recorded until then is returned.
         """
-        log = _Log(every, self.codec)
+        log = Log(every, self.codec)
         if asked():
             return Run(log.rows(), Ended("interrupted"))
         self._telemetry.clear()
@@ -160,14 +158,19 @@ class Session:
             raise
         return Run(log.rows(), ended)
 
-    def _driven(self, periods: int, log: _Log, asked: Callable[[], int]) -> Ended:
+    def _driven(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended:
         self._command("arm")
         self._command("run", {"periods": periods, "every": log.every})
         ended = self._follow(log, asked)
         told = self._leave(log, asked)
-        return ended or told or Ended("link_lost", period=log.last, detail="the board does not say that it has stopped")
+        ended = ended or told
+        if ended is None:
+            return Ended("link_lost", period=log.last, detail="the board does not say that it has stopped")
+        if ended.reason == "done" and (missing := log.missing(periods)) is not None:
+            return Ended("telemetry_lost", period=log.last, detail=missing)
+        return ended
 
-    def _follow(self, log: _Log, asked: Callable[[], int]) -> Ended | None:
+    def _follow(self, log: Log, asked: Callable[[], int]) -> Ended | None:
         """Until the board has stopped (None) or the host has to stop it."""
         heard = self.link.now()
         while not self._stopped:
@@ -177,14 +180,14 @@ class Session:
             self._listen(_CHUNK)
             if self._telemetry:
                 heard = self.link.now()
-            gap = log.take(self._telemetry)
-            if gap is not None:
-                return Ended("telemetry_lost", period=log.last, detail=gap)
+            log.take(self._telemetry)
+            if not self._stopped and log.gap is not None:
+                return Ended("telemetry_lost", period=log.last, detail=log.gap)
             if (silent := self.link.now() - heard) > _SILENT + 2 * log.every * self._dt:
                 return Ended("link_lost", period=log.last, detail=f"nothing from the board for {silent:.2g} s")
         return None
 
-    def _leave(self, log: _Log, asked: Callable[[], int]) -> Ended | None:
+    def _leave(self, log: Log, asked: Callable[[], int]) -> Ended | None:
         """Stopped with its drives off, and idle again; what the board says of its stop, None if it says nothing."""
         deadline = self.link.now() + self._damping + _END
         told, ended = self.link.now(), self._board_ended()
@@ -324,60 +327,3 @@ class Session:
                 self._identity = message
             elif message.name == "counters":
                 self._counters = message.values
-
-
-class _Log:
-    """The telemetry of a run as long as it is whole. last: period of its last record, None before the first.
-
-    It ends with the record of the step that stopped the arm, whatever its period; a step that found the run done is
-    none of it.
-    """
-
-    def __init__(self, every: int, codec: Codec) -> None:
-        self.every = every
-        self.last: int | None = None
-        self._type = _record_type(codec)
-        self._states, self._reasons = codec.names("states"), codec.names("reasons")
-        self._whole: list[NDArray[Any]] = []
-        self._recent: list[tuple[Any, ...]] = []
-        self._expected = 0
-        self._gap: str | None = None
-        self._over = False
-
-    def rows(self) -> NDArray[Any]:
-        """(N,) with the fields of the message."""
-        return np.concatenate([*self._whole, np.array(self._recent, dtype=self._type)])
-
-    def take(self, rows: list[dict[str, Any]]) -> str | None:
-        """Add and clear `rows`; words for a gap, after which nothing is added."""
-        for row in rows:
-            if self._gap is None and not self._over:
-                self._add(row)
-        rows.clear()
-        return self._gap
-
-    def _add(self, row: dict[str, Any]) -> None:
-        if row["period"] > self._expected:
-            self._gap = f"the telemetry of period {self._expected} is missing, that of {row['period']} is there"
-        elif self._states[row["state"]] == "running":
-            if row["period"] == self._expected:
-                self._append(row)
-                self._expected += self.every
-        else:
-            self._over = True
-            if self._reasons[row["reason"]] != "done":
-                self._append(row)
-
-    def _append(self, row: dict[str, Any]) -> None:
-        self.last = row["period"]
-        self._recent.append(tuple(row.values()))
-        # Of an hour at 1 kHz, arrays are a tenth as large as what they are made of.
-        if len(self._recent) >= _BLOCK:
-            self._whole.append(np.array(self._recent, dtype=self._type))
-            self._recent.clear()
-
-
-def _record_type(codec: Codec) -> np.dtype[Any]:
-    """Of a telemetry message."""
-    message = next(item for item in codec.document["messages"] if item["name"] == "telemetry")
-    return np.dtype([(field["name"], _TYPES[field["type"]], field["count"] or ()) for field in message["fields"]])

@@ -179,6 +179,28 @@ def test_telemetry_that_does_not_come_whole_stops_the_arm(
     one.check_safe(AT + 45)
 
 
+@pytest.mark.parametrize("since", [1390, 1399])
+def test_a_run_that_is_done_but_whose_last_records_are_lost_is_no_whole_one(make: Make, since: int) -> None:
+    one = make()
+    kind = one.session.codec.number("telemetry")
+    telemetry = lambda frame: one.arm.period >= since and frame[2] == kind  # noqa: E731
+    one.link.to_host = lambda frame: [] if telemetry(frame) else [frame]
+    found = one.driven()
+    assert found.stop is not None
+    assert found.stop.name == "telemetry_lost"
+    assert len(found.t) < 1400
+
+
+def test_what_stopped_the_arm_counts_more_than_what_was_lost_at_that_moment(make: Make) -> None:
+    one = make()
+    kind = one.session.codec.number("telemetry")
+    one.arm.twist = lambda period, counts: counts + (100_000 if period >= AT else 0)
+    one.link.to_host = lambda frame: [] if one.arm.period >= AT - 5 and frame[2] == kind else [frame]
+    found = one.driven()
+    assert found.stop is not None
+    assert (found.stop.name, found.stop.t) == ("encoder_jump", pytest.approx(1e-3 * AT))
+
+
 @pytest.mark.parametrize("board", BOARDS)
 def test_a_link_that_is_cut_both_ways(make: Make, clean: Trial, board: Callable[..., Any]) -> None:
     one = make(board)

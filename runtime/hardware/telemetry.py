@@ -1,0 +1,77 @@
+"""The telemetry of a run: checked for gaps, kept in arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.hardware.frames import Codec
+
+_BLOCK = 4096
+_TYPES = {"u8": "<u1", "u16": "<u2", "u32": "<u4", "i32": "<i4", "float": "<f4"}
+
+
+class Log:
+    """The telemetry of a run as long as it is whole.
+
+    last   period of its last record, None before the first
+    gap    words for the first record that was missing, after which nothing is added; None
+    It ends with the record of the step that stopped the arm, whatever its period; a step that found the run done is
+    none of it.
+    """
+
+    def __init__(self, every: int, codec: Codec) -> None:
+        self.every = every
+        self.last: int | None = None
+        self._type = _record_type(codec)
+        self._states, self._reasons = codec.names("states"), codec.names("reasons")
+        self._whole: list[NDArray[Any]] = []
+        self._recent: list[tuple[Any, ...]] = []
+        self._expected = 0
+        self.gap: str | None = None
+        self._over = False
+
+    def rows(self) -> NDArray[Any]:
+        """(N,) with the fields of the message."""
+        return np.concatenate([*self._whole, np.array(self._recent, dtype=self._type)])
+
+    def take(self, rows: list[dict[str, Any]]) -> None:
+        """Add and clear `rows`."""
+        for row in rows:
+            if self.gap is None and not self._over:
+                self._add(row)
+        rows.clear()
+
+    def missing(self, periods: int) -> str | None:
+        """What a run that went through so many periods should have left, and has not; None if it is whole."""
+        if self.gap is None and self._expected < periods:
+            return f"the telemetry of period {self._expected} is missing, and what came after it"
+        return self.gap
+
+    def _add(self, row: dict[str, Any]) -> None:
+        if row["period"] > self._expected:
+            self.gap = f"the telemetry of period {self._expected} is missing, that of {row['period']} is there"
+        elif self._states[row["state"]] == "running":
+            if row["period"] == self._expected:
+                self._append(row)
+                self._expected += self.every
+        else:
+            self._over = True
+            if self._reasons[row["reason"]] != "done":
+                self._append(row)
+
+    def _append(self, row: dict[str, Any]) -> None:
+        self.last = row["period"]
+        self._recent.append(tuple(row.values()))
+        # Of an hour at 1 kHz, arrays are a tenth as large as what they are made of.
+        if len(self._recent) >= _BLOCK:
+            self._whole.append(np.array(self._recent, dtype=self._type))
+            self._recent.clear()
+
+
+def _record_type(codec: Codec) -> np.dtype[Any]:
+    """Of a telemetry message."""
+    message = next(item for item in codec.document["messages"] if item["name"] == "telemetry")
+    return np.dtype([(field["name"], _TYPES[field["type"]], field["count"] or ()) for field in message["fields"]])
