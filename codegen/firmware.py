@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from codegen import build, render, toolchain
+from codegen import build, protocol_page, render, toolchain
 from codegen.controller import Controller
 from codegen.machine import machine_files
-from codegen.messages import SIZES
-from codegen.protocol import HEADER, REASONS, Protocol
+from codegen.protocol import NOT_READY, REASONS, Protocol
 from codegen.stack import EXCEPTION_FRAME
 from codegen.toolchain import HOST, TARGETS, Target, Toolchain
 from symbolic.effects.declaration import Effect
@@ -44,7 +43,7 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
     name = model.arm.name
     code = render.arm_files(model) | render.controller_files(model, library)
     files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
-    files |= machine_files(model, library)
+    files |= machine_files(model, library, files)
     protocol = Protocol.of(Controller.of(model, library))
     holes = {
         "banner": f"/* {render.BANNER} Firmware of the arm {name}. */",
@@ -71,16 +70,12 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
 
 def _page_holes(protocol: Protocol) -> dict[str, Any]:
     """What the page for developers says of guard and link."""
-    # Header, payload and checksum; COBS adds a byte for every 254 begun, the delimiter one.
-    content = sum(SIZES[kind] for _, kind in HEADER) + protocol.message("telemetry").size + SIZES["u32"]
-    wire = content + -(-content // 254) + 1
     reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
     return {
         "banner_title": render.BANNER,
         "exception_frame": EXCEPTION_FRAME,
-        "telemetry_bytes": wire,
-        # 10 bits a byte; a tenth is for answers to the host.
-        "telemetry_rate": int(0.9 * 1e6 / 10 / wire / 50) * 50,
+        **protocol_page.line_holes(protocol),
+        "not_ready": f"0x{NOT_READY:08x}U",
         "reasons": [" | ".join(cells) for cells in reasons],
     }
 

@@ -2,41 +2,55 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 from typing import Any
 
 from codegen import metadata, protocol_code, protocol_page
 from codegen.controller import Controller
 from codegen.messages import SIZES
-from codegen.protocol import ACKS, HEADER, MISSING, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol
+from codegen.protocol import ACKS, HEADER, MISSING, NOT_READY, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol
 from codegen.render import BANNER, page
 from symbolic.effects.declaration import Effect
 from symbolic.kinematics import Coordinates
 from symbolic.model import ArmModel
 
 
-def machine_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
+def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Mapping[str, str]) -> dict[str, str]:
     """Relative path in the firmware's tree -> text.
 
-    library   all effects by name; those that the model file activates are compensated
+    library     all effects by name; those that the model file activates are compensated
+    equations   the sources of the same model that the machine calls, by path
     """
     name, controller = model.arm.name, Controller.of(model, library)
     protocol = Protocol.of(controller)
     own = {"banner": f"/* {BANNER} */", "crc_table": protocol_code.crc_table()}
-    messages = {"banner": f"/* {BANNER} Link to the arm {name}. */", **protocol_code.holes(protocol)}
     people = {"banner_text": f"{BANNER} Link to the arm {name}.", **protocol_page.holes(protocol)}
     machine = {"banner": f"/* {BANNER} Machine of the arm {name}. */", **_holes(controller, protocol)}
     files = {
         "src/tendon_frame.h": page("firmware/tendon_frame.h.j2", **own),
         "src/tendon_frame.c": page("firmware/tendon_frame.c.j2", **own),
-        f"src/{name}_protocol.h": page("firmware/protocol.h.j2", **messages),
-        f"src/{name}_protocol.c": page("firmware/protocol.c.j2", **messages),
         f"src/{name}_machine.h": page("firmware/machine.h.j2", **machine),
         f"src/{name}_machine.c": page("firmware/machine.c.j2", **machine),
+    }
+    build = _checksum({**equations, **files, **_protocol_files(protocol, 0)})
+    files |= {
+        **_protocol_files(protocol, build),
         "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **people),
-        "protocol.json": metadata.text(protocol.document()),
+        "protocol.json": metadata.text(protocol.document(build)),
     }
     return dict(sorted(files.items()))
+
+
+def _protocol_files(protocol: Protocol, build: int) -> dict[str, str]:
+    name = protocol.arm
+    holes = {"banner": f"/* {BANNER} Link to the arm {name}. */", **protocol_code.holes(protocol, build)}
+    return {f"src/{name}_protocol.{kind}": page(f"firmware/protocol.{kind}.j2", **holes) for kind in ("h", "c")}
+
+
+def _checksum(files: Mapping[str, str]) -> int:
+    """CRC-32 of paths and texts."""
+    return zlib.crc32("\0".join(part for item in sorted(files.items()) for part in item).encode())
 
 
 def _holes(controller: Controller, protocol: Protocol) -> dict[str, Any]:
@@ -55,7 +69,9 @@ def _holes(controller: Controller, protocol: Protocol) -> dict[str, Any]:
         "acks": ACKS,
         "without_torque": "\n        || ".join(zero),
         "infinity": "0xff000000U",
-        "one_period": "0.999f",
+        # Of two floats that are meant to be one period, the product may be less by two roundings.
+        "one_period": "0.999999f",
+        "not_ready": f"0x{NOT_READY:08x}U",
         "outrun": f"{OUTRUN}f",
         "spring": [field.name for field in records["spring_f32"].fields],
         "contact": [field.name for field in records["contact_f32"].fields],

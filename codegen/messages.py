@@ -13,6 +13,8 @@ MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
 """What a board holds of a trajectory: phases, control points of all phases; and control points in a message."""
 MOST_DAMPING = 40_000
 """Control periods: ten seconds at 4 kHz. By then whatever was to be damped has come to rest."""
+LONGEST = 1000.0
+"""s of a phase: up to there, time as a float is fine enough (0.06 ms) for any control period."""
 SIZES = {"u8": 1, "u16": 2, "u32": 4, "i32": 4, "float": 4}
 WHOLE = {"u8": (0, 2**8 - 1), "u16": (0, 2**16 - 1), "u32": (0, 2**32 - 1), "i32": (-(2**31), 2**31 - 1)}
 LARGEST = (2.0 - 2.0**-23) * 2.0**127
@@ -79,6 +81,7 @@ IDENTITY = (
     Item("fingerprint", "u32", "", "of all messages' layouts: a board with another one needs its firmware rebuilt"),
     Item("max_phases", "u16", "", "that a trajectory may have"),
     Item("max_rows", "u16", "", "control points of all phases together"),
+    Item("build", "u32", "", "CRC-32 of the generated sources: a board with another one has other equations or rules"),
 )
 """The same in every version, as `hello` is, so that a host can always ask."""
 
@@ -215,7 +218,7 @@ def _phase(contact_coordinates: bool) -> tuple[Item, ...]:
         Item("index", "u32", "", "from 0", high=MAX_PHASES - 1),
         Item("coordinates", "u32", "", f"of its points, equation (13): {said}", high=max(kinds.values())),
         Item("degree", "u32", "", "of the polynomials", low=MIN_DEGREE, high=MAX_DEGREE),
-        Item("duration", "float", "s", "not less than a control period", low=1e-6, high=1e6),
+        Item("duration", "float", "s", "not less than a control period", low=1e-6, high=LONGEST),
         Item("touches", "u32", "", "1: the plate may be touched; 0: it is not looked for", high=1),
         Item("first_row", "u32", "", "its first control point; it has degree + 1", high=MAX_ROWS - 1 - MIN_DEGREE),
     )

@@ -20,6 +20,10 @@ TELEMETRY_RECORDS, ACKS = 8, 8
 """What a board holds until the link takes it; powers of two."""
 OUTRUN = 1.25
 """Of a joint's rate at a stop, or its limit if that is more: a damping in which it gets faster than this ends."""
+NOT_READY = 0xFFFFFFFF
+"""What a board gives for its fault as long as its drives are not ready."""
+BAUD, BITS, LINE_SHARE = 1_000_000, 10, 0.9
+"""Of a serial line: its usual speed; bits of a byte on it; the part that telemetry may fill, for answers need some."""
 HEADER = (("version", "u8"), ("type", "u8"), ("sequence", "u16"), ("length", "u16"))
 MOST_JOINTS = 16
 SOONEST = 5
@@ -118,6 +122,7 @@ RESULTS = (
     Result("incomplete", 6, "refused: something has not been uploaded", "bits: MISSING"),
     Result("checksum", 7, "refused: the trajectory is not what was sent"),
     Result("unknown", 8, "refused: no such command, or not of this size"),
+    Result("not_ready", 9, "refused: the drives are not ready yet"),
 )  # fmt: skip
 
 MISSING = {"parameters": 1, "effects": 2, "drive": 4, "safety": 8, "trajectory": 16}
@@ -173,18 +178,21 @@ class Protocol:
         ]
         return zlib.crc32(json.dumps(layout, separators=(",", ":")).encode())
 
-    def document(self) -> dict[str, Any]:
-        """protocol.json: all that a host needs to speak with a board."""
+    def document(self, build: int) -> dict[str, Any]:
+        """protocol.json: all that a host needs to speak with a board. build: CRC-32 of its sources."""
         return {
             "name": self.arm,
             "version": VERSION,
             "fingerprint": self.fingerprint,
+            "build": build,
             "joints": len(self.types),
             "max_phases": MAX_PHASES,
             "max_rows": MAX_ROWS,
             "rows_a_message": ROWS_A_MESSAGE,
             "max_degree": MAX_DEGREE,
             "no_limit": LARGEST,
+            "not_ready": NOT_READY,
+            "line": {"bits": BITS, "share": LINE_SHARE},
             "header": [{"name": name, "type": kind} for name, kind in HEADER],
             "messages": [_message_json(message) for message in self.messages],
             "states": [vars(state) for state in STATES],

@@ -18,8 +18,8 @@ _BYTE = 255
 """Most values of a rule, whose count is a byte."""
 
 
-def holes(protocol: Protocol) -> dict[str, Any]:
-    """What the pages of protocol.h and protocol.c need."""
+def holes(protocol: Protocol, build: int) -> dict[str, Any]:
+    """What the pages of protocol.h and protocol.c need. build: CRC-32 of the sources."""
     name, commands = protocol.arm, protocol.commands
     filled = [message for message in protocol.messages if message.fields]
     rules, table = _tables(commands)
@@ -29,6 +29,7 @@ def holes(protocol: Protocol) -> dict[str, Any]:
         "guard": f"TENDON_{name.upper()}_PROTOCOL_H",
         "version": VERSION,
         "fingerprint": f"0x{protocol.fingerprint:08x}",
+        "build": f"0x{build:08x}",
         "max_phases": MAX_PHASES,
         "max_rows": MAX_ROWS,
         "rows_a_message": ROWS_A_MESSAGE,

@@ -5,15 +5,20 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
+from math import ceil
 from typing import Any
 
 from codegen.controller_records import STATUS
 from codegen.messages import LARGEST, ROWS_A_MESSAGE, SIZES, WHOLE, Item, Message
 from codegen.protocol import (
     ACKS,
+    BAUD,
+    BITS,
     HEADER,
     IN_TURN,
+    LINE_SHARE,
     MISSING,
+    NOT_READY,
     OUTRUN,
     REASONS,
     RESULTS,
@@ -30,14 +35,11 @@ _HEADER_MEANING = {
     "sequence": "see below",
     "length": "bytes of the payload",
 }
-_BAUD, _BITS = 1_000_000, 10
 
 
 def holes(protocol: Protocol) -> dict[str, Any]:
     """What the page needs, as finished strings."""
     plain, wire = example(protocol)
-    record = _wire_bytes(protocol.message("telemetry"))
-    rate = _BAUD // _BITS // record
     return {
         "name": protocol.arm,
         "n": len(protocol.types),
@@ -56,6 +58,7 @@ def holes(protocol: Protocol) -> dict[str, Any]:
         "in_turn": _listed(IN_TURN),
         "turn": "one joint" if protocol.looks == 1 else f"{protocol.looks} joints",
         "outrun": f"{OUTRUN:g}",
+        "not_ready_number": NOT_READY,
         "no_limit": f"{LARGEST:.9g}",
         "rows_a_message": ROWS_A_MESSAGE,
         "commands": [_section(message) for message in protocol.commands],
@@ -65,12 +68,23 @@ def holes(protocol: Protocol) -> dict[str, Any]:
         ),
         "missing": ", ".join(f"{bit} {name}" for name, bit in MISSING.items()),
         "status": ", ".join(f"{bit} {flag} ({text})" for flag, (bit, text) in STATUS.items()),
-        "telemetry_bytes": record,
-        "telemetry_rate": rate,
-        "every_4k": -(-4000 // rate),
+        **line_holes(protocol),
         "telemetry_records": TELEMETRY_RECORDS,
         "acks": ACKS,
         "command_bytes": max(_wire_bytes(message) for message in protocol.commands),
+    }
+
+
+def line_holes(protocol: Protocol) -> dict[str, Any]:
+    """What a serial line carries of telemetry: bytes of a record, records a second, one in how many periods."""
+    record = _wire_bytes(protocol.message("telemetry"))
+    rate = LINE_SHARE * BAUD / BITS / record
+    return {
+        "telemetry_bytes": record,
+        "telemetry_rate": int(rate),
+        "line_share": f"{100 * LINE_SHARE:g}",
+        "every_1k": ceil(1000 / rate),
+        "every_4k": ceil(4000 / rate),
     }
 
 

@@ -29,8 +29,6 @@ _APPROACH_LEAST = 2.0
 """s that the way takes at least."""
 _PEAK = 1.875
 """Largest speed of a polynomial of degree five from rest to rest, by its mean speed."""
-_PART, _BITS = 0.9, 10
-"""Of a serial line that telemetry may fill; bits of a byte on it."""
 
 
 def decimation(directory: Path, model: Model, baud: int | None) -> int:
@@ -43,8 +41,8 @@ def decimation(directory: Path, model: Model, baud: int | None) -> int:
     assert model.controller is not None
     codec, rate = Codec.from_json(directory / "protocol.json"), model.controller["rate"]
     zeros = {name: 0 if count is None else [0] * count for name, count in codec.fields("telemetry").items()}
-    size = len(codec.encode("telemetry", zeros))
-    return max(1, ceil(size * _BITS * rate / (_PART * baud)))
+    size, line = len(codec.encode("telemetry", zeros)), codec.document["line"]
+    return max(1, ceil(size * line["bits"] * rate / (line["share"] * baud)))
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ _ALIVES = 4
 """Signs of life in the time that the board waits for one."""
 _SILENT = 0.3
 """s without telemetry after which the board counts as lost."""
+_READY = 10.0
+"""s that drives may take until they are ready."""
 _END = 1.0
 """s that a board may take for a stop, besides its damping."""
 _PATIENCE = 5.0
@@ -37,6 +39,10 @@ _TRAJECTORY = ("trajectory", "phase", "points")
 
 class Refused(LinkError):
     """The board does not do what it was asked; the message says why."""
+
+
+class _NotReady(Refused):
+    """Its drives need time."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,11 @@ class Session:
                 f"{found['fingerprint']:08x}; expected {own['joints']}, {own['fingerprint']:08x}); "
                 "build it anew (tendon firmware) and load it"
             )
+        if found["build"] != own["build"]:
+            raise Refused(
+                "the board's firmware has been generated from other equations or by another version of Tendon (build "
+                f"{found['build']:08x}; expected {own['build']:08x}); build it anew (tendon firmware) and load it"
+            )
         if self._names["states"][found["state"]] != "idle":
             self._rest()
         return found
@@ -160,8 +171,7 @@ class Session:
 
     def _driven(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended:
         self._command("arm")
-        self._command("run", {"periods": periods, "every": log.every})
-        ended = self._follow(log, asked)
+        ended = self._begin(periods, log, asked) or self._follow(log, asked)
         told = self._leave(log, asked)
         ended = ended or told
         if ended is None:
@@ -169,6 +179,20 @@ class Session:
         if ended.reason == "done" and (missing := log.missing(periods)) is not None:
             return Ended("telemetry_lost", period=log.last, detail=missing)
         return ended
+
+    def _begin(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended | None:
+        """Running, as soon as the drives are ready (None), unless the user wants to stop. Raises Refused, LinkLost."""
+        deadline = self.link.now() + _READY
+        while True:
+            try:
+                self._command("run", {"periods": periods, "every": log.every})
+                return None
+            except _NotReady:
+                if self.link.now() > deadline:
+                    raise
+                self._listen(_CHUNK)
+            if asked():
+                return Ended("interrupted")
 
     def _follow(self, log: Log, asked: Callable[[], int]) -> Ended | None:
         """Until the board has stopped (None) or the host has to stop it."""
@@ -217,6 +241,8 @@ class Session:
         state = self._state
         reason = self._names["reasons"][state["reason"]]
         detail = self.link.fault if reason == "drive" else None
+        if reason == "drive" and state["code"] == self.codec.document["not_ready"]:
+            detail = detail or "a drive that was ready no longer is"
         return Ended(reason, state["joint"] or None, state["period"], detail, state["code"])
 
     @property
@@ -275,7 +301,8 @@ class Session:
         ack = self._exchange(name, number, frame, wanted)
         result = self._names["results"].get(ack.values["result"], "unknown")
         if result != "done":
-            raise Refused(self._refusal(name, ack.values))
+            refused = _NotReady if result == "not_ready" else Refused
+            raise refused(self._refusal(name, ack.values))
 
     def _exchange(self, name: str, number: int, frame: bytes, wanted: Callable[[], bool]) -> Message:
         self._repeat(name, frame, lambda: number in self._acks and wanted())

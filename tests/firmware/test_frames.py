@@ -20,7 +20,7 @@ from symbolic.model import derive
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 ARM = model_file.load(ARMS / "vishard4.toml")
-FILES = machine_files(derive(ARM), LIBRARY)
+FILES = machine_files(derive(ARM), LIBRARY, {})
 CODEC = Codec(json.loads(FILES["protocol.json"]))
 NAMES = [item["name"] for item in CODEC.document["messages"]]
 VALUES = {

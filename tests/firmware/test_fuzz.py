@@ -26,7 +26,7 @@ SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """C of the machine of a one-jointed arm, and the harness."""
     directory, model = tmp_path_factory.mktemp("fuzz"), derive(MIXED["r"])
-    files = arm_files(model) | controller_files(model, LIBRARY) | machine_files(model, LIBRARY)
+    files = arm_files(model) | controller_files(model, LIBRARY) | machine_files(model, LIBRARY, {})
     for path, text in files.items():
         if path.startswith("src/") or "_f32" in path:
             (directory / Path(path).name).write_text(text)

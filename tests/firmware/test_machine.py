@@ -81,6 +81,7 @@ def test_it_says_who_it_is(talk: Talk, table: dict[str, Any]) -> None:
         "fingerprint": table["fingerprint"],
         "max_phases": table["max_phases"],
         "max_rows": table["max_rows"],
+        "build": table["build"],
     }
 
 
@@ -321,8 +322,9 @@ def test_a_new_trajectory_unmakes_the_old_one(talk: Talk) -> None:
 
 def test_a_phase_shorter_than_a_period_is_refused(talk: Talk) -> None:
     talk.settings()
-    talk.upload(duration=0.0009)
-    assert talk.say("arm") == "out_of_range"
+    for short in (0.0005, 0.000999, 0.00099999):
+        talk.upload(duration=short)
+        assert talk.say("arm") == "out_of_range"
     talk.upload(duration=0.001)
     assert talk.say("arm") == "done"
 
@@ -369,6 +371,34 @@ def test_telemetry_of_every_third_period(talk: Talk) -> None:
     talk.ready().run(every=3)
     periods = [r["period"] for _ in range(20) if (r := talk.step().report("telemetry"))]
     assert periods == list(range(0, 20, 3))
+
+
+def test_a_query_leaves_the_grid_of_a_run_alone(talk: Talk) -> None:
+    talk.ready().run(every=5)
+    periods = []
+    for k in range(30):
+        for _ in range({7: 1, 8: 2, 14: 1, 15: 1}.get(k, 0)):
+            assert talk.say("query") == "done"
+        if record := talk.step().report("telemetry"):
+            periods.append(record["period"])
+    assert periods == [0, 5, 7, 8, 10, 14, 15, 20, 25]
+
+
+def test_what_was_told_last_is_told_on(talk: Talk) -> None:
+    """Where a step computes nothing anew, also if the last one was not recorded."""
+    talk.settings()
+    talk.upload(SLOW, 2.0)
+    talk.run(every=7)
+    told_by_run = [r for k in range(300) if (r := talk.step([100 + k // 2, -3]).report("telemetry"))]
+    slope = (told_by_run[-1]["q_desired"][0] - told_by_run[-2]["q_desired"][0]) / 7
+    assert talk.say("query") == "done"
+    before = talk.step().report("telemetry")
+    talk.step()
+    talk.step()
+    after = talk.step(us=5000).report("telemetry")
+    assert before is not None
+    assert after is not None
+    assert after["q_desired"][0] == pytest.approx(before["q_desired"][0] + 2 * slope, abs=0.5 * slope)
 
 
 def test_what_the_link_does_not_take_is_counted_and_seen(talk: Talk) -> None:
@@ -878,6 +908,36 @@ def test_a_fault_of_a_drive(talk: Talk, state: str) -> None:
     step = talk.step(fault=0xDEADBEEF)
     told(talk, step, "drive", 0)
     assert step.report("state")["code"] == 0xDEADBEEF
+    without_torque(talk, step)
+
+
+def test_drives_that_need_time(talk: Talk, table: dict[str, Any]) -> None:
+    """From before they are powered; as a fault, it counts once the arm runs."""
+    late = table["not_ready"]
+    talk.ready().step(fault=late)
+    assert talk.say("arm") == "done"
+    assert talk.say("run", {"periods": 0, "every": 1}) == "not_ready"
+    for _ in range(50):
+        step = talk.step(fault=late)
+        assert step.enabled
+        assert not step.torque.any()
+        assert step.report("state") is None
+    assert talk.say("run", {"periods": 0, "every": 1}) == "not_ready"
+    talk.step()
+    assert talk.say("run", {"periods": 0, "every": 1}) == "done"
+    talk.step()
+    step = talk.step(fault=late)
+    told(talk, step, "drive", 0)
+    assert step.report("state")["code"] == late
+    without_torque(talk, step)
+
+
+def test_drives_that_do_not_become_ready_are_switched_off_by_a_stop(talk: Talk, table: dict[str, Any]) -> None:
+    talk.ready().step(fault=table["not_ready"])
+    assert talk.say("arm") == "done"
+    talk.step(fault=table["not_ready"])
+    assert talk.say("stop") == "done"
+    step = talk.step(moved(talk, 1, 1), fault=table["not_ready"])
     without_torque(talk, step)
 
 

@@ -66,6 +66,12 @@ def test_another_layout_is_refused(one: Rig) -> None:
         session_of(one, fingerprint=1).identify()
 
 
+def test_other_equations_are_refused(one: Rig) -> None:
+    """Gravity along another axis is the same layout."""
+    with pytest.raises(Refused, match="has been generated from other equations or by another version of Tendon"):
+        session_of(one, build=one.session.codec.document["build"] ^ 1).identify()
+
+
 def test_a_trajectory_that_is_too_long_is_refused(bench: Source, arm: Model) -> None:
     stations = [0.1 * (-1) ** k for k in range(17)]
     with pytest.raises(Refused, match="the trajectory has 17 phases; the board takes 16"):
@@ -156,6 +162,53 @@ def test_a_run_that_cannot_begin_leaves_the_drives_off(one: Rig) -> None:
     with pytest.raises(Refused, match="does not take run: refused: a value is outside its range"):
         one.run(every=0)
     one.wait(1.0)
+    assert not one.arm.powered
+
+
+class Slow:
+    """A board whose drives need so many periods with power until they are ready."""
+
+    def __init__(self, board: Any, periods: int, code: int) -> None:
+        self.board, self.left, self.code = board, periods, code
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.board, name)
+
+    def period(self, counts: Any, time_us: int, fault: int) -> Any:
+        found = self.board.period(counts, time_us, self.code if self.left and not fault else fault)
+        self.left -= bool(found[0] and self.left)
+        return found
+
+
+def slow(one: Rig, periods: int) -> None:
+    one.lockstep.board = Slow(one.lockstep.board, periods, one.session.codec.document["not_ready"])
+    one.prepared().session.counts()
+
+
+def test_drives_that_need_time_are_waited_for(one: Rig, clean: Trial) -> None:
+    slow(one, 3000)
+    found = one.run()
+    assert found.stop is None
+    assert len(one.arm.torques) > 3000 + len(found.t)
+    # It has sunk a little, without torque.
+    np.testing.assert_allclose(found.q, clean.q, atol=1e-3)
+
+
+def test_drives_that_never_become_ready_are_not_waited_for_long(one: Rig) -> None:
+    slow(one, 10**9)
+    before = one.link.now()
+    with pytest.raises(Refused, match="does not take run: refused: the drives are not ready yet"):
+        one.run()
+    assert 9.0 < one.link.now() - before < 12.0
+    one.wait(1.0)
+    assert not one.arm.powered
+
+
+def test_the_user_does_not_wait_for_drives(one: Rig) -> None:
+    slow(one, 10**9)
+    found = one.run(asked=lambda: int(one.arm.period > 100))
+    assert found.stop is not None
+    assert found.stop.name == "interrupted"
     assert not one.arm.powered
 
 

@@ -9,6 +9,7 @@
  * interrupt, but for tendon_board_halt. boards/mps2 is a board that is emulated, boards/own a stub for yours. */
 
 #define TENDON_JOINTS 4U
+#define TENDON_NOT_READY 0xffffffffU
 
 /* Clocks, link, encoders, drives (off), the timer of the control period, the hardware watchdog. Called once. */
 void tendon_board_start(void);
@@ -20,7 +21,8 @@ void tendon_board_wait(void);
 /* Has a control period begun since the last call? If so, and only then, gives what was measured at its beginning:
  *   counts     of the encoders, signed, free to overflow; positive in the direction of the joint's angle
  *   time_us    of a free-running microsecond clock that wraps at 2^32
- *   fault      0, or the drives' fault code: the machine then stops the arm */
+ *   fault      0 if all drives would follow a torque at once; TENDON_NOT_READY if they need time, from before they are
+ *              powered until then: a run waits for it; or the drives' fault code: the machine then stops the arm */
 bool tendon_board_period(int32_t counts[TENDON_JOINTS], uint32_t *time_us, uint32_t *fault);
 
 /* Powers the drives, or takes the power away. Called once a period, before tendon_board_torque. */

@@ -383,6 +383,11 @@ static bool plan(
     return found;
 }
 
+static inline float smaller(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
 /* One period further on the trajectory. Time counts in whole periods since a phase began, so that it cannot drift. */
 static void advance(
     const vishard4_config_f32 *config,
@@ -402,7 +407,8 @@ static void advance(
             state->begin = duration;
         } else {
             state->phase = last ? 0U : (state->phase + 1U);
-            state->begin = elapsed - duration;
+            /* A phase as short as a period may end before it has begun; then time goes with the phases. */
+            state->begin = smaller(elapsed - duration, trajectory->phases[state->phase].duration);
         }
         state->elapsed = state->begin;
         state->tick = 0U;

@@ -42,6 +42,7 @@ TENDON_SMALL static void stop(vishard4_machine *m, uint32_t reason, uint32_t joi
     m->stopper = NOBODY;
     m->damping = gives_no_torque(reason) ? 0U : m->safety.damping;
     m->until = 1U;
+    m->resume = 0U;
     m->every = (m->every == ENDLESS) ? 1U : m->every;
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         const uint32_t more = magnitude(1.25f * m->controller.qd[j]);
@@ -227,7 +228,8 @@ TENDON_SMALL static void settle(vishard4_machine *m)
 {
     if (m->until == 0U) {
         vishard4_record *now = m->now;
-        m->until = m->every;
+        m->until = (m->resume != 0U) ? m->resume : m->every;
+        m->resume = 0U;
         if (m->room > 0U) {
             for (uint32_t j = 0U; j < JOINTS; ++j) {
                 now->counts[j] = m->controller.counts[j];
@@ -249,7 +251,8 @@ TENDON_SMALL static void settle(vishard4_machine *m)
 TENDON_SMALL static bool allowed(vishard4_machine *m, const int32_t counts[JOINTS], bool untimely, uint32_t fault)
 {
     const uint32_t jumping = jumping_joint(m, counts);
-    if (fault != 0U) {
+    const bool waits = (fault == VISHARD4_NOT_READY) && (m->state == VISHARD4_STATE_ARMED);
+    if ((fault != 0U) && !waits) {
         stop(m, VISHARD4_REASON_DRIVE, ARM, fault);
     } else if (untimely) {
         stop(m, VISHARD4_REASON_WATCHDOG, ARM, 0U);
@@ -357,6 +360,7 @@ TENDON_SMALL static void coast(vishard4_machine *m)
         } else if (m->enabled != 0U) {
             m->enabled = 0U;
             m->every = ENDLESS;
+            m->resume = 0U;
             m->pending |= PENDING_STATE;
         } else {
             /* At rest. */
@@ -383,6 +387,7 @@ TENDON_SMALL static void hold(vishard4_machine *m, const int32_t counts[JOINTS],
     /* Before the first step there was no period. */
     const bool wrong = untimely && !first;
     bool measured = false;
+    m->unready = (fault == VISHARD4_NOT_READY) ? 1U : 0U;
     if (m->now != m->before) {
         carry(m);
     }
@@ -642,7 +647,7 @@ TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
         *detail = m->missing;
     } else {
         for (uint32_t k = m->trajectory.count; k > 0U; --k) {
-            if ((m->phases[k - 1U].duration * m->config.rate) < 0.999f) {
+            if ((m->phases[k - 1U].duration * m->config.rate) < 0.999999f) {
                 result = VISHARD4_RESULT_OUT_OF_RANGE;
                 *detail = k - 1U;
             }
@@ -658,6 +663,7 @@ TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
         m->corrupted = 0U;
         m->disordered = 0U;
         m->until = ENDLESS;
+        m->resume = 0U;
         m->every = ENDLESS;
         m->before = m->now;
         m->now->output.phase = 0U;
@@ -672,18 +678,24 @@ TENDON_SMALL static uint32_t arm(vishard4_machine *m, uint32_t *detail)
 
 TENDON_SMALL static uint32_t run(vishard4_machine *m, const uint8_t *payload)
 {
+    uint32_t result = VISHARD4_RESULT_DONE;
     vishard4_run_message message;
     vishard4_unpack_run(payload, &message);
-    m->state = VISHARD4_STATE_RUNNING;
-    m->period = 0U;
-    m->last = (message.periods != 0U) ? message.periods : ENDLESS;
-    m->every = message.every;
-    m->until = 1U;
-    m->tolerance = m->safety.saturated;
-    m->looked = 0U;
-    be_patient(m);
-    m->pending |= PENDING_STATE;
-    return VISHARD4_RESULT_DONE;
+    if (m->unready != 0U) {
+        result = VISHARD4_RESULT_NOT_READY;
+    } else {
+        m->state = VISHARD4_STATE_RUNNING;
+        m->period = 0U;
+        m->last = (message.periods != 0U) ? message.periods : ENDLESS;
+        m->every = message.every;
+        m->until = 1U;
+        m->resume = 0U;
+        m->tolerance = m->safety.saturated;
+        m->looked = 0U;
+        be_patient(m);
+        m->pending |= PENDING_STATE;
+    }
+    return result;
 }
 
 TENDON_SMALL static uint32_t reset(vishard4_machine *m, uint32_t *detail)
@@ -796,7 +808,11 @@ TENDON_SMALL static uint32_t execute(
             m->pending |= PENDING_IDENTITY;
             break;
         case VISHARD4_COMMAND_QUERY:
-            m->until = 1U;
+            if (m->until > 1U) {
+                /* One record more; those of a run come when they would have. */
+                m->resume = m->until - 1U;
+                m->until = 1U;
+            }
             m->pending |= PENDING_STATE | PENDING_COUNTERS;
             break;
         case VISHARD4_COMMAND_ALIVE: /* the frame was enough */
@@ -921,7 +937,8 @@ TENDON_SMALL static void report_identity(vishard4_machine *m, uint8_t plain[VISH
 {
     const vishard4_identity_message identity = {
         (uint8_t)VISHARD4_PROTOCOL_VERSION, (uint8_t)JOINTS, (uint8_t)m->state, m->report.reason,
-        VISHARD4_FINGERPRINT, (uint16_t)VISHARD4_MAX_PHASES, (uint16_t)VISHARD4_MAX_ROWS};
+        VISHARD4_FINGERPRINT, (uint16_t)VISHARD4_MAX_PHASES, (uint16_t)VISHARD4_MAX_ROWS,
+        VISHARD4_BUILD};
     vishard4_pack_identity(&identity, &plain[VISHARD4_HEADER]);
     m->pending &= ~PENDING_IDENTITY;
     wrap(m, VISHARD4_REPORT_IDENTITY, VISHARD4_SIZE_IDENTITY, plain);
@@ -1024,6 +1041,7 @@ void vishard4_machine_start(vishard4_machine *m)
     m->damping = 0U;
     m->enabled = 0U;
     m->until = ENDLESS;
+    m->resume = 0U;
     m->every = ENDLESS;
     m->now->output.phase = 0U;
     m->now->output.status = 0U;
@@ -1037,6 +1055,7 @@ void vishard4_machine_start(vishard4_machine *m)
     m->safety.silence = 0U;
     m->safety.early = 0U;
     m->margin = 0U;
+    m->unready = 0U;
     m->untimely = 0U;
     m->trajectory.count = 0U;
     m->upload.open = 0U;

@@ -18,6 +18,9 @@
 #define VISHARD4_TELEMETRY_RECORDS 8U
 #define VISHARD4_ACKS 8U
 
+/* The drives cannot give torque yet: no fault while the arm is armed, but `run` is refused. */
+#define VISHARD4_NOT_READY 0xffffffffU
+
 /* Bytes of the longest frames: of a command before the stuffing, of a report after it. */
 #define VISHARD4_FRAME (VISHARD4_HEADER + VISHARD4_LONGEST_COMMAND + VISHARD4_CHECKSUM)
 #define VISHARD4_PLAIN (VISHARD4_HEADER + VISHARD4_LONGEST_REPORT + VISHARD4_CHECKSUM)
@@ -66,6 +69,7 @@ typedef struct {
     uint32_t left; /* periods until the run is over or the host has been silent for too long */
     uint32_t tolerance; /* periods with a limited torque that are left; the largest number: none were */
     uint32_t until; /* periods until the next telemetry record; 0: that of the last step is still to be made */
+    uint32_t resume; /* not 0: periods from the next record, which was asked for, to the one after it */
     uint32_t every; /* periods from one record to the next */
     uint32_t room; /* for records, besides that of the present period */
     vishard4_record *now; /* into which a step writes */
@@ -74,6 +78,7 @@ typedef struct {
     uint32_t state;
     uint32_t first; /* 1: no step since arm */
     uint32_t untimely; /* 1: so was the last step of the damping */
+    uint32_t unready; /* 1: so were the drives in the last step */
     uint32_t damping; /* periods that are left */
     uint32_t enabled;
     vishard4_state_f32 controller;
@@ -124,7 +129,7 @@ TENDON_SMALL void vishard4_machine_receive(vishard4_machine *m, const uint8_t *b
 /* A control period begins: encoders in, torques out, to be held until the next step.
  * counts    of the encoders; they may overflow
  * time_us   of the board's clock, us; wraps. The watchdog goes by it
- * fault     0, or the code of a fault that a drive reports
+ * fault     0, or the code of a fault that a drive reports, or VISHARD4_NOT_READY
  * torque    N m at the joint; zero wherever the drives are off */
 void vishard4_machine_step(
     vishard4_machine *m,

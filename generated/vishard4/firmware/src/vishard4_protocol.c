@@ -92,7 +92,7 @@ uint32_t vishard4_check_command(
         {0U, 1U, COUNT, 0x00000000U, 0x0000000fU}, /* phase from index on: 0 to 15 */
         {1U, 1U, COUNT, 0x00000000U, 0x00000001U}, /* phase from coordinates on: 0 to 1 */
         {2U, 1U, COUNT, 0x00000003U, 0x0000001dU}, /* phase from degree on: 3 to 29 */
-        {3U, 1U, REAL, 0xb58637bdU, 0xc9742400U}, /* phase from duration on: 1e-06 to 1e+06 */
+        {3U, 1U, REAL, 0xb58637bdU, 0xc47a0000U}, /* phase from duration on: 1e-06 to 1000 */
         {4U, 1U, COUNT, 0x00000000U, 0x00000001U}, /* phase from touches on: 0 to 1 */
         {5U, 1U, COUNT, 0x00000000U, 0x000000fcU}, /* phase from first_row on: 0 to 252 */
         {0U, 1U, COUNT, 0x00000000U, 0x000000ffU}, /* points from first_row on: 0 to 255 */
@@ -298,6 +298,7 @@ void vishard4_pack_identity(const vishard4_identity_message *message, uint8_t *p
     tendon_put_u32(&payload[4U], message->fingerprint);
     tendon_put_u16(&payload[8U], message->max_phases);
     tendon_put_u16(&payload[10U], message->max_rows);
+    tendon_put_u32(&payload[12U], message->build);
 }
 
 void vishard4_pack_state(const vishard4_state_message *message, uint8_t *payload)

@@ -10,7 +10,10 @@
 /* The messages of PROTOCOL.md. */
 
 #define VISHARD4_PROTOCOL_VERSION 1U
-#define VISHARD4_FINGERPRINT 0xeda7d132U
+#define VISHARD4_FINGERPRINT 0xe5c093b2U
+
+/* CRC-32 of the generated sources. */
+#define VISHARD4_BUILD 0x3251485dU
 
 /* What is held of a trajectory, and how many of its control points come in a message. */
 #define VISHARD4_MAX_PHASES 16U
@@ -81,6 +84,7 @@
 #define VISHARD4_RESULT_INCOMPLETE 6U
 #define VISHARD4_RESULT_CHECKSUM 7U
 #define VISHARD4_RESULT_UNKNOWN 8U
+#define VISHARD4_RESULT_NOT_READY 9U
 
 /* What has not been uploaded, as bits. */
 #define VISHARD4_MISSING_PARAMETERS 1U
@@ -91,7 +95,7 @@
 
 /* Bytes of the reports' payloads. */
 #define VISHARD4_SIZE_ACK 6U
-#define VISHARD4_SIZE_IDENTITY 12U
+#define VISHARD4_SIZE_IDENTITY 16U
 #define VISHARD4_SIZE_STATE 12U
 #define VISHARD4_SIZE_TELEMETRY 60U
 #define VISHARD4_SIZE_COUNTERS 36U
@@ -184,6 +188,7 @@ typedef struct {
     uint32_t fingerprint; /* of all messages' layouts: a board with another one needs its firmware rebuilt */
     uint16_t max_phases; /* that a trajectory may have */
     uint16_t max_rows; /* control points of all phases together */
+    uint32_t build; /* CRC-32 of the generated sources: a board with another one has other equations or rules */
 } vishard4_identity_message;
 
 /* Sent whenever something in it changes, and after `query`. */

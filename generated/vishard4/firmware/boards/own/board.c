@@ -29,12 +29,13 @@ bool tendon_board_period(int32_t counts[TENDON_JOINTS], uint32_t *time_us, uint3
         counts[j] = 0;
     }
     *time_us = 0U;
-    *fault = 0U;
+    *fault = TENDON_NOT_READY;
     return false;
 }
 
 /* The drives' enable pin, or their bus command. Taking power away may not depend on the bus. If drives need time to
- * start, begin here and report a fault from tendon_board_period if they have not started in time. */
+ * start, begin here; tendon_board_period reports TENDON_NOT_READY until all of them have started (also as long as they
+ * are off), and a fault if they have not in time. */
 void tendon_board_enable(bool enabled)
 {
     (void)enabled;
