@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from math import ceil, floor, inf, nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,8 +21,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 from random_arms import MIXED
 from talk import DRIVE, PER_COUNT, SAFETY, N, Step, Talk
 
-from codegen import workspace
+from codegen import firmware, workspace
+from runtime.execution import real
 from symbolic.effects import LIBRARY
+from symbolic.model import derive
 
 ARM = MIXED["rp"]
 STATES = ("idle", "armed", "running", "stopped")
@@ -83,6 +88,26 @@ def test_it_says_who_it_is(talk: Talk, table: dict[str, Any]) -> None:
         "max_rows": table["max_rows"],
         "build": table["build"],
     }
+
+
+def test_other_equations_of_the_same_layout_are_another_build(table: dict[str, Any]) -> None:
+    """Gravity along another axis has the same messages."""
+    gravity = (ARM.gravity[1] + 1.0, ARM.gravity[0])
+    other = firmware.firmware_files(derive(replace(ARM, gravity=gravity)), LIBRARY)
+    page = json.loads(other["protocol.json"])
+    assert page["fingerprint"] == table["fingerprint"]
+    assert page["build"] != table["build"]
+
+
+@pytest.mark.parametrize("rate", [1000, 4000])
+def test_the_pages_say_of_the_line_what_the_host_does(directory: Path, rate: int) -> None:
+    model: Any = SimpleNamespace(controller={"rate": float(rate)})
+    done = real.decimation(directory, model, 1_000_000)
+    said = (directory / "PROTOCOL.md").read_text()
+    assert f"one in {done} at {rate // 1000} kHz" in said
+    most = re.search(r"(\d+) a second fill 90 % of the line", said)
+    assert most is not None
+    assert f"are good for {most[1]} Hz, 90 % of the line" in (directory / "README.md").read_text()
 
 
 @pytest.mark.parametrize("state", STATES)
@@ -384,12 +409,13 @@ def test_a_query_leaves_the_grid_of_a_run_alone(talk: Talk) -> None:
     assert periods == [0, 5, 7, 8, 10, 14, 15, 20, 25]
 
 
-def test_what_was_told_last_is_told_on(talk: Talk) -> None:
+@pytest.mark.parametrize("periods", [300, 307, 314])
+def test_what_was_told_last_is_told_on(talk: Talk, periods: int) -> None:
     """Where a step computes nothing anew, also if the last one was not recorded."""
     talk.settings()
     talk.upload(SLOW, 2.0)
     talk.run(every=7)
-    told_by_run = [r for k in range(300) if (r := talk.step([100 + k // 2, -3]).report("telemetry"))]
+    told_by_run = [r for k in range(periods) if (r := talk.step([100 + k // 2, -3]).report("telemetry"))]
     slope = (told_by_run[-1]["q_desired"][0] - told_by_run[-2]["q_desired"][0]) / 7
     assert talk.say("query") == "done"
     before = talk.step().report("telemetry")

@@ -103,6 +103,18 @@ def test_phases_follow_each_other(make: Callable[..., Controller]) -> None:
     assert not c.finished
 
 
+def test_phases_shorter_than_a_period_do_not_run_ahead(make: Callable[..., Controller]) -> None:
+    """As rounding may make them, here by far: nothing is desired that is not between the control points."""
+    points = POSTURE[:, None] + np.array([0.0, 0.1, 0.1, 0.0])
+    c = make(trajectory([Phase("q", 0.05, points)]))
+    for phase in c._phases:
+        phase.duration = 0.4 * c.dt
+    c.reset(c.counts(POSTURE))
+    for _ in range(200):
+        c.step(c.counts(POSTURE))
+        assert (np.abs(c.q_desired - POSTURE - 0.05) < 0.0501).all()
+
+
 def test_rest_at_the_end(make: Callable[..., Controller], model: Model) -> None:
     """A motion that ends with speed: the arm is held where it ends, without speed or acceleration."""
     points = np.tile(POSTURE[:, None], 3) + np.array([0.0, 0.01, 0.04])
