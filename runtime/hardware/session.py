@@ -82,7 +82,6 @@ class Session:
         self._state: dict[str, Any] | None = None
         self._telemetry: list[dict[str, Any]] = []
         self._counters: dict[str, int] | None = None
-        self._stopping: bytes | None = None
         self._dt = self._silence = self._damping = self._due = 0.0
 
     def close(self) -> None:
@@ -137,7 +136,7 @@ class Session:
     def counts(self) -> tuple[int, ...]:
         """(n,) what the encoders read now. Raises Refused, LinkLost."""
         self._telemetry.clear()
-        self._command("query", wanted=lambda: bool(self._telemetry))
+        self._ask(lambda: bool(self._telemetry))
         return tuple(self._telemetry.pop()["counts"])
 
     def figures(self) -> dict[str, Any]:
@@ -156,12 +155,9 @@ class Session:
         if asked():
             return Run(log.rows(), Ended("interrupted"))
         self._telemetry.clear()
-        self._state = self._stopping = None
+        self._state = None
         try:
             ended = self._driven(periods, log, asked)
-        except LinkLost as lost:
-            log.take(self._telemetry)
-            ended = Ended("link_lost", period=log.last, detail=str(lost))
         except BaseException:
             # Whatever has happened here, the arm does not go on.
             with suppress(LinkLost):
@@ -170,9 +166,19 @@ class Session:
         return Run(log.rows(), ended)
 
     def _driven(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended:
-        self._command("arm")
-        ended = self._begin(periods, log, asked) or self._follow(log, asked)
-        told = self._leave(log, asked)
+        told: Ended | None = None
+        try:
+            ended = self._begin(periods, log, asked) or self._follow(log, asked)
+        except LinkLost as lost:
+            log.take(self._telemetry)
+            ended = Ended("link_lost", period=log.last, detail=str(lost))
+        except Refused:
+            with suppress(LinkLost):
+                self._leave(log, asked)
+            raise
+        # One that is heard no more may hear all the same.
+        with suppress(LinkLost):
+            told = self._leave(log, asked)
         ended = ended or told
         if ended is None:
             return Ended("link_lost", period=log.last, detail="the board does not say that it has stopped")
@@ -181,23 +187,38 @@ class Session:
         return ended
 
     def _begin(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended | None:
-        """Running, as soon as the drives are ready (None), unless the user wants to stop. Raises Refused, LinkLost."""
+        """Drives on, and on the way as soon as they are ready (None), unless the user wants to stop.
+
+        Raises Refused, but not of a board that has stopped by itself meanwhile; LinkLost.
+        """
         deadline = self.link.now() + _READY
-        while True:
-            try:
-                self._command("run", {"periods": periods, "every": log.every})
-                return None
-            except _NotReady:
-                if self.link.now() > deadline:
-                    raise
-                self._listen(_CHUNK)
-            if asked():
-                return Ended("interrupted")
+        try:
+            self._command("arm")
+            while not self._runs(periods, log.every, deadline):
+                if asked():
+                    return Ended("interrupted")
+        except Refused:
+            self._state = None
+            self._ask(lambda: self._state is not None)
+            if not self._stopped:
+                raise
+        return None
+
+    def _runs(self, periods: int, every: int, deadline: float) -> bool:
+        """Told to run; False where the drives need more time, and until the deadline have it."""
+        try:
+            self._command("run", {"periods": periods, "every": every})
+        except _NotReady:
+            if self.link.now() > deadline:
+                raise
+            self._listen(_CHUNK)
+            return False
+        return True
 
     def _follow(self, log: Log, asked: Callable[[], int]) -> Ended | None:
         """Until the board has stopped (None) or the host has to stop it."""
         heard = self.link.now()
-        while not self._stopped:
+        while not (self._stopped or log.over):
             if asked():
                 return Ended("interrupted", period=log.last)
             self._stay_alive()
@@ -213,18 +234,23 @@ class Session:
 
     def _leave(self, log: Log, asked: Callable[[], int]) -> Ended | None:
         """Stopped with its drives off, and idle again; what the board says of its stop, None if it says nothing."""
-        deadline = self.link.now() + self._damping + _END
-        told, ended = self.link.now(), self._board_ended()
-        while not (self._stopped and self._off) and self.link.now() < deadline and asked() < 2:
-            if not self._stopped and self.link.now() >= told:
+        damped = self.link.now() + self._damping
+        if not self._stopped:
+            # Whatever it has said before this is past.
+            self._state = None
+            if not log.over:
                 self._stop()
-                told = self.link.now() + _CHUNK
-            else:
-                self._stay_alive()
+        said, ended = self.link.now(), self._board_ended()
+        while not self._resting and self.link.now() < damped + _END and asked() < 2:
+            # Its last words may be lost, as may be what it is told.
+            now = self.link.now()
+            if now >= (said + _CHUNK if self._unheard else self._due):
+                said = now
+                self._say("alive" if self._stopped and now < damped else "query")
             self._listen(_CHUNK)
             log.take(self._telemetry)
             ended = ended or self._board_ended()
-        if self._stopped and self._off:
+        if self._resting:
             # A board that no longer hears this has stopped all the same; why, it has said. Some of the last words may
             # have been lost, so the commands are numbered anew.
             with suppress(LinkLost, Refused):
@@ -250,8 +276,11 @@ class Session:
         return self._state is not None and self._names["states"][self._state["state"]] == "stopped"
 
     @property
-    def _off(self) -> bool:
-        return self._state is not None and not self._state["enabled"]
+    def _resting(self) -> bool:
+        """Whether its drives are off, and stay so until it is told otherwise."""
+        if self._state is None or self._state["enabled"]:
+            return False
+        return self._names["states"][self._state["state"]] in ("idle", "stopped")
 
     def _rest(self) -> None:
         """From any state to idle, after another host has left the board in it."""
@@ -260,7 +289,7 @@ class Session:
             self._command("stop")
         self._state = None
         deadline = self.link.now() + _PATIENCE
-        while not (self._stopped and self._off):
+        while not self._resting:
             if self.link.now() > deadline:
                 raise LinkLost("the board does not say that its drives are off")
             self._command("query")
@@ -278,36 +307,50 @@ class Session:
         return self._identity.values
 
     def _stop(self) -> None:
-        """Whatever else is under way; the board takes it in every state. Said again, it is the same one: a second one
-        would end the damping."""
-        if self._stopping is None:
-            _, self._stopping = self._frame("stop")
-            self._unanswered = None
-        self.link.write(self._stopping)
+        """Whatever else is under way; the board takes it in every state, whatever its number."""
+        self._unanswered = self._frame("stop")
+        self.link.write(self._unanswered[1])
 
     def _stay_alive(self) -> None:
-        """A sign of life, when it is time for one. One that was not answered is said again: no number is left out."""
-        if self.link.now() < self._due:
-            return
-        if self._unanswered is None or self._unanswered[0] in self._acks:
+        """A sign of life, when it is time for one."""
+        if self.link.now() >= self._due:
+            self._say("alive")
+
+    def _say(self, name: str) -> None:
+        """A command that is not waited for. If the last of them was not answered, that one again: no number is left
+        out, and none is done twice."""
+        if not self._unheard:
             self._acks.clear()
-            self._unanswered = self._frame("alive")
+            self._unanswered = self._frame(name)
+        assert self._unanswered is not None
         self.link.write(self._unanswered[1])
         self._due = self.link.now() + self._silence / _ALIVES
 
-    def _command(self, name: str, values: Any = None, wanted: Callable[[], bool] = lambda: True) -> None:
-        """A command until it is acknowledged, and what it is to bring has come. Raises Refused, LinkLost."""
+    @property
+    def _unheard(self) -> bool:
+        return self._unanswered is not None and self._unanswered[0] not in self._acks
+
+    def _command(self, name: str, values: Any = None) -> None:
+        """A command until it is acknowledged. Raises Refused, LinkLost."""
         number, frame = self._frame(name, values)
-        ack = self._exchange(name, number, frame, wanted)
+        self._repeat(name, frame, lambda: number in self._acks)
+        self._due = self.link.now() + self._silence / _ALIVES
+        ack = self._acks.pop(number)
         result = self._names["results"].get(ack.values["result"], "unknown")
         if result != "done":
             refused = _NotReady if result == "not_ready" else Refused
             raise refused(self._refusal(name, ack.values))
 
-    def _exchange(self, name: str, number: int, frame: bytes, wanted: Callable[[], bool]) -> Message:
-        self._repeat(name, frame, lambda: number in self._acks and wanted())
-        self._due = self.link.now() + self._silence / _ALIVES
-        return self._acks.pop(number)
+    def _ask(self, told: Callable[[], bool]) -> None:
+        """A query, until what it is to bring has come: a new one each time, as none is done twice. Raises LinkLost."""
+        for _ in range(_ATTEMPTS):
+            self._command("query")
+            deadline = self.link.now() + _ANSWER
+            while not told() and (left := deadline - self.link.now()) > 0:
+                self._listen(left)
+            if told():
+                return
+        raise LinkLost(f"the board does not tell what it is asked for (query, {_ATTEMPTS} times)")
 
     def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool], attempts: int = _ATTEMPTS) -> None:
         """Send a frame until it is answered. Raises LinkLost."""

@@ -18,6 +18,7 @@ class Log:
 
     last   period of its last record, None before the first
     gap    words for the first record that was missing, after which nothing is added; None
+    over   whether the board has said that it runs no more
     It ends with the record of the step that stopped the arm, whatever its period; a step that found the run done is
     none of it.
     """
@@ -31,7 +32,7 @@ class Log:
         self._recent: list[tuple[Any, ...]] = []
         self._expected = 0
         self.gap: str | None = None
-        self._over = False
+        self.over = False
 
     def rows(self) -> NDArray[Any]:
         """(N,) with the fields of the message."""
@@ -40,7 +41,7 @@ class Log:
     def take(self, rows: list[dict[str, Any]]) -> None:
         """Add and clear `rows`."""
         for row in rows:
-            if self.gap is None and not self._over:
+            if self.gap is None and not self.over:
                 self._add(row)
         rows.clear()
 
@@ -58,7 +59,7 @@ class Log:
                 self._append(row)
                 self._expected += self.every
         else:
-            self._over = True
+            self.over = True
             if self._reasons[row["reason"]] != "done":
                 self._append(row)
 
