@@ -81,9 +81,9 @@ class Controller:
         inverse = self.model.function("inverse_dynamics")
         total: Counter[str] = Counter(Tape.of(inverse).count())
         total.update(Tape.of(self.compensation.functions[0]).count())
-        # A joint takes 5 for its measurement, 7 for its drive and 6 M + 1 for its polynomial; the filter's gains, the
-        # weights of the polynomials and the time take 4 M + 6.
-        fixed = total["arithmetic"] - total["neg"] + n * (5 + 7 + 1) + 6
+        # A joint takes 4 for its measurement, 7 for its drive and 6 M - 1 for its polynomial; the weights of the
+        # polynomials and the time take 4 M - 1.
+        fixed = total["arithmetic"] - total["neg"] + n * (4 + 7 - 1) - 1
         others = " and ".join(f"{total[op]} {op}" for op in ("sincos", "exp", "rise") if total[op])
         return f"Operations in a free phase of degree M: {fixed} + {6 * n + 4} M" + (f", {others}." if others else ".")
 

@@ -9,7 +9,7 @@ from symbolic.model import ArmModel
 
 MAX_DEGREE = 29
 """Its binomial coefficients times a degree are whole numbers of 32 bits."""
-MIN_DEGREE = 3
+MIN_DEGREE = 4
 """As many points as the sums of a step read apart from their loop."""
 COORDINATES = {"q": 0, "w": 1}
 STATUS = {
@@ -70,7 +70,7 @@ def _config(name: str, coordinates: Coordinates) -> Record:
     return _record(
         name,
         "config",
-        "The arm, its encoders and its gains.",
+        f"The arm, its encoders and its gains; {name}_controller_prepare_f32 fills the last two fields.",
         Field("parameters", f"{name}_parameters_f32", "", "of the arm"),
         Field("effects", f"{name}_effects_f32", "", "that are compensated"),
         Field("rate", "float", "Hz", "of the control step"),
@@ -80,6 +80,8 @@ def _config(name: str, coordinates: Coordinates) -> Record:
         Field("kp", "float", unit("N m/rad", "N/m"), "torque per error of position", n),
         Field("kd", "float", unit("N m s/rad", "N s/m"), "torque per error of rate", n),
         Field("torque_limit", "float", coordinates.force, "largest torque in either direction", n),
+        Field("kept", "float", "1", "1 - velocity_gain"),
+        Field("rate_per_count", "float", unit("rad/s", "m/s"), "that a count a period adds to the filtered rate", n),
     )
 
 
@@ -89,12 +91,15 @@ def _phase(name: str, coordinates: Coordinates) -> Record:
     return _record(
         name,
         "phase",
-        "A part of a trajectory, equation (9).",
+        f"A part of a trajectory, equation (9); {name}_controller_prepare_phase_f32 fills the last three fields.",
         Field("coordinates", "uint32_t", "", kinds),
         Field("degree", "uint32_t", "", f"of the polynomials, {MIN_DEGREE} to {name.upper()}_MAX_DEGREE"),
         Field("duration", "float", "s", "not less than a control period"),
         Field("points", "float", "", f"degree + 1 control points of {n} coordinates each", kind="pointer"),
         Field("contact", f"{name}_contact_f32", "", "the plate that it touches, or null", kind="pointer"),
+        Field("spread", "float", "1", "degree - 1"),
+        Field("first", "float", "1/s", "degree/duration: of the first derivative"),
+        Field("second", "float", "1/s^2", "first (degree - 1)/duration: of the second derivative"),
     )
 
 
@@ -119,7 +124,8 @@ def _state(name: str, coordinates: Coordinates) -> Record:
         "state",
         "What the controller keeps between two steps.",
         Field("counts", "int32_t", "counts", "of the last step", n),
-        Field("qd", "float", coordinates.unit("rad/s", "m/s"), "filtered", n),
+        Field("q", "float", coordinates.unit("rad", "m"), "measured", n),
+        Field("qd", "float", coordinates.unit("rad/s", "m/s"), "measured and filtered", n),
         Field("phase", "uint32_t", "", "from 0"),
         Field("tick", "uint32_t", "", "periods since tick 0"),
         Field("begin", "float", "s", "time within the phase at tick 0"),
@@ -136,8 +142,6 @@ def _output(name: str, coordinates: Coordinates) -> Record:
         "What a step gives.",
         Field("torque", "float", coordinates.force, "to hold until the next step", n),
         Field("q_desired", "float", unit("rad", "m"), "by the trajectory", n),
-        Field("q", "float", unit("rad", "m"), "measured", n),
-        Field("qd", "float", unit("rad/s", "m/s"), "measured and filtered", n),
         Field("phase", "uint32_t", "", "of the trajectory, from 0"),
         Field("status", "uint32_t", "", f"bits: {', '.join(f'{name.upper()}_{flag.upper()}' for flag in STATUS)}"),
     )

@@ -123,8 +123,9 @@ class Toolchain:
     def common(self) -> tuple[str, ...]:
         """The other flags that decide the machine code, but for the optimisation."""
         own = {
-            # Else a loop that clears or copies becomes a call of the C library.
-            "gcc": ("-fno-tree-loop-distribute-patterns", "-fstack-usage"),
+            # Else a loop that clears or copies becomes a call of the C library. Registers renamed: ten instructions
+            # of a control step less.
+            "gcc": ("-fno-tree-loop-distribute-patterns", "-frename-registers", "-fstack-usage"),
             "zig": (
                 "-fno-sanitize=all",
                 "-fno-unroll-loops",

@@ -194,6 +194,23 @@ def _coordinates(model: ArmModel) -> Coordinates:
 # --- the functions ---
 
 
+def nested(terms: sp.Expr, x: sp.Symbol) -> sp.Expr:
+    """A sum with its powers of x as x (a + x^2 (b + ...)): fewer products."""
+    by_power: dict[int, sp.Expr] = {}
+    rest = sp.S.Zero
+    for term in sp.Add.make_args(terms):
+        coefficient, power = term.as_coeff_exponent(x)
+        if power.is_Integer and power > 0 and not coefficient.has(x):
+            by_power[int(power)] = by_power.get(int(power), sp.S.Zero) + coefficient
+        else:
+            rest += term
+    inner, above = sp.S.Zero, 0
+    for power in sorted(by_power, reverse=True):
+        inner = by_power[power] + x ** (above - power) * inner if above else by_power[power]
+        above = power
+    return rest + x**above * inner if above else rest
+
+
 def underestimated(friction: sp.Expr, qd: sp.Expr) -> sp.Expr:
     """A joint's friction as a controller may compensate it: a little less, and nothing at rest; equation (7)."""
     return C_U * friction * (1 - sp.exp(-C_E * sp.Abs(qd)))
@@ -208,7 +225,8 @@ def _joints(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> Symbolic
         friction = sum((site.torque(number, reading) for site in here if site.rubs), sp.S.Zero)
         rest = sum((site.torque(number, reading) for site in here if not site.rubs), sp.S.Zero)
         spring = parallel[number - 1].torque(reading)
-        torques.append(underestimated(friction, reading[SIGNAL["qd"].symbol]) + spring + rest)
+        qd = reading[SIGNAL["qd"].symbol]
+        torques.append(underestimated(nested(friction, qd), qd) + spring + rest)
     columns = ", ".join(p.name for p, _ in SPRING_LUMPS)
     return _function(
         model,

@@ -47,8 +47,8 @@ class Controller:
         self._counts: Int32 = np.zeros(self.n, dtype=np.int32)
         self.torque: Float32 = np.ctypeslib.as_array(self._output.torque)
         self.q_desired: Float32 = np.ctypeslib.as_array(self._output.q_desired)
-        self.q: Float32 = np.ctypeslib.as_array(self._output.q)
-        self.qd: Float32 = np.ctypeslib.as_array(self._output.qd)
+        self.q: Float32 = np.ctypeslib.as_array(self._state.q)
+        self.qd: Float32 = np.ctypeslib.as_array(self._state.qd)
         read = ctypes.c_void_p(self._counts.ctypes.data)
         self._reset = getattr(self._library, f"{self.name}_controller_reset_f32")
         self._step = getattr(self._library, f"{self.name}_controller_step_f32")
@@ -97,6 +97,9 @@ class Controller:
     def _new(self, record: str) -> Any:
         return self._types[f"{self.name}_{record}_f32"]()
 
+    def _call(self, function: str, record: Any) -> None:
+        getattr(self._library, f"{self.name}_controller_{function}_f32")(ctypes.byref(record))
+
     def _check_sizes(self) -> None:
         """The compiler must have laid out the structs as ctypes does."""
         sizes = (ctypes.c_uint32 * len(self._types))()
@@ -110,6 +113,7 @@ class Controller:
         _fill(config.parameters, settings.parameters)
         _fill(config.effects, settings.effects)
         _fill(config, settings.drive)
+        self._call("prepare", config)
         return config
 
     def _make_phases(self, settings: Settings) -> Any:
@@ -122,6 +126,7 @@ class Controller:
             made.points = (ctypes.c_float * rows.size)(*rows.ravel().tolist())
             if phase["touches"]:
                 made.contact = ctypes.pointer(contact)
+            self._call("prepare_phase", made)
         return phases
 
     def _make_trajectory(self, settings: Settings) -> Any:

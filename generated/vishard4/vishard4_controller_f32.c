@@ -72,7 +72,7 @@ static inline void inverse_dynamics(
  * in   qd (4) [rad/s]: joint rates
  * out  tau (4) [N m]: added to the motor torque
  * Source: Equations (2), (4) and (7); the effects' own sources are in the library
- * Operations: 56 operations (12 add, 8 sub, 32 mul, 4 neg) and 4 abs and 4 gate and 4 rise and 4 side */
+ * Operations: 52 operations (12 add, 8 sub, 28 mul, 4 neg) and 4 abs and 4 gate and 4 rise and 4 side */
 static inline void joint_compensation(
     const vishard4_parameters_f32 *parameters,
     const vishard4_effects_f32 *effects,
@@ -83,32 +83,32 @@ static inline void joint_compensation(
 {
     (void)parameters;
     const float v1 = springs[0].offset - q[0];
-    const float v2 = tendon_side_f32(qd[0], effects->joint1_coulomb_asymmetric_positive,
+    const float v2 = effects->joint1_viscous_coefficient + effects->joint1_viscous_cubic_coefficient * (qd[0] *
+        qd[0]);
+    const float v3 = tendon_side_f32(qd[0], effects->joint1_coulomb_asymmetric_positive,
         -effects->joint1_coulomb_asymmetric_negative);
-    const float v3 = qd[0] * effects->joint1_viscous_coefficient + effects->joint1_viscous_cubic_coefficient *
-        (qd[0] * (qd[0] * qd[0]));
-    const float v4 = (v2 + v3) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float v4 = (qd[0] * v2 + v3) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[0])));
     const float v5 = springs[1].offset - q[1];
-    const float v6 = tendon_side_f32(qd[1], effects->joint2_coulomb_asymmetric_positive,
+    const float v6 = effects->joint2_viscous_coefficient + effects->joint2_viscous_cubic_coefficient * (qd[1] *
+        qd[1]);
+    const float v7 = tendon_side_f32(qd[1], effects->joint2_coulomb_asymmetric_positive,
         -effects->joint2_coulomb_asymmetric_negative);
-    const float v7 = qd[1] * effects->joint2_viscous_coefficient + effects->joint2_viscous_cubic_coefficient *
-        (qd[1] * (qd[1] * qd[1]));
-    const float v8 = (v6 + v7) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float v8 = (qd[1] * v6 + v7) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[1])));
     const float v9 = springs[2].offset - q[2];
-    const float v10 = tendon_side_f32(qd[2], effects->joint3_coulomb_asymmetric_positive,
+    const float v10 = effects->joint3_viscous_coefficient + effects->joint3_viscous_cubic_coefficient * (qd[2] *
+        qd[2]);
+    const float v11 = tendon_side_f32(qd[2], effects->joint3_coulomb_asymmetric_positive,
         -effects->joint3_coulomb_asymmetric_negative);
-    const float v11 = qd[2] * effects->joint3_viscous_coefficient + effects->joint3_viscous_cubic_coefficient *
-        (qd[2] * (qd[2] * qd[2]));
-    const float v12 = (v10 + v11) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float v12 = (qd[2] * v10 + v11) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[2])));
     const float v13 = springs[3].offset - q[3];
-    const float v14 = tendon_side_f32(qd[3], effects->joint4_coulomb_asymmetric_positive,
+    const float v14 = effects->joint4_viscous_coefficient + effects->joint4_viscous_cubic_coefficient * (qd[3] *
+        qd[3]);
+    const float v15 = tendon_side_f32(qd[3], effects->joint4_coulomb_asymmetric_positive,
         -effects->joint4_coulomb_asymmetric_negative);
-    const float v15 = qd[3] * effects->joint4_viscous_coefficient + effects->joint4_viscous_cubic_coefficient *
-        (qd[3] * (qd[3] * qd[3]));
-    const float v16 = (v14 + v15) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float v16 = (qd[3] * v14 + v15) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[3])));
     tau[0] = v4 - tendon_gate_f32(v1, springs[0].joint_pretension + v1 * springs[0].joint_stiffness);
     tau[1] = v8 - tendon_gate_f32(v5, springs[1].joint_pretension + v5 * springs[1].joint_stiffness);
@@ -187,36 +187,23 @@ static inline float difference(int32_t a, int32_t b)
     return (float)(int32_t)counts;
 }
 
-/* Position of a joint, and its rate by a low-pass on the difference of whole counts; `gain` in Hz. */
-static inline void measure(
-    const vishard4_config_f32 *config,
-    vishard4_state_f32 *state,
-    vishard4_output_f32 *output,
-    size_t j,
-    int32_t counts,
-    float gain,
-    float kept)
+/* Position of a joint, and its rate by a low-pass on the difference of whole counts. */
+static inline void measure(const vishard4_config_f32 *config, vishard4_state_f32 *state, size_t j, int32_t counts)
 {
-    const float scale = config->position_per_count[j];
-    const float qd = kept * state->qd[j] + (gain * scale) * difference(state->counts[j], counts);
-    output->q[j] = scale * difference(config->zero[j], counts);
-    output->qd[j] = qd;
-    state->qd[j] = qd;
+    state->q[j] = config->position_per_count[j] * difference(config->zero[j], counts);
+    state->qd[j] = config->kept * state->qd[j] + config->rate_per_count[j] * difference(state->counts[j], counts);
     state->counts[j] = counts;
 }
 
 static inline void measure_all(
     const vishard4_config_f32 *config,
     vishard4_state_f32 *state,
-    const int32_t counts[JOINTS],
-    vishard4_output_f32 *output)
+    const int32_t counts[JOINTS])
 {
-    const float gain = config->velocity_gain * config->rate;
-    const float kept = 1.0f - config->velocity_gain;
-    measure(config, state, output, 0U, counts[0], gain, kept);
-    measure(config, state, output, 1U, counts[1], gain, kept);
-    measure(config, state, output, 2U, counts[2], gain, kept);
-    measure(config, state, output, 3U, counts[3], gain, kept);
+    measure(config, state, 0U, counts[0]);
+    measure(config, state, 1U, counts[1]);
+    measure(config, state, 2U, counts[2]);
+    measure(config, state, 3U, counts[3]);
 }
 
 /* Equation (9) and its derivatives by time, at the part s of the phase, 0 to 1.
@@ -240,34 +227,43 @@ static inline void bezier(
         0.041666668f, 0.04f, 0.03846154f, 0.037037037f,
     };
     const uint32_t inner = phase->degree - 2U;
-    const float degree = (float)phase->degree;
     const bool late = s > 0.5f;
     const float t = late ? (1.0f - s) : s;
+    const float turn = late ? -phase->first : phase->first;
     const float ratio = t / (1.0f - t);
-    const float above = ratio * (degree - 1.0f);
+    const float above = ratio * phase->spread;
     const int32_t stride = late ? -(int32_t)JOINTS : (int32_t)JOINTS;
     const float *point = &phase->points[late ? (phase->degree * JOINTS) : 0U];
-    float before = 1.0f;
-    float weight = above - ratio;
-    float sum = before + weight;
+    float before = above - ratio;
+    float weight = before * (0.5f * above - ratio);
+    float sum = (1.0f + before) + weight;
     float a0 = point[0];
     float a1 = point[1];
     float a2 = point[2];
     float a3 = point[3];
     point = &point[stride];
     float b0 = point[0];
+    a0 += before * b0;
     float b1 = point[1];
+    a1 += before * b1;
     float b2 = point[2];
+    a2 += before * b2;
     float b3 = point[3];
-    float c0 = 0.0f;
-    a0 += weight * b0;
-    float c1 = 0.0f;
-    a1 += weight * b1;
-    float c2 = 0.0f;
-    a2 += weight * b2;
-    float c3 = 0.0f;
-    a3 += weight * b3;
-    for (uint32_t k = 2U; k <= inner; ++k) {
+    a3 += before * b3;
+    point = &point[stride];
+    float c0 = point[0];
+    a0 += weight * c0;
+    b0 += before * c0;
+    float c1 = point[1];
+    a1 += weight * c1;
+    b1 += before * c1;
+    float c2 = point[2];
+    a2 += weight * c2;
+    b2 += before * c2;
+    float c3 = point[3];
+    a3 += weight * c3;
+    b3 += before * c3;
+    for (uint32_t k = 3U; k <= inner; ++k) {
         const float next = weight * (above * reciprocal[k] - ratio);
         point = &point[stride];
         a0 += next * point[0];
@@ -297,9 +293,8 @@ static inline void bezier(
     c3 += before * point[3];
     point = &point[stride];
     const float part = 1.0f / sum;
-    const float rate = degree / phase->duration;
-    const float first = part * (late ? -rate : rate);
-    const float second = part * (rate * (rate - 1.0f / phase->duration));
+    const float first = part * turn;
+    const float second = part * phase->second;
     c0 += weight * point[0];
     const float e0 = b0 - a0;
     const float g0 = (c0 - b0) - e0;
@@ -358,20 +353,18 @@ static bool joints_of_contact(
 static bool plan(
     const vishard4_config_f32 *config,
     const vishard4_trajectory_f32 *trajectory,
+    const vishard4_phase_f32 *phase,
     const vishard4_state_f32 *state,
     float q[JOINTS],
     float qd[JOINTS],
     float qdd[JOINTS])
 {
     bool found = false;
-    if (state->phase < trajectory->count) {
-        const vishard4_phase_f32 *phase = &trajectory->phases[state->phase];
-        if ((phase->degree >= VISHARD4_MIN_DEGREE) && (phase->degree <= VISHARD4_MAX_DEGREE)) {
-            bezier(phase, state->elapsed / phase->duration, q, qd, qdd);
-            found = true;
-            if (phase->coordinates != VISHARD4_JOINT_COORDINATES) {
-                found = joints_of_contact(config, trajectory, q, qd, qdd);
-            }
+    if ((phase->degree >= VISHARD4_MIN_DEGREE) && (phase->degree <= VISHARD4_MAX_DEGREE)) {
+        bezier(phase, state->elapsed / phase->duration, q, qd, qdd);
+        found = true;
+        if (phase->coordinates != VISHARD4_JOINT_COORDINATES) {
+            found = joints_of_contact(config, trajectory, q, qd, qdd);
         }
     }
     if (found && (state->finished != 0U)) {
@@ -392,9 +385,10 @@ static inline float smaller(float a, float b)
 static void advance(
     const vishard4_config_f32 *config,
     const vishard4_trajectory_f32 *trajectory,
+    const vishard4_phase_f32 *phase,
     vishard4_state_f32 *state)
 {
-    const float duration = trajectory->phases[state->phase].duration;
+    const float duration = phase->duration;
     const uint32_t tick = state->tick + 1U;
     const float elapsed = state->begin + (float)tick / config->rate;
     if (elapsed < duration) {
@@ -419,13 +413,13 @@ static void advance(
 static void add_contact(
     const vishard4_config_f32 *config,
     const vishard4_phase_f32 *phase,
-    const vishard4_output_f32 *output,
+    const vishard4_state_f32 *state,
     float torque[JOINTS])
 {
     if (phase->contact != NULL) {
         float contact[JOINTS];
         contact_compensation(
-            &config->parameters, &config->effects, phase->contact, output->q, output->qd, contact);
+            &config->parameters, &config->effects, phase->contact, state->q, state->qd, contact);
         for (size_t j = 0U; j < JOINTS; ++j) {
             torque[j] += contact[j];
         }
@@ -445,21 +439,39 @@ static inline float limited(float torque, float limit, uint32_t *status)
 
 static inline void drive(
     const vishard4_config_f32 *config,
+    const vishard4_state_f32 *state,
     vishard4_output_f32 *output,
     size_t j,
     float qd_desired,
     float modelled,
     uint32_t *status)
 {
-    const float control = config->kp[j] * (output->q_desired[j] - output->q[j])
-        + config->kd[j] * (qd_desired - output->qd[j]);
+    const float control = config->kp[j] * (output->q_desired[j] - state->q[j])
+        + config->kd[j] * (qd_desired - state->qd[j]);
     output->torque[j] = limited(modelled + control, config->torque_limit[j], status);
+}
+
+void vishard4_controller_prepare_f32(vishard4_config_f32 *config)
+{
+    config->kept = 1.0f - config->velocity_gain;
+    for (size_t j = 0U; j < JOINTS; ++j) {
+        config->rate_per_count[j] = (config->velocity_gain * config->rate) * config->position_per_count[j];
+    }
+}
+
+void vishard4_controller_prepare_phase_f32(vishard4_phase_f32 *phase)
+{
+    const float degree = (float)phase->degree;
+    phase->spread = degree - 1.0f;
+    phase->first = degree / phase->duration;
+    phase->second = phase->first * (phase->spread / phase->duration);
 }
 
 void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t counts[4])
 {
     for (size_t j = 0U; j < JOINTS; ++j) {
         state->counts[j] = counts[j];
+        state->q[j] = 0.0f;
         state->qd[j] = 0.0f;
     }
     state->phase = 0U;
@@ -472,10 +484,9 @@ void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t coun
 void vishard4_controller_measure_f32(
     const vishard4_config_f32 *config,
     vishard4_state_f32 *state,
-    const int32_t counts[4],
-    vishard4_output_f32 *output)
+    const int32_t counts[4])
 {
-    measure_all(config, state, counts, output);
+    measure_all(config, state, counts);
 }
 
 void vishard4_controller_step_f32(
@@ -488,21 +499,24 @@ void vishard4_controller_step_f32(
     float qd_desired[JOINTS];
     float qdd_desired[JOINTS];
     uint32_t status = VISHARD4_INVALID;
-    measure_all(config, state, counts, output);
+    measure_all(config, state, counts);
     output->phase = state->phase;
-    if (plan(config, trajectory, state, output->q_desired, qd_desired, qdd_desired)) {
-        float modelled[JOINTS];
-        float compensation[JOINTS];
-        status = (state->finished != 0U) ? VISHARD4_FINISHED : 0U;
-        inverse_dynamics(&config->parameters, output->q_desired, qd_desired, qdd_desired, modelled);
-        joint_compensation(
-            &config->parameters, &config->effects, trajectory->springs, output->q, output->qd, compensation);
-        add_contact(config, &trajectory->phases[state->phase], output, modelled);
-        drive(config, output, 0U, qd_desired[0], modelled[0] + compensation[0], &status);
-        drive(config, output, 1U, qd_desired[1], modelled[1] + compensation[1], &status);
-        drive(config, output, 2U, qd_desired[2], modelled[2] + compensation[2], &status);
-        drive(config, output, 3U, qd_desired[3], modelled[3] + compensation[3], &status);
-        advance(config, trajectory, state);
+    if (state->phase < trajectory->count) {
+        const vishard4_phase_f32 *phase = &trajectory->phases[state->phase];
+        if (plan(config, trajectory, phase, state, output->q_desired, qd_desired, qdd_desired)) {
+            float modelled[JOINTS];
+            float compensation[JOINTS];
+            status = (state->finished != 0U) ? VISHARD4_FINISHED : 0U;
+            inverse_dynamics(&config->parameters, output->q_desired, qd_desired, qdd_desired, modelled);
+            joint_compensation(
+                &config->parameters, &config->effects, trajectory->springs, state->q, state->qd, compensation);
+            add_contact(config, phase, state, modelled);
+            drive(config, state, output, 0U, qd_desired[0], modelled[0] + compensation[0], &status);
+            drive(config, state, output, 1U, qd_desired[1], modelled[1] + compensation[1], &status);
+            drive(config, state, output, 2U, qd_desired[2], modelled[2] + compensation[2], &status);
+            drive(config, state, output, 3U, qd_desired[3], modelled[3] + compensation[3], &status);
+            advance(config, trajectory, phase, state);
+        }
     }
     if ((status & VISHARD4_INVALID) != 0U) {
         status = VISHARD4_INVALID;

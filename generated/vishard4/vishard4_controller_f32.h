@@ -11,7 +11,7 @@
  *   coulomb_asymmetric@4, viscous@4, viscous_cubic@4. */
 
 /* A phase has as many control points as its degree, and one. */
-#define VISHARD4_MIN_DEGREE 3U
+#define VISHARD4_MIN_DEGREE 4U
 #define VISHARD4_MAX_DEGREE 29U
 #define VISHARD4_JOINT_COORDINATES 0U
 #define VISHARD4_CONTACT_COORDINATES 1U
@@ -63,7 +63,7 @@ typedef struct {
     float plate_damping_coefficient; /* N s/m: force per speed of the plate */
 } vishard4_contact_f32;
 
-/* The arm, its encoders and its gains. */
+/* The arm, its encoders and its gains; vishard4_controller_prepare_f32 fills the last two fields. */
 typedef struct {
     vishard4_parameters_f32 parameters; /* of the arm */
     vishard4_effects_f32 effects; /* that are compensated */
@@ -74,15 +74,20 @@ typedef struct {
     float kp[4]; /* N m/rad: torque per error of position */
     float kd[4]; /* N m s/rad: torque per error of rate */
     float torque_limit[4]; /* N m: largest torque in either direction */
+    float kept; /* 1: 1 - velocity_gain */
+    float rate_per_count[4]; /* rad/s: that a count a period adds to the filtered rate */
 } vishard4_config_f32;
 
-/* A part of a trajectory, equation (9). */
+/* A part of a trajectory, equation (9); vishard4_controller_prepare_phase_f32 fills the last three fields. */
 typedef struct {
     uint32_t coordinates; /* VISHARD4_JOINT_COORDINATES or VISHARD4_CONTACT_COORDINATES, equation (13) */
-    uint32_t degree; /* of the polynomials, 3 to VISHARD4_MAX_DEGREE */
+    uint32_t degree; /* of the polynomials, 4 to VISHARD4_MAX_DEGREE */
     float duration; /* s: not less than a control period */
     const float *points; /* degree + 1 control points of 4 coordinates each */
     const vishard4_contact_f32 *contact; /* the plate that it touches, or null */
+    float spread; /* 1: degree - 1 */
+    float first; /* 1/s: degree/duration: of the first derivative */
+    float second; /* 1/s^2: first (degree - 1)/duration: of the second derivative */
 } vishard4_phase_f32;
 
 /* What the controller follows. */
@@ -97,7 +102,8 @@ typedef struct {
 /* What the controller keeps between two steps. */
 typedef struct {
     int32_t counts[4]; /* counts: of the last step */
-    float qd[4]; /* rad/s: filtered */
+    float q[4]; /* rad: measured */
+    float qd[4]; /* rad/s: measured and filtered */
     uint32_t phase; /* from 0 */
     uint32_t tick; /* periods since tick 0 */
     float begin; /* s: time within the phase at tick 0 */
@@ -109,8 +115,6 @@ typedef struct {
 typedef struct {
     float torque[4]; /* N m: to hold until the next step */
     float q_desired[4]; /* rad: by the trajectory */
-    float q[4]; /* rad: measured */
-    float qd[4]; /* rad/s: measured and filtered */
     uint32_t phase; /* of the trajectory, from 0 */
     uint32_t status; /* bits: VISHARD4_SATURATED, VISHARD4_FINISHED, VISHARD4_INVALID */
 } vishard4_output_f32;
@@ -118,22 +122,25 @@ typedef struct {
 /* Writes the size of every structure above, in their order, 9 in all, those of vishard4_f32.h first. */
 void vishard4_controller_sizes_f32(uint32_t sizes[9]);
 
+/* Fill what follows from the other fields, whenever one of those was set; a step computes nothing twice. */
+void vishard4_controller_prepare_f32(vishard4_config_f32 *config);
+void vishard4_controller_prepare_phase_f32(vishard4_phase_f32 *phase);
+
 /* Begins the trajectory: the arm stands still where the encoders read `counts`. */
 void vishard4_controller_reset_f32(vishard4_state_f32 *state, const int32_t counts[4]);
 
-/* What a step does first, by itself: q and qd of `output` from the encoders, for an arm that follows nothing. */
+/* What a step does first, by itself: q and qd of `state` from the encoders, for an arm that follows nothing. */
 void vishard4_controller_measure_f32(
     const vishard4_config_f32 *config,
     vishard4_state_f32 *state,
-    const int32_t counts[4],
-    vishard4_output_f32 *output);
+    const int32_t counts[4]);
 
 /* One control period: encoders in, torques out.
  * Position and rate are measured, the trajectory is evaluated, and
  *   torque = inverse dynamics of the desired motion + kp (q_d - q) + kd (qd_d - qd) + compensation at the measured motion
  * is limited. Whatever is not a number or has no end gives no torque at all. No memory is allocated, and every loop
  * has a bound. The structures belong to the caller and may not overlap.
- * Operations in a free phase of degree M: 183 + 28 M, 3 sincos and 4 rise. */
+ * Operations in a free phase of degree M: 160 + 28 M, 3 sincos and 4 rise. */
 void vishard4_controller_step_f32(
     const vishard4_config_f32 *config,
     const vishard4_trajectory_f32 *trajectory,

@@ -154,7 +154,7 @@ def test_the_price_of_a_step_is_what_the_header_says(tmp_path: Path, vishard4: A
     assert said is not None
     fixed, each = map(int, said.groups())
     counts = [tuple(map(int, line.split())) for line in printed.splitlines()]
-    assert len(counts) == 27
+    assert len(counts) == 26
     assert all(count == fixed + each * degree for degree, count in counts)
 
 
@@ -169,7 +169,8 @@ int main(void)
     static vishard4_state_f32 state;
     static float points[4 * 30];
     vishard4_contact_f32 contact = {686.0f, 24.0f, 2.0f, 1.0f, 3.0f};
-    vishard4_phase_f32 phases[2] = {{0U, 29U, 0.02f, points, NULL}, {1U, 7U, 0.02f, points, &contact}};
+    vishard4_phase_f32 phases[2] = {
+        {0U, 29U, 0.02f, points, NULL, 0.0f, 0.0f, 0.0f}, {1U, 7U, 0.02f, points, &contact, 0.0f, 0.0f, 0.0f}};
     vishard4_trajectory_f32 trajectory = {2U, 1U, 1.0f, {{0}}, phases};
     vishard4_output_f32 output;
     int32_t counts[4] = {INT32_MAX, INT32_MIN, -1, 0};
@@ -180,12 +181,15 @@ int main(void)
         config.torque_limit[j] = 10.0f;
         config.zero[j] = INT32_MIN;
     }
+    vishard4_controller_prepare_f32(&config);
+    vishard4_controller_prepare_phase_f32(&phases[1]);
     vishard4_controller_reset_f32(&state, counts);
     for (uint32_t k = 0; k < 4000; ++k) {
         for (uint32_t j = 0; j < 4; ++j) {
             counts[j] = (int32_t)((k + 1U) * 2654435761U * (j + 1U));
         }
         phases[0].degree = k % 40U;
+        vishard4_controller_prepare_phase_f32(&phases[0]);
         trajectory.count = (k % 97U == 0U) ? 0U : 2U;
         trajectory.periodic = k % 2U;
         vishard4_controller_step_f32(&config, &trajectory, &state, counts, &output);

@@ -22,6 +22,10 @@ void motion(void)
     vishard4_output_f32 output;
     int32_t counts[JOINTS];
     uint32_t random = 1U;
+    vishard4_controller_prepare_f32(&config);
+    for (size_t p = 0U; p < PHASES; ++p) {
+        vishard4_controller_prepare_phase_f32(&phases[p]);
+    }
     for (size_t j = 0U; j < JOINTS; ++j) {
         counts[j] = begin[j];
     }

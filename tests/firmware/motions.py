@@ -85,6 +85,7 @@ def _header(settings: Settings, page: Mapping[str, Any], zero: list[int], steps:
     contact = {name: t[name] for name in fields["vishard4_contact_f32"]}
     springs = [{name: t[f"spring_{name}"][j] for name in page["springs"]} for j in range(n)]
     lines = ['#include "vishard4_controller_f32.h"', f"#define STEPS {steps}U", f"#define NOISE {NOISE}U"]
+    lines.append(f"#define PHASES {len(settings.phases)}U")
     lines.append(f"static const int32_t begin[{n}] = {_literal(zero)};")
     lines.append(f"static const vishard4_contact_f32 contact = {_literal(contact)};")
     lines.append(f"static const float points[{settings.points.size}] = {_literal(settings.points.ravel())};")
@@ -93,8 +94,8 @@ def _header(settings: Settings, page: Mapping[str, Any], zero: list[int], steps:
         f".points = &points[{n * p['first_row']}], .contact = {'&contact' if p['touches'] else 'NULL'}}}"
         for p in settings.phases
     ]
-    lines.append(f"static const vishard4_phase_f32 phases[{len(phases)}] = {{{', '.join(phases)}}};")
-    lines.append(f"static const vishard4_config_f32 config = {_literal(config)};")
+    lines.append(f"static vishard4_phase_f32 phases[{len(phases)}] = {{{', '.join(phases)}}};")
+    lines.append(f"static vishard4_config_f32 config = {_literal(config)};")
     given = {"count": t["count"], "periodic": t["periodic"], "elbow": float(t["elbow"]), "springs": springs}
     lines.append(f"static const vishard4_trajectory_f32 trajectory = {_literal(given)[:-1]}, .phases = phases}};")
     return "\n".join(lines) + "\n"

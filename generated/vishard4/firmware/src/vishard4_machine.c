@@ -96,9 +96,9 @@ static inline bool jumps(const vishard4_bounds *b, int32_t from, int32_t to)
 }
 
 /* Whether a joint is not where it should be. */
-static inline bool errs(const vishard4_bounds *b, const vishard4_output_f32 *output, uint32_t j)
+static inline bool errs(const vishard4_machine *m, const vishard4_record *now, uint32_t j)
 {
-    return magnitude(output->q_desired[j] - output->q[j]) > b->tracking;
+    return magnitude(now->output.q_desired[j] - m->controller.q[j]) > m->bounds[j].tracking;
 }
 
 /* Whether a joint has left its range. */
@@ -119,7 +119,7 @@ static inline bool look(vishard4_machine *m, const vishard4_record *now, const i
         b->seen = counts[j];
         b->mark = desired;
     }
-    return (magnitude(now->output.qd[j]) > b->speed) || strays(b, counts[j])
+    return (magnitude(m->controller.qd[j]) > b->speed) || strays(b, counts[j])
         || (magnitude(desired - b->mark) > b->frozen);
 }
 
@@ -154,17 +154,16 @@ TENDON_SMALL static uint32_t jumping_joint(const vishard4_machine *m, const int3
 TENDON_SMALL static uint32_t reason_of(const vishard4_machine *m, uint32_t j, int32_t counts, bool closely)
 {
     const vishard4_bounds *b = &m->bounds[j];
-    const vishard4_output_f32 *output = &m->now->output;
     uint32_t reason = VISHARD4_REASON_NONE;
-    if (errs(b, output, j)) {
+    if (errs(m, m->now, j)) {
         reason = VISHARD4_REASON_TRACKING;
     } else if (!closely) {
         /* Its turn will come. */
-    } else if (magnitude(output->qd[j]) > b->speed) {
+    } else if (magnitude(m->controller.qd[j]) > b->speed) {
         reason = VISHARD4_REASON_SPEED;
     } else if (strays(b, counts)) {
         reason = VISHARD4_REASON_POSITION;
-    } else if (magnitude(output->q_desired[j] - b->mark) > b->frozen) {
+    } else if (magnitude(m->now->output.q_desired[j] - b->mark) > b->frozen) {
         reason = VISHARD4_REASON_ENCODER_FROZEN;
     } else {
         /* Within all bounds. */
@@ -276,7 +275,7 @@ TENDON_SMALL static void begin(vishard4_machine *m, const int32_t counts[JOINTS]
     (void)tires(m, m->now->output.status);
     m->steady = 1U;
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        const float away = m->now->output.q_desired[j - 1U] - m->now->output.q[j - 1U];
+        const float away = m->now->output.q_desired[j - 1U] - m->controller.q[j - 1U];
         m->bounds[j - 1U].seen = counts[j - 1U];
         m->bounds[j - 1U].mark = m->now->output.q_desired[j - 1U];
         if (known && (magnitude(away) > magnitude(m->safety.start[j - 1U]))) {
@@ -291,9 +290,9 @@ TENDON_SMALL static void begin(vishard4_machine *m, const int32_t counts[JOINTS]
 /* Armed: no torque, but an eye on the arm. */
 TENDON_SMALL static void wait(vishard4_machine *m, const int32_t counts[JOINTS])
 {
-    vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->now->output);
+    vishard4_controller_measure_f32(&m->config, &m->controller, counts);
     for (uint32_t j = JOINTS; j > 0U; --j) {
-        if (magnitude(m->now->output.qd[j - 1U]) > m->bounds[j - 1U].speed) {
+        if (magnitude(m->controller.qd[j - 1U]) > m->bounds[j - 1U].speed) {
             stop(m, VISHARD4_REASON_SPEED, j, 0U);
         }
     }
@@ -340,7 +339,7 @@ TENDON_SMALL static void watch(vishard4_machine *m, const int32_t counts[JOINTS]
     } else if (jumping_joint(m, counts) != ARM) {
         m->damping = 0U;
     } else {
-        vishard4_controller_measure_f32(&m->config, &m->controller, counts, &m->now->output);
+        vishard4_controller_measure_f32(&m->config, &m->controller, counts);
         m->damping = outruns(m) ? 0U : m->damping;
     }
     m->damping = (fault != 0U) ? 0U : m->damping;
@@ -373,8 +372,6 @@ TENDON_SMALL static void carry(vishard4_machine *m)
 {
     for (uint32_t j = 0U; j < JOINTS; ++j) {
         m->now->output.q_desired[j] = m->before->output.q_desired[j];
-        m->now->output.q[j] = m->before->output.q[j];
-        m->now->output.qd[j] = m->before->output.qd[j];
     }
     m->now->output.phase = m->before->output.phase;
     m->now->output.status = m->before->output.status;
@@ -441,10 +438,10 @@ void vishard4_machine_step(
         vishard4_controller_step_f32(&m->config, &m->trajectory, &m->controller, counts, &now->output);
         if (tires(m, now->output.status)
             || look(m, now, counts)
-            || errs(&m->bounds[0], &now->output, 0U)
-            || errs(&m->bounds[1], &now->output, 1U)
-            || errs(&m->bounds[2], &now->output, 2U)
-            || errs(&m->bounds[3], &now->output, 3U)
+            || errs(m, now, 0U)
+            || errs(m, now, 1U)
+            || errs(m, now, 2U)
+            || errs(m, now, 3U)
         ) {
             judge(m, counts, false);
             if (m->state == VISHARD4_STATE_STOPPED) {
@@ -481,6 +478,7 @@ TENDON_SMALL static uint32_t take_drive(vishard4_machine *m, const uint8_t *payl
         m->config.kd[j] = drive.kd[j];
         m->config.torque_limit[j] = drive.torque_limit[j];
     }
+    vishard4_controller_prepare_f32(&m->config);
     return VISHARD4_RESULT_DONE;
 }
 
@@ -566,6 +564,7 @@ TENDON_SMALL static uint32_t take_phase(vishard4_machine *m, const uint8_t *payl
         phase->duration = message.duration;
         phase->points = &m->points[JOINTS * message.first_row];
         phase->contact = (message.touches != 0U) ? &m->contact : NULL;
+        vishard4_controller_prepare_phase_f32(phase);
         ++m->upload.phases;
     }
     return result;

@@ -87,14 +87,14 @@ uint32_t vishard4_check_command(
         {0U, 1U, COUNT, 0x00000001U, 0x00000010U}, /* trajectory from count on: 1 to 16 */
         {1U, 1U, COUNT, 0x00000000U, 0x00000001U}, /* trajectory from periodic on: 0 to 1 */
         {2U, 1U, SIGNED, 0x7fffffffU, 0x80000001U}, /* trajectory from elbow on: -1 to 1 */
-        {3U, 1U, COUNT, 0x00000004U, 0x00000100U}, /* trajectory from rows on: 4 to 256 */
+        {3U, 1U, COUNT, 0x00000005U, 0x00000100U}, /* trajectory from rows on: 5 to 256 */
         {4U, 17U, REAL, 0x00800000U, 0xff7fffffU}, /* trajectory from spring_joint_stiffness on: any finite number */
         {0U, 1U, COUNT, 0x00000000U, 0x0000000fU}, /* phase from index on: 0 to 15 */
         {1U, 1U, COUNT, 0x00000000U, 0x00000001U}, /* phase from coordinates on: 0 to 1 */
-        {2U, 1U, COUNT, 0x00000003U, 0x0000001dU}, /* phase from degree on: 3 to 29 */
+        {2U, 1U, COUNT, 0x00000004U, 0x0000001dU}, /* phase from degree on: 4 to 29 */
         {3U, 1U, REAL, 0xb58637bdU, 0xc47a0000U}, /* phase from duration on: 1e-06 to 1000 */
         {4U, 1U, COUNT, 0x00000000U, 0x00000001U}, /* phase from touches on: 0 to 1 */
-        {5U, 1U, COUNT, 0x00000000U, 0x000000fcU}, /* phase from first_row on: 0 to 252 */
+        {5U, 1U, COUNT, 0x00000000U, 0x000000fbU}, /* phase from first_row on: 0 to 251 */
         {0U, 1U, COUNT, 0x00000000U, 0x000000ffU}, /* points from first_row on: 0 to 255 */
         {1U, 32U, REAL, 0x00800000U, 0xff7fffffU}, /* points from values on: any finite number */
         {1U, 1U, COUNT, 0x00000001U, 0xffffffffU}, /* run from every on: 1 or more */
