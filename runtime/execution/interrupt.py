@@ -1,4 +1,4 @@
-"""Ctrl-C while an arm moves: a wish to stop it, heard between two reads, and not an exception anywhere."""
+"""A wish to stop an arm that moves (Ctrl-C, a closed terminal, SIGTERM): heard between two reads, an exception nowhere."""
 
 from __future__ import annotations
 
@@ -9,24 +9,32 @@ from contextlib import contextmanager
 from types import FrameType
 
 _MOST = 2
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
 def listening() -> Iterator[Callable[[], int]]:
-    """How often Ctrl-C was pressed since then. What is pressed after the second time interrupts as it always does."""
-    count = 0
+    """How often Ctrl-C was pressed since then. What is pressed after the second time interrupts as it always does.
 
-    def heard(_signal: int, _frame: FrameType | None) -> None:
-        nonlocal count
-        count += 1
-        if count > _MOST:
+    The end of a terminal (SIGHUP) and SIGTERM are one wish, however often they are told.
+    """
+    pressed, ended = 0, False
+
+    def heard(number: int, _frame: FrameType | None) -> None:
+        nonlocal pressed, ended
+        if number == signal.SIGINT:
+            pressed += 1
+        else:
+            ended = True
+        if pressed > _MOST:
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield lambda: 0
         return
-    before = signal.signal(signal.SIGINT, heard)
+    before = {number: signal.signal(number, heard) for number in _SIGNALS}
     try:
-        yield lambda: count
+        yield lambda: pressed + ended
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -15,9 +15,10 @@ from runtime.hardware.settings import Settings
 Array = NDArray[np.float64]
 
 HOST = {
-    "interrupted": "interrupted (Ctrl-C)",
+    "interrupted": "interrupted (Ctrl-C, or its terminal was closed)",
     "telemetry_lost": "telemetry of the board is lost",
     "link_lost": "the link to the board is lost",
+    "other_rate": "the board keeps another rate",
 }
 """Reasons of the host; the board has its own."""
 

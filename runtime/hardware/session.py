@@ -34,6 +34,7 @@ _END = 1.0
 """s that a board may take for a stop, besides its damping."""
 _PATIENCE = 5.0
 """s that it may damp what another host has left in motion."""
+_MICROSECONDS = 1e6
 _TRAJECTORY = ("trajectory", "phase", "points")
 
 
@@ -47,7 +48,8 @@ class _NotReady(Refused):
 
 @dataclass(frozen=True)
 class Ended:
-    """Why a run is over: a reason of the protocol, or of the host (interrupted, telemetry_lost, link_lost).
+    """Why a run is over: a reason of the protocol, or of the host (interrupted, telemetry_lost, link_lost,
+    other_rate).
 
     joint    1-based, None for the whole arm      period   of the run in which it came about
     detail   words of the host's, None where the reason says it all; code: of a drive's fault
@@ -82,7 +84,7 @@ class Session:
         self._state: dict[str, Any] | None = None
         self._telemetry: list[dict[str, Any]] = []
         self._counters: dict[str, int] | None = None
-        self._dt = self._silence = self._damping = self._due = 0.0
+        self._dt = self._silence = self._damping = self._late = self._due = 0.0
 
     def close(self) -> None:
         self.link.close()
@@ -126,6 +128,7 @@ class Session:
         self._dt = settings.dt
         self._silence = settings.safety["silence"] * settings.dt
         self._damping = settings.safety["damping"] * settings.dt
+        self._late = settings.safety["late"] / _MICROSECONDS
         checksum = 0
         for name, values in settings.messages(page["rows_a_message"]):
             if name in _TRAJECTORY:
@@ -228,6 +231,9 @@ class Session:
             log.take(self._telemetry)
             if not self._stopped and log.gap is not None:
                 return Ended("telemetry_lost", period=log.last, detail=log.gap)
+            # Where this end keeps the time, it knows how late it is.
+            if self.link.late is None and (off := log.off(self._dt, self._late)) is not None:
+                return Ended("other_rate", period=log.last, detail=off)
             if (silent := self.link.now() - heard) > _SILENT + 2 * log.every * self._dt:
                 return Ended("link_lost", period=log.last, detail=f"nothing from the board for {silent:.2g} s")
         return None

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from runtime.hardware.frames import Codec
 
 _BLOCK = 4096
+_LOOK, _RATE = 0.1, 0.05
+"""s of a run after which its control periods are compared with what they should be; part by which they may differ."""
+_MICROSECONDS = 1e6
 _TYPES = {"u8": "<u1", "u16": "<u2", "u32": "<u4", "i32": "<i4", "float": "<f4"}
 
 
@@ -33,6 +36,8 @@ class Log:
         self._expected = 0
         self.gap: str | None = None
         self.over = False
+        self._begun: int | None = None
+        self._elapsed = self._stamp = 0
 
     def rows(self) -> NDArray[Any]:
         """(N,) with the fields of the message."""
@@ -51,6 +56,19 @@ class Log:
             return f"the telemetry of period {self._expected} is missing, and what came after it"
         return self.gap
 
+    def off(self, dt: float, late: float) -> str | None:
+        """Words for a board that keeps another control period than dt; late: s that a single one may be longer."""
+        if self._begun is None or self.last is None or self.last == self._begun:
+            return None
+        periods, seconds = self.last - self._begun, self._elapsed / _MICROSECONDS
+        nominal = dt * periods
+        if max(nominal, seconds) < _LOOK or abs(seconds - nominal) <= _RATE * nominal + late:
+            return None
+        return (
+            f"its control periods take {1e3 * seconds / periods:.3g} ms, by the model file {1e3 * dt:.3g} ms; "
+            "set its timer to the rate in [controller], or the rate to the timer's"
+        )
+
     def _add(self, row: dict[str, Any]) -> None:
         if row["period"] > self._expected:
             self.gap = f"the telemetry of period {self._expected} is missing, that of {row['period']} is there"
@@ -65,6 +83,12 @@ class Log:
 
     def _append(self, row: dict[str, Any]) -> None:
         self.last = row["period"]
+        if self._begun is None:
+            self._begun = row["period"]
+        else:
+            # The board's clock wraps, and so does the difference.
+            self._elapsed += (row["time_us"] - self._stamp) & 0xFFFFFFFF
+        self._stamp = row["time_us"]
         self._recent.append(tuple(row.values()))
         # Of an hour at 1 kHz, arrays are a tenth as large as what they are made of.
         if len(self._recent) >= _BLOCK:

@@ -41,6 +41,7 @@ class Faulty:
     to_board: Frames = as_they_are
     to_host: Frames = as_they_are
     baud: int | None = None
+    late: float | None = None
     _rest: bytes = b""
 
     def write(self, data: bytes) -> None:

@@ -438,6 +438,32 @@ def test_a_control_period_that_was_missed(make: Make, clean: Trial, board: Calla
     made[0].check_safe(AT, missed=AT)
 
 
+class Other(Counted):
+    """A timer that is set to another period than the model file has."""
+
+    def __init__(self, ratio: float) -> None:
+        super().__init__(1e-3)
+        self.ratio = ratio
+
+    def period(self) -> int:
+        return round(super().period() * self.ratio)
+
+
+@pytest.mark.parametrize(("ratio", "taken"), [(1.25, "1.25 ms"), (0.8, "0.8 ms")])
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_board_that_keeps_another_rate_is_stopped(make: Make, ratio: float, taken: str, every: int) -> None:
+    """Within what a single period may take, and all the same each rate that is measured is wrong."""
+    found = make(clock=Other(ratio)).prepared().run(every=every)
+    assert found.stop is not None
+    assert found.stop.name == "other_rate"
+    assert f"its control periods take {taken}, by the model file 1 ms" in found.stop.reason
+    assert found.t[-1] < 0.2
+
+
+def test_a_timer_that_is_a_little_off_is_not(make: Make) -> None:
+    assert make(clock=Other(1.03)).driven().stop is None
+
+
 def test_a_drive_that_fails(make: Make, clean: Trial) -> None:
     one = make()
 

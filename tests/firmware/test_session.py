@@ -230,7 +230,7 @@ def test_an_error_of_the_host_stops_the_arm(one: Rig) -> None:
 def test_what_was_asked_to_stop_before_does_not_begin(one: Rig) -> None:
     found = one.prepared().run(asked=lambda: 1)
     assert found.stop is not None
-    assert found.stop.reason == "interrupted (Ctrl-C)"
+    assert found.stop.reason == "interrupted (Ctrl-C, or its terminal was closed)"
     assert len(found.t) == 0
     assert not one.arm.begun
 
@@ -248,7 +248,7 @@ def test_an_arm_that_stands_elsewhere_is_not_moved(one: Rig) -> None:
 class Dead:
     """A line at whose end there is nothing; time passes."""
 
-    baud, fault = None, None
+    baud, late, fault = None, None, None
 
     def __init__(self) -> None:
         self.time = 0.0
@@ -298,16 +298,32 @@ def test_control_c_is_counted_and_the_third_one_interrupts() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_closed_terminal_is_one_wish_to_stop_however_often_it_is_told(name: str) -> None:
+    with listening() as asked:
+        for _ in range(4):
+            signal.raise_signal(getattr(signal, name))
+            assert asked() == 1
+        signal.raise_signal(signal.SIGINT)
+        assert asked() == 2
+
+
 TARGETS = [
-    "simulation",
+    ("simulation", signal.SIGINT),
+    ("simulation", signal.SIGHUP),
+    ("simulation", signal.SIGTERM),
     pytest.param(
-        "qemu", marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
+        "qemu",
+        signal.SIGINT,
+        marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm"),
     ),
 ]
 
 
-@pytest.mark.parametrize("on", TARGETS)
-def test_control_c_stops_the_arm_and_the_recording_is_written(bench: Source, tmp_path: Path, on: str) -> None:
+@pytest.mark.parametrize(("on", "said"), TARGETS)
+def test_control_c_stops_the_arm_and_the_recording_is_written(
+    bench: Source, tmp_path: Path, on: str, said: signal.Signals
+) -> None:
     """As a terminal does it: the signal goes to everything that was started there."""
     bench.controller("host" if on == "simulation" else "cortex-m4f")
     (tmp_path / "bench.toml").write_text(BENCH)
@@ -327,11 +343,11 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(bench: Source, tmp
     while "executing" not in started.stderr.readline():
         assert started.poll() is None
     time.sleep(0.7)
-    os.killpg(started.pid, signal.SIGINT)
+    os.killpg(started.pid, said)
     out, err = started.communicate(timeout=60)
     assert started.returncode == 1, err
     document = json.loads(out)
     assert document["status"] == "stopped"
     assert document["trials"][0]["stop"]["name"] == "interrupted"
-    assert "interrupted (Ctrl-C)" in document["reason"]
+    assert "interrupted (Ctrl-C, or its terminal was closed)" in document["reason"]
     assert len((tmp_path / "run.csv").read_text().splitlines()) > 100
