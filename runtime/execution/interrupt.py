@@ -1,4 +1,4 @@
-"""A wish to stop an arm that moves (Ctrl-C, a closed terminal, SIGTERM): heard between two reads, an exception nowhere."""
+"""A wish to stop an arm that moves (Ctrl-C, a closed terminal, SIGTERM): heard between two reads, no exception."""
 
 from __future__ import annotations
 

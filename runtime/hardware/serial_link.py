@@ -15,9 +15,9 @@ _DEVICE = "serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"
 
 
 class SerialLink:
-    """A serial port, held exclusively. Raises LinkError."""
+    """A serial port, held exclusively. dtr: whether that line is set, which resets some boards. Raises LinkError."""
 
-    def __init__(self, device: str, baud: int = BAUD) -> None:
+    def __init__(self, device: str, baud: int = BAUD, dtr: bool = True) -> None:
         try:
             import serial
         except ImportError as error:
@@ -28,7 +28,11 @@ class SerialLink:
         self.fault: str | None = None
         self._errors = (serial.SerialException, OSError)
         try:
-            self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=1.0, exclusive=True)
+            self._port: Any = serial.Serial(None, baud, timeout=0, write_timeout=1.0, exclusive=True)
+            # Some boards reset by the one line, others by both.
+            self._port.dtr = self._port.rts = dtr
+            self._port.port = device
+            self._port.open()
         except (*self._errors, ValueError) as error:
             raise LinkError(_refusal(device, baud, error)) from error
         self._port.reset_input_buffer()
@@ -64,15 +68,16 @@ class SerialLink:
         self._port.close()
 
 
-def address(url: str) -> tuple[str, int]:
-    """Device and baud of `serial:///dev/ttyACM0?baud=1000000`. Raises LinkError."""
+def address(url: str) -> tuple[str, int, bool]:
+    """Device, baud and DTR of `serial:///dev/ttyACM0?baud=1000000&dtr=0`. Raises LinkError."""
     parts = urlsplit(url)
     query = parse_qs(parts.query, keep_blank_values=True)
     device = parts.netloc + parts.path
     words = query.pop("baud", [str(BAUD)])[-1]
-    if not device or query or not words.isdigit() or not int(words):
+    dtr = query.pop("dtr", ["1"])[-1]
+    if not device or query or not words.isdigit() or not int(words) or dtr not in ("0", "1"):
         raise LinkError(f"--on {url}: expected {_DEVICE}")
-    return device, int(words)
+    return device, int(words), dtr == "1"
 
 
 def _refusal(device: str, baud: int, error: Exception) -> str:

@@ -21,6 +21,8 @@ Values = Mapping[str, Any]
 UNLIMITED = float(np.finfo(np.float32).max)
 OVERSPEED = 1.5
 """Of a joint's limit of speed, which the plan keeps: more than tracking needs."""
+BEYOND = {"revolute": 0.05, "prismatic": 0.01}
+"""rad, m beyond a joint's range, which the plan keeps and may touch: tracking needs so much. Leave it to the stops."""
 TRACKING = {"revolute": 0.5, "prismatic": 0.1}
 """rad, m: a larger tracking error is a safe stop."""
 START = {"revolute": 0.05, "prismatic": 0.01}
@@ -155,12 +157,13 @@ def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -
     largest = np.array([TRACKING[j.type] if tracking is None else tracking for j in joints])
     speed = np.array([OVERSPEED * j.speed_limit if j.speed_limit else inf for j in joints])
     ranges = np.array([j.position_limits or (-inf, inf) for j in joints])
+    beyond = np.array([BEYOND[j.type] for j in joints])
     jump = np.minimum(np.maximum(np.ceil(_JUMP * speed * dt / per_count), _LEAST_JUMP), _ANY_JUMP)
     return {
         "tracking": _finite(largest),
         "speed": _finite(speed),
-        "low": _finite(ranges[:, 0]),
-        "high": _finite(ranges[:, 1]),
+        "low": _finite(ranges[:, 0] - beyond),
+        "high": _finite(ranges[:, 1] + beyond),
         "start": _finite(np.array([START[j.type] for j in joints])),
         "jump": [int(counts) for counts in jump],
         "frozen": _finite(_FROZEN * largest),

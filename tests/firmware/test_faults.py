@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 import struct
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -462,6 +463,25 @@ def test_a_board_that_keeps_another_rate_is_stopped(make: Make, ratio: float, ta
 
 def test_a_timer_that_is_a_little_off_is_not(make: Make) -> None:
     assert make(clock=Other(1.03)).driven().stop is None
+
+
+def within(arm: Model, low: float, high: float) -> Model:
+    """The same arm with another range."""
+    other = copy(arm)
+    other.joints = tuple(replace(joint, position_limits=(low, high)) for joint in arm.joints)
+    return other
+
+
+def test_an_error_beyond_the_end_of_the_range_is_tracking_until_it_is_none(
+    bench: Source, arm: Model, clean: Trial
+) -> None:
+    """The range is the plan's, which may touch its ends."""
+    beyond = float(clean.q.min()) + 0.02
+    assert same(rig(within(arm, beyond, 1.8), bench.controller(), PLAN).driven(), clean)
+    stop = rig(within(arm, -1.1, 1.8), bench.controller(), PLAN).driven().stop
+    assert stop is not None
+    assert stop.name == "position"
+    assert "is outside -1.15 to 1.85" in stop.reason
 
 
 def test_a_drive_that_fails(make: Make, clean: Trial) -> None:

@@ -283,6 +283,7 @@ def test_no_real_arm_moves_without_limits(called: Any, here: Path, key: str) -> 
         (["--on", "serial://"], "expected serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"),
         (["--on", "serial:///dev/nowhere?baud=fast"], "expected serial:///dev/ttyACM0"),
         (["--on", "serial:///dev/nowhere?speed=1"], "expected serial:///dev/ttyACM0"),
+        (["--on", "serial:///dev/nowhere?dtr=no"], "expected serial:///dev/ttyACM0"),
         (["--on", "serial:///dev/nowhere", "--hide", "offset@1:torque=1"], "--hide is for the simulated arm"),
         (
             ["--on", "telnet://board"],
@@ -307,6 +308,14 @@ def test_a_port_that_another_program_holds(bench: Bench) -> None:
         SerialLink.of(f"serial://{bench.device}")
     first.close()
     SerialLink.of(f"serial://{bench.device}").close()
+
+
+def test_opening_a_port_need_not_reset_the_board(bench: Bench) -> None:
+    """By DTR or RTS, that is set where nothing else is said; a board that talks again only later is waited for."""
+    for query, line in (("", True), ("?baud=115200", True), ("?dtr=1", True), ("?dtr=0", False)):
+        link = SerialLink.of(f"serial://{bench.device}{query}")
+        assert (link._port.dtr, link._port.rts) == (line, line)
+        link.close()
 
 
 def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
