@@ -496,13 +496,13 @@ void vishard4_controller_step_f32(
     const int32_t counts[4],
     vishard4_output_f32 *output)
 {
-    float qd_desired[JOINTS];
-    float qdd_desired[JOINTS];
     uint32_t status = VISHARD4_INVALID;
     measure_all(config, state, counts);
     output->phase = state->phase;
     if (state->phase < trajectory->count) {
         const vishard4_phase_f32 *phase = &trajectory->phases[state->phase];
+        float qd_desired[JOINTS];
+        float qdd_desired[JOINTS];
         if (plan(config, trajectory, phase, state, output->q_desired, qd_desired, qdd_desired)) {
             float modelled[JOINTS];
             float compensation[JOINTS];
