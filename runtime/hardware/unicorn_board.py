@@ -12,7 +12,6 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from runtime.hardware import elf
 from runtime.hardware.emulated import PATIENCE, PlantLine
 from runtime.hardware.link import LinkError, LinkLost
 from runtime.hardware.lockstep import Counts, Float32
@@ -27,7 +26,7 @@ _SLEEPS = 100
 
 
 class UnicornBoard:
-    """A board with the image `name`.elf of a directory of codegen.workspace.prepare_firmware; n: joints.
+    """A board with the flat image `name`.bin of a directory of codegen.workspace.prepare_firmware; n: joints.
 
     Raises LinkError where the emulator is missing.
     """
@@ -38,7 +37,7 @@ class UnicornBoard:
             from unicorn import arm_const
         except ImportError as error:
             raise LinkError("--on unicorn needs the emulator: pip install unicorn") from error
-        self.image = elf.read(directory / f"{name}.elf")
+        self.image = directory / f"{name}.bin"
         self._line = PlantLine(n)
         self._host, self._plant = _Uart(), _Uart()
         self._pc = arm_const.UC_ARM_REG_PC
@@ -47,8 +46,7 @@ class UnicornBoard:
         self.cpu.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
         for place, size in ((_CODE, _MEMORY), (_RAM, _MEMORY), (_SYSTEM, _PAGE)):
             self.cpu.mem_map(place, size)
-        for place, data in self.image.segments:
-            self.cpu.mem_write(place, data)
+        self.cpu.mem_write(_CODE, self.image.read_bytes())
         for place, uart in ((_HOST_UART, self._host), (_PLANT_UART, self._plant)):
             self.cpu.mmio_map(place, _PAGE, uart.load, None, uart.store, None)
         # The image enables the unit by a register that is mere memory here.

@@ -4,33 +4,42 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import unicorn
 from unicorn import arm_const as arm
 
-from runtime.hardware import elf
+from codegen.elf import Elf
 
 CPUS = {"cortex-m4f": arm.UC_CPU_ARM_CORTEX_M4, "cortex-m7": arm.UC_CPU_ARM_CORTEX_M7}
 _CODE, _RAM, _SIZE, _STACK = 0x0000_0000, 0x2000_0000, 0x40_0000, 0x2030_0000
 _SYSTEM, _CPACR, _PAGE = 0xE000_E000, 0xE000_ED88, 0x1000
+_ALLOCATED = 2
 _RETURN = 0x003F_FFF0
 """Where functions return to: past every image."""
 _REGISTERS = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG_R3)
+
+
+def places(image: Path) -> dict[str, tuple[int, int]]:
+    """Address and size of what has a name in an ELF image."""
+    return {symbol.name: (symbol.address, symbol.size) for symbol in Elf.read(image).symbols}
 
 
 class Processor:
     """An image in memory, and memory for the arguments of its functions."""
 
     def __init__(self, image: Path, target: str = "cortex-m4f") -> None:
-        self.image = elf.read(image)
+        self.symbols = places(image)
         self.cpu = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self.cpu.ctl_set_cpu_model(CPUS[target])
         for place, size in ((_CODE, _SIZE), (_RAM, _SIZE), (_SYSTEM, _PAGE)):
             self.cpu.mem_map(place, size)
-        for place, data in self.image.segments:
-            self.cpu.mem_write(place, data)
+        file = Elf.read(image)
+        for section in file.sections:
+            if section.flags & _ALLOCATED:
+                self.cpu.mem_write(section.address, file.content(section))
         self.cpu.mem_write(_CPACR, struct.pack("<I", 0x00F0_0000))
         self.cpu.reg_write(arm.UC_ARM_REG_C1_C0_2, 0x00F0_0000)
         self.cpu.reg_write(arm.UC_ARM_REG_FPEXC, 0x4000_0000)
@@ -51,7 +60,7 @@ class Processor:
 
     def variable(self, name: str) -> bytes:
         """The content of a global variable."""
-        at, size = self.image.symbols[name]
+        at, size = self.symbols[name]
         return bytes(self.cpu.mem_read(at, size))
 
     def call(self, name: str, *arguments: int, number: float = 0.0) -> None:
@@ -63,7 +72,7 @@ class Processor:
         self.cpu.mem_write(_STACK, struct.pack(f"<{len(rest)}I", *rest))
         self.cpu.reg_write(arm.UC_ARM_REG_SP, _STACK)
         self.cpu.reg_write(arm.UC_ARM_REG_LR, _RETURN | 1)
-        self.cpu.emu_start(self.image.symbols[name][0] | 1, _RETURN)
+        self.cpu.emu_start(self.symbols[name][0] | 1, _RETURN)
 
 
 class Meter:
@@ -72,9 +81,9 @@ class Meter:
     An instruction whose condition does not hold is one all the same: it takes its cycle.
     """
 
-    def __init__(self, cpu: Any, image: elf.Image, *functions: str) -> None:
+    def __init__(self, cpu: Any, symbols: Mapping[str, tuple[int, int]], *functions: str) -> None:
         self._counts: dict[str, list[int]] = defaultdict(list)
-        self._entries = {image.symbols[name][0] & ~1: name for name in functions}
+        self._entries = {symbols[name][0] & ~1: name for name in functions}
         self._open: list[list[Any]] = []
         self._sizes: dict[tuple[int, int], int] = {}
         # Blocks that were translated before would not be seen.

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from bench_arm import THERE_AND_BACK, trajectory
 from driven import Faulty, Rig, rig
+from emulation import places
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -342,7 +343,7 @@ def poke_host(board: HostBoard, kp: bytes, bad: bytes) -> None:
 
 
 def poke_unicorn(board: UnicornBoard, kp: bytes, bad: bytes) -> None:
-    place, size = board.image.symbols["machine"]
+    place, size = places(board.image.with_suffix(".elf"))["machine"]
     board.cpu.mem_write(place + bytes(board.cpu.mem_read(place, size)).index(kp), bad)
 
 

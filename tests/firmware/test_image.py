@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from emulation import places
 from unicorn import arm_const
 
 from codegen import build, firmware, toolchain, workspace
@@ -157,7 +158,7 @@ class Painted(UnicornBoard):
 
     def __init__(self, directory: Path, name: str, n: int) -> None:
         super().__init__(directory, name, n)
-        self.top = self.image.symbols["tendon_stack_top"][0]
+        self.top = places(self.image.with_suffix(".elf"))["tendon_stack_top"][0]
         asleep = self.cpu.reg_read(arm_const.UC_ARM_REG_SP)
         self.cpu.mem_write(self.BOTTOM, bytes([self.PATTERN]) * (asleep - self.BOTTOM))
 

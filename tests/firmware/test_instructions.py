@@ -14,7 +14,7 @@ import motions
 import numpy as np
 import pytest
 from compositions import there_and_back
-from emulation import Meter, Processor
+from emulation import Meter, Processor, places
 
 from codegen import toolchain, workspace
 from runtime.execution.execute import execute
@@ -52,7 +52,7 @@ def motion(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactory
 def steps(image: Path) -> tuple[np.ndarray, np.ndarray]:
     """(STEPS,) instructions of every step of a motion; (STEPS, 2) its phase and status."""
     processor = Processor(image)
-    meter = Meter(processor.cpu, processor.image, STEP)
+    meter = Meter(processor.cpu, processor.symbols, STEP)
     processor.call("motion")
     flags = np.frombuffer(processor.variable("results"), np.uint32).reshape(STEPS, 6)[:, 4:]
     return np.array(meter.counts[STEP]), flags
@@ -83,7 +83,7 @@ def test_inverse_dynamics(motion: Callable[..., Path], model: Model, kind: str) 
     parameters = processor.place(bytes(4 * len(model.metadata["struct"])))
     processor.call("vishard4_default_parameters_f32", parameters)
     q, qd, qdd, tau = (processor.place(bytes(16)) for _ in range(4))
-    meter = Meter(processor.cpu, processor.image, name)
+    meter = Meter(processor.cpu, processor.symbols, name)
     rng = np.random.default_rng(0)
     edges = [0.0, -0.0, 1e-40, pi / 4, pi / 2, pi, -3 * pi / 4, 1e4, -1e30, np.inf, np.nan]
     angles = [*rng.uniform(-7, 7, (150, 4)), *rng.choice(edges, (100, 4))]
@@ -106,7 +106,7 @@ def test_a_step_of_the_machine(vishard4: Arm, model: Model, kind: str, degree: i
 
     def board(directory: Path, name: str, n: int) -> UnicornBoard:
         made = UnicornBoard(directory, name, n)
-        meters.append(Meter(made.cpu, made.image, STEP, "vishard4_machine_step"))
+        meters.append(Meter(made.cpu, places(made.image.with_suffix(".elf")), STEP, "vishard4_machine_step"))
         return made
 
     done = execute(model, directory, plan, trials=1, cycles=1, board=board)
