@@ -84,8 +84,11 @@ def test_cmake_builds_it(vishard4: Arm, tree: Path, kind: str) -> None:
     tools = [f"-DCMAKE_TOOLCHAIN_FILE=cmake/{kind}.cmake", f"-DTENDON_PYTHON={sys.executable}"]
     run(["cmake", "-S", str(tree), "-B", str(place), *tools], cwd=tree)
     run(["cmake", "--build", str(place), "--target", "vishard4.elf" if kind == "zig" else "binary"])
+    made = Elf.read(place / "vishard4.elf")
+    if kind == "zig":  # compiles its objcopy when it is first used
+        (place / "vishard4.bin").write_bytes(made.binary()[1])
     assert says_hello(UnicornBoard(place, "vishard4", len(vishard4.joints)), tree)
-    size, ours = Elf.read(place / "vishard4.elf").sizes, prepared(vishard4, "cortex-m4f", kind)[1]
+    size, ours = made.sizes, prepared(vishard4, "cortex-m4f", kind)[1]
     assert abs(size.text + size.data - ours["text"] - ours["data"]) < 256
     assert kind == "zig" or (place / "vishard4.bin").stat().st_size == size.text + size.data
 
