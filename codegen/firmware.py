@@ -62,6 +62,7 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
         "project_flags": " ".join(("-std=c99", *toolchain.ARITHMETIC)),
         "host_flags": " ".join(flag for flag in build.FLAGS if flag not in ("-shared", "-O3")),
         "warnings": " ".join(build.WARNINGS),
+        "board_warnings": "-Wall -Wextra",
         **_page_holes(protocol),
     }
     files |= {path: render.page(f"firmware/{path.removeprefix('src/')}.j2", **holes) for path in _PAGES}

@@ -141,10 +141,10 @@ class Toolchain:
         return (*self.processor(target), *self.common(), optimisation)
 
     def link_flags(self, target: Target) -> tuple[str, ...]:
-        """Of an image that brings its own start-up and needs no library."""
+        """Of an image that brings its own start-up and needs no library. One without an entry is no image."""
         if self.kind == "gcc":
-            return (*target.gcc, "-nostdlib", "-Wl,--gc-sections", "-Wl,--build-id=none")
-        return ("--gc-sections", "--build-id=none")
+            return (*target.gcc, "-nostdlib", "-Wl,--gc-sections", "-Wl,--build-id=none", "-Wl,--fatal-warnings")
+        return ("--gc-sections", "--build-id=none", "--fatal-warnings")
 
 
 @functools.cache

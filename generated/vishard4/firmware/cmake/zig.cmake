@@ -15,3 +15,6 @@ set(TENDON_OBJCOPY ${TENDON_PYTHON} -m ziglang objcopy)
 set(CMAKE_C_LINK_EXECUTABLE
   "${TENDON_PYTHON} -m ziglang ld.lld <LINK_FLAGS> <OBJECTS> <LINK_LIBRARIES> -o <TARGET>")
 set(CMAKE_C_CREATE_STATIC_LIBRARY "${TENDON_PYTHON} -m ziglang ar rcs <TARGET> <OBJECTS>")
+set(CMAKE_ASM_COMPILE_OBJECT
+  "${TENDON_PYTHON} -m ziglang cc -target thumb-freestanding-eabihf -Wno-unused-command-line-argument \
+<DEFINES> <INCLUDES> <FLAGS> -o <OBJECT> -c <SOURCE>")
