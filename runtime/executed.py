@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +18,9 @@ from runtime.boundary import EffectsFile, Json, ModelFile, UsageError, emit
 if TYPE_CHECKING:
     from runtime.cli import Source
     from runtime.execution.execute import Execution
+    from runtime.execution.real import Setup
+    from runtime.execution.targets import Line
+    from runtime.hardware.link import Link
     from runtime.loader import Model
     from runtime.planning.trajectory import Trajectory
 
@@ -230,11 +234,30 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
         reason = f"the simulated arm did not get through it: {simulated.to_json()['reason']}"
         return nothing, {"status": "refused", "reason": reason}
     found = {"prediction": prediction.Prediction.of(simulated).to_json(model)}
+    connect = partial(_connect, line, controller, plan, simulated, asked)
     if not asked.arm:
         reason = "a real arm moves only with --arm, and nobody in its reach"
-        return nothing, {**found, "status": "refused", "reason": reason}
+        return nothing, {**found, "board": _look(connect), "status": "refused", "reason": reason}
+    link, setup = connect()
+
+    def ready() -> None:
+        if asked.talks:
+            terminal_execution.prediction(boundary.plain(found["prediction"]))
+
+    with terminal.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
+        done, frames = real.execute_on(link, setup, ready, stop)
+    # Something may have failed after the motion: drives that do not go off.
+    late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
+    return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}
+
+
+def _connect(line: Line, controller: Path, plan: Trajectory, simulated: Execution, asked: _Asked) -> tuple[Link, Setup]:
+    """The line opened, and what is asked of the board behind it. Raises LinkError."""
+    from runtime.execution import real
+
+    model = simulated.plan.model
     link = line.open(asked.on, model, controller)
-    setup = real.Setup(
+    return link, real.Setup(
         directory=controller,
         model=model,
         trajectory=plan,
@@ -247,15 +270,17 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
         approach=asked.approach,
     )
 
-    def ready() -> None:
-        if asked.talks:
-            terminal_execution.prediction(boundary.plain(found["prediction"]))
 
-    with terminal.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
-        done, frames = real.execute_on(link, setup, ready, stop)
-    # Something may have failed after the motion: drives that do not go off.
-    late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
-    return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}
+def _look(connect: Callable[[], tuple[Link, Setup]]) -> dict[str, Any]:
+    """What the board says of the arm while nothing moves: where each joint stands, or why that is not known."""
+    from runtime.execution import real
+    from runtime.hardware.link import LinkError, LinkLost
+    from runtime.hardware.lockstep import Fault
+
+    try:
+        return {"standing": real.standing(*connect()), "text": None}
+    except (LinkError, LinkLost, Fault) as error:
+        return {"standing": None, "text": str(error)}
 
 
 def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[dict[str, str]]:

@@ -12,6 +12,8 @@ def show(document: Document) -> None:
     if document["status"] == "refused" and document.get("reason") and not document["exceeded"]:
         if document.get("prediction"):
             prediction(document["prediction"])
+        if board := document.get("board"):
+            _board(board)
         say(f"REFUSED, nothing has moved: {document['reason']}.")
         return
     plan = document["plan"]
@@ -47,6 +49,17 @@ def prediction(document: Document) -> None:
     console().print(table)
     if document["plate"] is not None:
         say(f"The end-effector {_beside_plate(document['plate'])}.")
+
+
+def _board(document: Document) -> None:
+    """Where the arm stands, before it is asked to move."""
+    if document["standing"] is None:
+        say(f"The arm cannot be asked where it stands: {document['text']}.")
+        return
+    say("The board answers and takes the motion; the arm")
+    for joint in document["standing"]:
+        unit, here, start = joint["position_unit"], joint["position"], joint["start"]
+        say(f"  joint {joint['joint']}: stands at {here:.3f} {unit}, the motion starts at {start:.3f}")
 
 
 def _beside_plate(distance: float) -> str:

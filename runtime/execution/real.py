@@ -89,6 +89,31 @@ def execute_on(
         session.close()
 
 
+def standing(link: Link, setup: Setup) -> list[dict[str, Any]]:
+    """Where each joint stands and where the trajectory starts. Nothing moves, the drives stay without power; the link
+    is closed.
+
+    Raises LinkError, LinkLost.
+    """
+    session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
+    try:
+        session.identify()
+        settings = setup.settings(setup.trajectory)
+        session.upload(settings)
+        here, start = _here(session, settings), Plan(setup.model, setup.trajectory).motion.q[:, 0]
+    finally:
+        session.close()
+    return [
+        {"joint": k, "position": float(here[k - 1]), "start": float(start[k - 1]), "position_unit": joint.position_unit}
+        for k, joint in enumerate(setup.model.joints, 1)
+    ]
+
+
+def _here(session: Session, settings: Settings) -> Array:
+    """(n,) rad (m) where the arm stands."""
+    return settings.positions(np.array([session.counts()], dtype=np.int32))[:, 0]
+
+
 @dataclass(frozen=True)
 class _Executing:
     session: Session
@@ -135,8 +160,7 @@ class _Executing:
 
     def _to(self, start: Array, settings: Settings) -> Trial | None:
         """Drive to `start` (n,), if that is wanted and the arm does not stand there; None if it does."""
-        # Encoders and their zeros are told before anything is asked of them.
-        here = settings.positions(np.array([self.session.counts()], dtype=np.int32))[:, 0]
+        here = _here(self.session, settings)
         apart = np.abs(here - start)
         if (apart <= np.array(settings.safety["start"])).all():
             return None

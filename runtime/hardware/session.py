@@ -139,7 +139,10 @@ class Session:
     def counts(self) -> tuple[int, ...]:
         """(n,) what the encoders read now. Raises Refused, LinkLost."""
         self._telemetry.clear()
-        self._ask(lambda: bool(self._telemetry))
+        self._ask(
+            lambda: bool(self._telemetry),
+            "the board answers, but no control period passes there: look at the timer behind tendon_board_period",
+        )
         return tuple(self._telemetry.pop()["counts"])
 
     def figures(self) -> dict[str, Any]:
@@ -202,7 +205,7 @@ class Session:
                     return Ended("interrupted")
         except Refused:
             self._state = None
-            self._ask(lambda: self._state is not None)
+            self._ask(lambda: self._state is not None, "the board does not tell its state")
             if not self._stopped:
                 raise
         return None
@@ -347,8 +350,11 @@ class Session:
             refused = _NotReady if result == "not_ready" else Refused
             raise refused(self._refusal(name, ack.values))
 
-    def _ask(self, told: Callable[[], bool]) -> None:
-        """A query, until what it is to bring has come: a new one each time, as none is done twice. Raises LinkLost."""
+    def _ask(self, told: Callable[[], bool], otherwise: str) -> None:
+        """A query, until what it is to bring has come: a new one each time, as none is done twice.
+
+        Raises LinkLost that says `otherwise`.
+        """
         for _ in range(_ATTEMPTS):
             self._command("query")
             deadline = self.link.now() + _ANSWER
@@ -356,7 +362,7 @@ class Session:
                 self._listen(left)
             if told():
                 return
-        raise LinkLost(f"the board does not tell what it is asked for (query, {_ATTEMPTS} times)")
+        raise LinkLost(otherwise)
 
     def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool], attempts: int = _ATTEMPTS) -> None:
         """Send a frame until it is answered. Raises LinkLost."""

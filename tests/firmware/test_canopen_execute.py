@@ -283,7 +283,13 @@ def test_nothing_moves_without_arm(executed: Executed, bench: Source, model: Mod
     with drives(bench, model, folder) as (on, behind):
         status, found = executed(on)
         assert (status, found["status"]) == (1, "refused")
-        assert behind.syncs == 0
+        # Asked where it stands, and never told more than to be without power.
+        assert found["board"]["standing"][0]["position"] == pytest.approx(
+            found["board"]["standing"][0]["start"], abs=0.01
+        )
+        drive = behind.drives[0]
+        assert (drive.state, drive.target) == (DISABLED, 0)
+        assert {word for kind, word, *_ in drive.heard if kind == "word"} <= {Command.DISABLE_VOLTAGE}
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import shutil
 import threading
@@ -182,11 +183,22 @@ def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board
     assert boundary.run(app, ["compare", "mounted.toml", "run.csv"]) == 0
 
 
-def test_without_arm_nothing_moves_and_the_port_is_not_even_opened(called: Any) -> None:
+def test_without_arm_nothing_moves(bench: Bench, called: Any) -> None:
+    """What it would do is shown, the board is asked whether it fits, and where the arm stands."""
+    status, out, _ = called("--on", f"serial://{bench.device}")
+    assert status == 1
+    assert "room to the end of the range" in out
+    assert "The board answers and takes the motion" in out
+    assert re.search(r"joint 1: stands at -?0\.000 rad, the motion starts at -?0\.000\n", out)
+    assert "REFUSED, nothing has moved: a real arm moves only with --arm" in out
+
+
+def test_without_arm_and_without_a_board(called: Any) -> None:
     status, out, _ = called("--on", "serial:///dev/nowhere")
     assert status == 1
-    assert "REFUSED, nothing has moved: a real arm moves only with --arm" in out
     assert "room to the end of the range" in out
+    assert "The arm cannot be asked where it stands: /dev/nowhere: there is no such port" in out
+    assert "REFUSED, nothing has moved: a real arm moves only with --arm" in out
 
 
 def test_a_slow_line_carries_fewer_records_and_says_so(bench: Bench, called: Any) -> None:
