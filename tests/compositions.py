@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from stepped import Controller
 
+from codegen.controller_records import MIN_DEGREE
 from runtime.loader import Model
 from runtime.planning.trajectory import Motion, Phase, Trajectory
 
@@ -72,12 +73,18 @@ class Composition:
     def resolution(self, m: Motion) -> Array:
         """What a rounding of the control points to float does to the torque, a few times over (n, N)."""
         phases = [self.plan.phases[k] for k in m.phase]
-        slope = np.array([(phase.points.shape[1] - 1) / phase.duration for phase in phases])
-        # By how much a coordinate of the contact moves a joint.
-        lever = np.abs(np.linalg.inv(self.model.contact_jacobian(POSTURE))).sum(axis=1).max()
-        size = [np.abs(phase.points).max() * (1.0 if phase.coordinates == "q" else lever) for phase in phases]
+        # Of the degree that the controller is given, which is that of its rounded points.
+        slope = np.array([max(phase.points.shape[1] - 1, MIN_DEGREE) / phase.duration for phase in phases])
+        size = [
+            np.abs(phase.points).max() * (1.0 if phase.coordinates == "q" else self.lever(q))
+            for phase, q in zip(phases, m.q.T, strict=True)
+        ]
         inertia = np.abs(self.model.inertia(m.q)).sum(axis=1)
         return 8 * EPSILON * np.array(size) * (self.gain("kp") + self.gain("kd") * slope + inertia * slope**2)
+
+    def lever(self, q: Array) -> float:
+        """By how much a coordinate of the contact moves a joint at q (n,): without bound where the arm is stretched."""
+        return float(np.abs(np.linalg.inv(self.model.contact_jacobian(q))).sum(axis=1).max())
 
     def measured(self, counts: Array) -> tuple[Array, Array]:
         """Positions, and rates by a first-order low-pass on the backward difference (n, N)."""
