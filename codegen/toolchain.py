@@ -154,6 +154,11 @@ def said_version(command: tuple[str, ...]) -> str:
     return line[0] if line else "unknown"
 
 
+def said_processor(command: tuple[str, ...]) -> str:
+    """What a compiler says it compiles for, for example "arm-none-eabi"."""
+    return _run([*command, "-dumpmachine"], Path.cwd()).strip() or "a processor that it does not name"
+
+
 def find(chosen: str | None = None) -> Toolchain:
     """A cross-compiler: `chosen` ("gcc", "zig"), else $TENDON_ARM_CC, else gcc-arm-none-eabi, else the ziglang wheel.
 
@@ -199,6 +204,12 @@ def _named(text: str) -> Toolchain:
     if "zig" in text:
         bare = command[:-1] if command[-1] == "cc" else command
         return Toolchain("zig", (*bare, "cc"), (*bare, "ld.lld"), why)
+    processor = said_processor(command)
+    if not processor.startswith(("arm", "thumb")):
+        raise BuildError(
+            f'the compiler "{text}" of the environment variable TENDON_ARM_CC compiles for {processor}; '
+            "expected one for Arm, such as arm-none-eabi-gcc"
+        )
     return Toolchain("gcc", command, command, why)
 
 

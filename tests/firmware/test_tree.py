@@ -158,6 +158,7 @@ def test_for_this_computer(tendon: Verb, tmp_path: Path) -> None:
     [
         (["--target", "cortex-m0"], '--target "cortex-m0": no such target; there are cortex-m4f, cortex-m7 and host'),
         (["--toolchain", "iar"], '--toolchain "iar": no such cross-compiler; there are gcc and zig'),
+        (["--target", "host", "--toolchain", "zig"], "--toolchain zig: a cross-compiler; --target host takes the C"),
         (["--out", "drive.toml"], "drive.toml: is a file; expected a directory to write into"),
         (["--json", "absent/report.json"], "there is no directory absent; make it first"),
     ],
