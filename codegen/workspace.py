@@ -74,8 +74,8 @@ def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST
     processor = None if target == HOST else toolchain.named_target(target)
     if processor is None and chosen is not None:
         raise build.BuildError(
-            f"--toolchain {chosen}: a cross-compiler; --target {HOST} takes the C compiler of this computer, or that of "
-            "the environment variable CC: leave --toolchain out"
+            f"--toolchain {chosen}: a cross-compiler; --target {HOST} takes the C compiler of this computer, "
+            "or that of the environment variable CC: leave --toolchain out"
         )
     tools = None if processor is None else toolchain.find(chosen)
     content = [repr(arm), *_active(arm, library), "" if tools is None else tools.identity]
