@@ -160,8 +160,11 @@ def _is_real(asked: _Asked) -> bool:
         if asked.arm or asked.approach:
             raise UsageError(f"--{'arm' if asked.arm else 'approach'} is for a real arm, and --on {asked.on} is none")
         return False
-    if targets.scheme(asked.on) not in targets.LINES:
-        raise UsageError(f"--on {asked.on}: no such target; there is: {', '.join(targets.KNOWN)}")
+    line = targets.LINES.get(targets.scheme(asked.on))
+    if line is None:
+        meant = f"; did you mean serial://{asked.on}?" if asked.on.startswith("/dev/") else ""
+        raise UsageError(f"--on {asked.on}: no such target; there is: {', '.join(targets.KNOWN)}{meant}")
+    line.parse(asked.on)
     if asked.hide or asked.change:
         raise UsageError(
             f"--{'hide' if asked.hide else 'set'} is for the simulated arm, and --on {asked.on} is a real one"

@@ -30,7 +30,7 @@ def check_limits(model: Model) -> None:
     if missing:
         raise ControllerError(
             f'the model file of "{model.name}" has too few limits for a real arm; add to [joint.limits]: '
-            f"{'; '.join(missing)}"
+            f"{'; '.join(missing)} (position = [low, high] in rad or m, speed in rad/s or m/s, torque in N m or N)"
         )
 
 

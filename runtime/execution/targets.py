@@ -35,21 +35,23 @@ SIMULATED: Mapping[str, Simulated] = {
 
 @dataclass(frozen=True)
 class Line:
-    """A way to a real arm. Both raise LinkError.
+    """A way to a real arm. All raise LinkError.
 
-    check   what can be said of an address before anything is touched
+    parse   an address as it is written
+    check   what can be said of it with the model, before anything is touched
     open    with the directory of the arm's firmware for this computer
     """
 
+    parse: Callable[[str], object]
     check: Callable[[str, Model], object]
     open: Callable[[str, Model, Path], Link]
 
 
 LINES: dict[str, Line] = {
     serial_link.SCHEME: Line(
-        lambda url, _model: serial_link.address(url), lambda url, _model, _directory: SerialLink.of(url)
+        serial_link.address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
     ),
-    can_bus.SCHEME: Line(canopen_link.check, CanopenLink),
+    can_bus.SCHEME: Line(can_bus.parse, canopen_link.check, CanopenLink),
 }
 """By the scheme of their address."""
 

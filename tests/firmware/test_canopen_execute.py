@@ -20,7 +20,7 @@ from runtime.execution import targets
 from runtime.execution.plan import Plan
 from runtime.execution.plant import Plant
 from runtime.execution.simulated import SimulatedArm
-from runtime.hardware import canopen_link
+from runtime.hardware import can_bus, canopen_link
 from runtime.hardware.canopen_link import CanopenLink
 from runtime.hardware.cia402 import Command
 from runtime.hardware.pace import Pace
@@ -144,7 +144,7 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         time = time or Time()
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(PERIOD, time.now, time.sleep), patience=PATIENT)
-        monkeypatch.setitem(targets.LINES, "canopen", targets.Line(canopen_link.check, link))
+        monkeypatch.setitem(targets.LINES, "canopen", targets.Line(can_bus.parse, canopen_link.check, link))
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
         status = boundary.run(app, [*arguments, *more])

@@ -296,6 +296,7 @@ def test_no_real_arm_moves_without_limits(called: Any, here: Path, key: str) -> 
         (["--on", "serial:///dev/nowhere?baud=fast"], "expected serial:///dev/ttyACM0"),
         (["--on", "serial:///dev/nowhere?speed=1"], "expected serial:///dev/ttyACM0"),
         (["--on", "serial:///dev/nowhere?dtr=no"], "expected serial:///dev/ttyACM0"),
+        (["--on", "/dev/ttyACM0"], "canopen://can0; did you mean serial:///dev/ttyACM0?"),
         (["--on", "serial:///dev/nowhere", "--hide", "offset@1:torque=1"], "--hide is for the simulated arm"),
         (
             ["--on", "telnet://board"],
