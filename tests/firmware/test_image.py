@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -56,12 +57,16 @@ def prepared(arm: Arm, target: str, kind: str) -> tuple[Path, dict[str, Any]]:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_image_is_small_and_needs_no_library(vishard4: Arm, target: str, kind: str) -> None:
-    _, report = prepared(vishard4, target, kind)
+    directory, report = prepared(vishard4, target, kind)
     assert report["text"] + report["data"] < TEXT
     assert report["stack"]["unknown"] == []
     assert report["stack"]["worst"] < STACK
     assert report["forbidden"] == []
     assert report["fits"]
+    page = re.search(r"(\d+) KB of flash\s+\(text \+ data\) and (\d+) KB of RAM", (directory / "README.md").read_text())
+    assert page is not None
+    assert report["text"] + report["data"] <= 1024 * int(page[1])
+    assert report["data"] + report["bss"] + report["stack_size"] <= 1024 * int(page[2])
     assert report["stack"]["chain"][0][0] == "tendon_reset"
     library = ("__aeabi_u", "__aeabi_l", "__aeabi_i", "__aeabi_f", "__udiv", "__div")
     assert [name for name in report["symbols"] if name.startswith(library)] == []
