@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ def listening() -> Iterator[Callable[[], int]]:
     The end of a terminal (SIGHUP) and SIGTERM are one wish, however often they are told.
     """
     pressed, ended = 0, False
+    terminals = [stream for stream in (1, 2) if os.isatty(stream)]
 
     def heard(number: int, _frame: FrameType | None) -> None:
         nonlocal pressed, ended
@@ -26,6 +28,8 @@ def listening() -> Iterator[Callable[[], int]]:
             pressed += 1
         else:
             ended = True
+        if number == signal.SIGHUP:
+            _let_go(terminals)
         if pressed > _MOST:
             raise KeyboardInterrupt
 
@@ -38,3 +42,11 @@ def listening() -> Iterator[Callable[[], int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _let_go(streams: list[int]) -> None:
+    """What is said to a terminal that is gone is heard by nobody, and is no error that could cost a recording."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in streams:
+        os.dup2(nowhere, stream)
+    os.close(nowhere)

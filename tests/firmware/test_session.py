@@ -351,3 +351,38 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(
     assert document["trials"][0]["stop"]["name"] == "interrupted"
     assert "interrupted (Ctrl-C, or its terminal was closed)" in document["reason"]
     assert len((tmp_path / "run.csv").read_text().splitlines()) > 100
+
+
+def test_a_terminal_that_is_closed_costs_no_recording(bench: Source, tmp_path: Path) -> None:
+    """With all that is said there."""
+    bench.controller()
+    (tmp_path / "bench.toml").write_text(BENCH)
+    PLAN.write(tmp_path / "plan.json")
+    near, far = os.openpty()
+    command = [sys.executable, "-c", _IN_A_TERMINAL, "execute", "bench.toml", "plan.json", "--on", "simulation"]
+    started = subprocess.Popen(
+        [*command, "--cycles", "10000", "--trials", "1", "--out", "run.csv", "--json", "e.json"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        stdin=far,
+        stdout=far,
+        stderr=far,
+        start_new_session=True,
+    )
+    os.close(far)
+    said = b""
+    while b"executing" not in said:
+        said += os.read(near, 4096)
+    time.sleep(0.7)
+    os.close(near)
+    assert started.wait(timeout=60) == 1
+    assert json.loads((tmp_path / "e.json").read_text())["trials"][0]["stop"]["name"] == "interrupted"
+    assert len((tmp_path / "run.csv").read_text().splitlines()) > 100
+
+
+_IN_A_TERMINAL = """
+import fcntl, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+import runtime.cli
+runtime.cli.main()
+"""
