@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -286,6 +286,15 @@ def test_no_wait_is_without_an_end(one: Rig, line: Callable[[], Any]) -> None:
 # --- Ctrl-C ---
 
 
+@pytest.fixture
+def interrupts() -> Iterator[None]:
+    """As in a terminal: whoever is started in the background is deaf to Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interrupts")
 def test_control_c_is_counted_and_the_third_one_interrupts() -> None:
     with listening() as asked:
         assert asked() == 0
