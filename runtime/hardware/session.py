@@ -22,8 +22,8 @@ _ATTEMPTS, _ANSWER = 5, 0.1
 """How often a command is sent, and s that its answer may take each time."""
 _GREETINGS = 30
 """The same of the first word: some boards start anew when their port is opened."""
-_CHUNK = 0.02
-"""s of one read in a run."""
+_CHUNK = 0.002
+"""s of one read in a run: what is missing or wrong in it is answered within a few ms."""
 _ALIVES = 4
 """Signs of life in the time that the board waits for one."""
 _SILENT = 0.3

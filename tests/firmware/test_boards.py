@@ -62,7 +62,7 @@ def check_lost(one: Rig, words: str) -> None:
     assert found.stop is not None
     assert found.stop.name == "link_lost"
     assert words in found.stop.reason
-    # The host reads 20 periods at once; the last of them are lost with the board.
+    # The host reads a few periods at once; the last of them are lost with the board.
     assert AT - 20 <= len(found.t) <= AT
     np.testing.assert_allclose(found.t, 1e-3 * np.arange(len(found.t)), atol=1e-9)
 

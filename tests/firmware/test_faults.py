@@ -81,7 +81,7 @@ def check(found: Trial, name: str, about: int, clean: Trial) -> None:
     assert found.stop.name == name, found.stop
     assert abs(found.stop.t - 1e-3 * about) < 0.05, found.stop
     count = min(AT, len(found.t))
-    assert count > AT - 25  # the host reads 20 periods at once
+    assert count > AT - 5  # the host reads a few periods at once
     np.testing.assert_array_equal(found.q[:, :count], clean.q[:, :count])
     np.testing.assert_allclose(found.t[:count], 1e-3 * np.arange(count), atol=1e-9)
 
@@ -177,8 +177,8 @@ def test_telemetry_that_does_not_come_whole_stops_the_arm(
     one = make()
     one.link.to_host = InMotion(one, change, AT + 20)
     check(one.driven(), "telemetry_lost", AT, clean)
-    # The host reads 20 periods at once.
-    one.check_safe(AT + 45)
+    # That records are missing shows when the next one comes.
+    one.check_safe(AT + 20)
 
 
 @pytest.mark.parametrize("since", [1390, 1399])
@@ -529,7 +529,7 @@ def test_a_motor_that_turns_the_wrong_way(make: Make) -> None:
 def test_the_user_stops_the_arm(make: Make, clean: Trial, board: Callable[..., Any]) -> None:
     one = make(board).prepared()
     check(one.run(asked=lambda: int(one.arm.period >= AT)), "interrupted", AT + 20, clean)
-    one.check_safe(AT + 45)
+    one.check_safe(AT)
 
 
 def test_twice_does_not_wait_for_the_board(make: Make, clean: Trial) -> None:
