@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _CUTS = 30
 _RANK = 1e-9
@@ -17,6 +18,8 @@ _WELL_POSED = 1e-3
 """Smallest pivot of a scaled Cholesky factor below which directions may be unseen."""
 _MARGIN = 1e-6
 _ACCURACY = 1e-8
+_OPTIMAL = 1e-10
+"""Of the largest moment per column's size: where the cost falls by less towards the inside, a bound is kept."""
 _RIDGES = (1e-12, 1e-9, 1e-6)
 """Of the mean curvature: makes directions that the data do not see unique and moves nothing that they do see. The
 solver gives up where a Hessian is singular to rounding, or is not positive definite after the noise is taken off."""
@@ -65,19 +68,84 @@ def rank(gram: Array) -> int:
 
 
 def bounded(gram: Array, moment: Array, lower: Array, upper: Array, near: Array | None = None) -> Array:
-    """As `solve`, with each coefficient at the bound that it would otherwise leave."""
+    """argmin ½ θᵀ gram θ − momentᵀ θ with lower <= θ <= upper; unseen directions as in `solve`.
+
+    gram (K, K); moment, lower, upper, near (K,). Source: the active-set method BVLS, Stark & Parker, "Bounded-variable
+    least squares", Computational Statistics 10, 1995. It begins with all coefficients on the bounds that they would
+    leave otherwise, and releases one of them at a time while that lowers the cost. A Gram matrix that is compensated
+    for noise need not be positive: a release that brings nothing is taken back, so that there is an end.
+    """
+    theta, held = _held_where_broken(gram, moment, lower, upper, near)
+    fixed, refused = lower == upper, np.zeros(len(theta), dtype=bool)
+    while (loose := held & ~fixed & ~refused).any():
+        # How much the cost falls with a coefficient that leaves its bound, per unit of its column's size.
+        size = np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), np.inf))
+        fall = (moment - gram @ theta) / size
+        inward = np.where(loose, np.where(theta > lower, -fall, fall), 0.0)
+        at = int(np.argmax(inward))
+        if inward[at] <= _OPTIMAL * float(np.max(np.abs(moment) / size)):
+            break
+        tried, now_held = _released(gram, moment, lower, upper, near, theta, held, at)
+        if _cost(gram, moment, tried) < _cost(gram, moment, theta):
+            theta, held, refused = tried, now_held, np.zeros(len(theta), dtype=bool)
+        else:
+            refused[at] = True
+    return theta
+
+
+def _held_where_broken(
+    gram: Array, moment: Array, lower: Array, upper: Array, near: Array | None
+) -> tuple[Array, Mask]:
+    """A place within the bounds to begin from, optimal in the coefficients that are not held there (K,)."""
     held = lower == upper
     theta = np.where(held, lower, 0.0)
     for _ in range(len(theta) + 1):
-        free = ~held
-        rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
-        theta[free] = solve(gram[np.ix_(free, free)], rest, None if near is None else near[free])
-        broken = free & ((theta < lower) | (theta > upper))
+        theta = _with_held(gram, moment, near, theta, held)
+        broken = ~held & ((theta < lower) | (theta > upper))
         if not broken.any():
             break
         held |= broken
         theta = np.where(held, np.clip(theta, lower, upper), theta)
-    return theta
+    return theta, held
+
+
+def _released(
+    gram: Array,
+    moment: Array,
+    lower: Array,
+    upper: Array,
+    near: Array | None,
+    theta: Array,
+    held: Mask,
+    at: int,
+) -> tuple[Array, Mask]:
+    """From theta with coefficient `at` free, too: as far towards each optimum as the bounds let it, holding what
+    meets them."""
+    held = held.copy()
+    held[at] = False
+    while True:
+        goal = _with_held(gram, moment, near, theta, held)
+        broken = ~held & ((goal < lower) | (goal > upper))
+        if not broken.any():
+            return goal, held
+        bound = np.where(goal > upper, upper, lower)
+        part = np.full(len(theta), np.inf)
+        part[broken] = (bound[broken] - theta[broken]) / (goal[broken] - theta[broken])
+        step = float(part.min())
+        held |= part <= step
+        theta = np.where(part <= step, bound, np.clip(theta + step * (goal - theta), lower, upper))
+
+
+def _with_held(gram: Array, moment: Array, near: Array | None, theta: Array, held: Mask) -> Array:
+    """theta with its coefficients that are not held at their optimum."""
+    free, answer = ~held, theta.copy()
+    rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
+    answer[free] = solve(gram[np.ix_(free, free)], rest, None if near is None else near[free])
+    return answer
+
+
+def _cost(gram: Array, moment: Array, theta: Array) -> float:
+    return float(theta @ (0.5 * (gram @ theta) - moment))
 
 
 def minimise(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from runtime.constrained import bounded, minimise, solve
@@ -27,16 +28,52 @@ def test_an_unseen_direction_stays_zero() -> None:
     assert np.allclose(solve(x.T @ x, x.T @ (4 * column)), [2.0, 2.0])
 
 
-@given(st.integers(0, 10_000))
-@settings(max_examples=40, deadline=None)
-def test_bounds_hold_and_one_bound_is_optimal(seed: int) -> None:
-    """Within the bounds always; where a single coefficient is bounded, equal to scipy's solver."""
-    rng = np.random.default_rng(seed)
-    x, y = rng.standard_normal((40, 4)), rng.standard_normal(40)
-    lower, upper = np.array([0.0, -np.inf, -np.inf, -np.inf]), np.full(4, np.inf)
+def test_a_bound_that_is_wrong_is_released() -> None:
+    """Both coefficients leave their bounds when the other is free; held for good, the answer would be (0, 0)."""
+    gram, moment = np.array([[1.0, -0.9], [-0.9, 1.0]]), np.array([0.1, -1.0])
+    assert np.allclose(bounded(gram, moment, np.zeros(2), np.full(2, np.inf)), [0.1, 0.0], atol=1e-12)
+
+
+@st.composite
+def bounded_problems(draw: st.DrawFn) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """x (rows, K), y (rows,), lower and upper (K,): from one bound to two on every coefficient, correlated columns."""
+    size = draw(st.integers(2, 7))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    x = rng.standard_normal((40, size)) @ (np.eye(size) + draw(st.floats(0, 3)) * rng.standard_normal((size, size)))
+    x *= 10.0 ** rng.uniform(-3, 3, size)
+    y = rng.standard_normal(40) + x @ (rng.standard_normal(size) / np.linalg.norm(x, axis=0)) * 6
+    scale = 1 / np.linalg.norm(x, axis=0)
+    lower = np.where(rng.random(size) < 0.6, rng.uniform(-2, 1, size) * scale, -np.inf)
+    upper = np.where(rng.random(size) < 0.6, np.maximum(lower, 0) + rng.uniform(0.01, 2, size) * scale, np.inf)
+    return x, y, lower, upper
+
+
+@given(bounded_problems())
+@settings(max_examples=300, deadline=None)
+def test_bounded_is_optimal(problem: tuple[NDArray, NDArray, NDArray, NDArray]) -> None:
+    """Against scipy's solver, and the conditions of Karush, Kuhn and Tucker, with any number of bounds."""
+    x, y, lower, upper = problem
     theta = bounded(x.T @ x, x.T @ y, lower, upper)
-    assert theta[0] >= 0
-    assert np.allclose(theta, lsq_linear(x, y, (lower, upper), tol=1e-12).x, atol=1e-6)
+    assert np.all((theta >= lower) & (theta <= upper))
+    reference = lsq_linear(x, y, (lower, upper), method="bvls", tol=1e-14).x
+    cost, least = np.sum((y - x @ theta) ** 2), np.sum((y - x @ reference) ** 2)
+    assert cost <= least * (1 + 1e-9)
+    fall = x.T @ (y - x @ theta) / np.linalg.norm(x, axis=0) / np.linalg.norm(y)
+    assert np.all(np.abs(fall[(theta > lower) & (theta < upper)]) < 1e-6)
+    assert np.all(fall[theta == lower] < 1e-6)
+    assert np.all(fall[theta == upper] > -1e-6)
+
+
+@given(st.integers(0, 10_000), st.integers(1, 6))
+@settings(max_examples=100, deadline=None)
+def test_bounds_hold_where_the_gram_matrix_is_not_positive(seed: int, size: int) -> None:
+    """Compensation for noise may leave directions of negative size: there is an end, and it lies within the bounds."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((10, size))
+    gram = x.T @ x - rng.uniform(0, 12) * np.eye(size)
+    moment, lower, upper = rng.standard_normal(size) * 5, -rng.random(size), rng.random(size)
+    theta = bounded(gram, moment, lower, upper)
+    assert np.all((theta >= lower) & (theta <= upper))
 
 
 def test_a_cut_is_respected() -> None:
