@@ -8,11 +8,11 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from codegen.tape import Tape
+from codegen.tape.tape import Tape
 from symbolic import units as u
-from symbolic.arm import Joint
 from symbolic.effects.declaration import SIGNALS, Effect, Parameter, prefix
 from symbolic.functions import SymbolicFunction
+from symbolic.model_file.arm import Joint
 from symbolic.units import Unit
 
 JOINT_TYPES = ("revolute", "prismatic")

@@ -5,14 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-from runtime.covariance import Estimate
-from runtime.terms import Term
-
-
-def at(term: Term) -> str:
-    """Where a term acts, after its name."""
-    return "" if term.joint is None else f" at joint {term.joint}"
-
 
 def sentence(text: str) -> str:
     """With a capital and a full stop."""
@@ -57,20 +49,3 @@ def unit(text: str, before: str = "") -> str:
 def quantity(value: float, of: str, digits: int = 4) -> str:
     """A number with its unit."""
     return number(value, digits) + unit(of, " ")
-
-
-def estimate(e: Estimate | None) -> str:
-    """Value ± half of its 95 % interval, to the digits that the interval supports."""
-    if e is None:
-        return ""
-    if e.interval is None:
-        together = f" (only together with {', '.join(e.with_others)})" if e.with_others else ""
-        return number(e.value) + together
-    half = (e.interval[1] - e.interval[0]) / 2
-    if half <= 0 or not math.isfinite(half):
-        return number(e.value)
-    places = 1 - math.floor(math.log10(half))
-    if not -6 <= places <= 9:
-        return f"{number(e.value)} ± {number(half, 2)}"
-    shown = max(0, places)
-    return f"{round(e.value, places):.{shown}f} ± {round(half, places):.{shown}f}".replace("-", "−")

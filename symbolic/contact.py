@@ -13,8 +13,8 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import Argument, SymbolicFunction
-from symbolic.kinematics import Author
-from symbolic.newton_euler import Chain
+from symbolic.rigid_body.kinematics import Author
+from symbolic.rigid_body.newton_euler import Chain
 from symbolic.straightline import Recorder
 
 W_UNIT = "m, m, rad, rad"

@@ -7,13 +7,14 @@ from fractions import Fraction
 
 import sympy as sp
 
-from symbolic import contact, dynamics, kinematics
-from symbolic.arm import Arm
-from symbolic.checks import ModelError, nearest
+from symbolic import contact
 from symbolic.functions import Struct, SymbolicFunction
-from symbolic.kinematics import Author, Coordinates
-from symbolic.layout import Field, Layout, choose_layout
-from symbolic.lumps import BaseParameters, base_parameters, exact
+from symbolic.model_file.arm import Arm
+from symbolic.model_file.checks import ModelError, nearest
+from symbolic.rigid_body import dynamics, kinematics
+from symbolic.rigid_body.base_parameters import BaseParameters, base_parameters, exact
+from symbolic.rigid_body.kinematics import Author, Coordinates
+from symbolic.rigid_body.layout import LayoutConstant, RecursionLayout, choose_layout
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def derive(arm: Arm) -> ArmModel:
     return ArmModel(arm, lumps, struct, tuple(replace(f, struct=struct) for f in functions))
 
 
-def _struct(lumps: tuple[Lump, ...], fields: tuple[Field, ...]) -> Struct:
+def _struct(lumps: tuple[Lump, ...], fields: tuple[LayoutConstant, ...]) -> Struct:
     return Struct(
         "parameters",
         tuple(sp.Symbol(lump.name, real=True) for lump in lumps) + tuple(f.symbol for f in fields),
@@ -73,7 +74,7 @@ def _struct(lumps: tuple[Lump, ...], fields: tuple[Field, ...]) -> Struct:
     )
 
 
-def named_lumps(arm: Arm, base: BaseParameters, layout: Layout) -> tuple[Lump, ...]:
+def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tuple[Lump, ...]:
     """The base parameters as people see them; values that an identification left in the file replace the links'.
 
     Raises ModelError for a value in the file whose name this arm does not have.

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from stepped import Controller
 
-from codegen.controller_records import MIN_DEGREE
-from runtime.loader import Model
-from runtime.planning.trajectory import Motion, Phase, Trajectory
+from codegen.c.controller_records import MIN_DEGREE
+from runtime.model.loader import Model
+from runtime.planning.trajectory import JointMotion, Phase, Trajectory
 
 Array = NDArray[np.float64]
 PLATE = {
@@ -70,7 +70,7 @@ class Composition:
     def gain(self, name: str) -> Array:
         return np.array([[joint.gains[name]] for joint in self.model.joints if joint.gains])
 
-    def resolution(self, m: Motion) -> Array:
+    def resolution(self, m: JointMotion) -> Array:
         """What a rounding of the control points to float does to the torque, a few times over (n, N)."""
         phases = [self.plan.phases[k] for k in m.phase]
         # Of the degree that the controller is given, which is that of its rounded points.

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from codegen import workspace
-from runtime import loader
-from symbolic import model_file
-from symbolic.arm import Arm
+from codegen import prepare
+from runtime.model import loader
+from symbolic.model_file import reader
+from symbolic.model_file.arm import Arm
 
 # On a busy machine an example takes as long as it takes.
 settings.register_profile("unhurried", deadline=None)
@@ -42,16 +42,16 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture(scope="session")
 def vishard4() -> Arm:
     """The arm of the paper."""
-    return model_file.load(ARMS / "vishard4.toml")
+    return reader.load(ARMS / "vishard4.toml")
 
 
 @pytest.fixture(scope="session")
 def library(cache: Path) -> loader.Library:  # noqa: ARG001
     """The compiled library of effects."""
-    return loader.load_library(workspace.prepare_effects())
+    return loader.load_library(prepare.prepare_effects())
 
 
 @pytest.fixture(scope="session")
 def model(vishard4: Arm, library: loader.Library) -> loader.Model:
     """The compiled arm of the paper."""
-    return loader.load_model(workspace.prepare_arm(vishard4), library)
+    return loader.load_model(prepare.prepare_arm(vishard4), library)

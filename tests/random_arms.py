@@ -5,8 +5,8 @@ from __future__ import annotations
 import random
 from dataclasses import replace
 
-from symbolic.arm import Arm, Joint, Link
 from symbolic.effects import LIBRARY
+from symbolic.model_file.arm import Arm, Joint, Link
 
 
 def arm(types: str, gravity: tuple[float, float], seed: int = 1) -> Arm:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.hardware.settings import ControllerError, Settings, Values
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
 
 Float32 = NDArray[np.float32]
@@ -22,7 +22,7 @@ Int32 = NDArray[np.int32]
 class Controller:
     """One arm's controller on one trajectory.
 
-    directory   of codegen.workspace.prepare_firmware for the host, of the same arm as the model
+    directory   of codegen.prepare.prepare_firmware for the host, of the same arm as the model
     friction    whether friction is compensated, (7); what else the model file has always is
     Raises ControllerError where the model file lacks what a controller needs, or the trajectory does not fit.
 

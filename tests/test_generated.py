@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from codegen import firmware, render
-from symbolic.arm import Arm
+from codegen import disk, render
+from codegen.firmware import source_tree
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 GENERATED = Path(__file__).resolve().parent.parent / "generated"
 
@@ -16,15 +17,15 @@ def test_the_arm_of_the_paper(vishard4: Arm) -> None:
     """If this fails: tendon generate symbolic/arms/vishard4.toml"""
     model = derive(vishard4)
     files = render.arm_files(model) | render.controller_files(model, LIBRARY)
-    assert render.stale(files, GENERATED / "vishard4") == []
+    assert disk.stale(files, GENERATED / "vishard4") == []
 
 
 def test_the_firmware_of_the_arm_of_the_paper(vishard4: Arm) -> None:
     """If this fails: tendon firmware symbolic/arms/vishard4.toml"""
-    files = firmware.firmware_files(derive(vishard4), LIBRARY)
-    assert render.stale(files, GENERATED / "vishard4" / "firmware") == []
+    files = source_tree.firmware_files(derive(vishard4), LIBRARY)
+    assert disk.stale(files, GENERATED / "vishard4" / "firmware") == []
 
 
 def test_the_library_of_effects() -> None:
     """If this fails: tendon generate symbolic/arms/vishard4.toml writes the library, too."""
-    assert render.stale(render.effect_files(tuple(LIBRARY.values())), GENERATED / "effects") == []
+    assert disk.stale(render.effect_files(tuple(LIBRARY.values())), GENERATED / "effects") == []

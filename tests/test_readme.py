@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from codegen import build
-from runtime import cli
+from codegen.toolchain import build
+from runtime.cli import main
 from runtime.hardware import can_bus
 from runtime.hardware.link import LinkError
 from runtime.planning import scenario_file
-from symbolic import model_file
-from symbolic.checks import Place
 from symbolic.effects import load_user_effects
+from symbolic.model_file import reader
+from symbolic.model_file.checks import Place
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -38,8 +38,8 @@ def test_its_links_and_pictures_are_there() -> None:
 
 @pytest.mark.parametrize("verb", sorted(set(re.findall(r"^    tendon (\w+)", README, re.MULTILINE))))
 def test_its_verbs_exist(verb: str) -> None:
-    commands = cli.app.registered_commands + [
-        c for g in cli.app.registered_groups for c in g.typer_instance.registered_commands
+    commands = main.app.registered_commands + [
+        c for g in main.app.registered_groups for c in g.typer_instance.registered_commands
     ]
     assert verb in {c.name or c.callback.__name__ for c in commands}
 
@@ -80,7 +80,7 @@ def test_its_keys_of_the_controller_are_read() -> None:
     (block,) = (b for b in TOML if "[[joint]]" in b)
     shared, joint = block.split("[[joint]]\n")
     text = (ROOT / "symbolic" / "arms" / "emps.toml").read_text(encoding="utf-8")
-    arm = model_file.parse(text.replace("[[joint]]", f"{shared}[[joint]]") + joint, "README.md")
+    arm = reader.parse(text.replace("[[joint]]", f"{shared}[[joint]]") + joint, "README.md")
     assert arm.controller is not None
     assert arm.joints[0].gains is not None
     assert arm.joints[0].drive is not None

@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 
 from runtime.execution import results
-from runtime.execution.actual import actual
-from runtime.execution.loop import RUN_IN, Trial, length, recorded, run
-from runtime.execution.plan import Excess, Plan
-from runtime.execution.plant import Plant
+from runtime.execution.demand import Excess, PlannedCycle
 from runtime.execution.simulated import SimulatedArm
+from runtime.execution.trial import RUN_IN, Trial, length, recorded, run
 from runtime.hardware.frames import Codec
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.lockstep import Board, Lockstep
 from runtime.hardware.session import Session
 from runtime.hardware.settings import Settings
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.model.terms import Structure, Term
 from runtime.planning.trajectory import Trajectory
-from runtime.recording import Recording
-from runtime.simulate import NOISE, RATE, Hidden, complete
-from runtime.terms import Structure, Term
+from runtime.recordings.recording import Recording
+from runtime.simulation.plant import Plant
+from runtime.simulation.simulate import NOISE, RATE, Hidden, complete
+from runtime.simulation.true_effects import actual
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Execution:
     hidden          those that the model has not
     """
 
-    plan: Plan
+    plan: PlannedCycle
     dt: float
     compensated: bool
     uncompensated: tuple[str, ...]
@@ -124,7 +124,7 @@ def execute(
     """
     compensated = trajectory.friction if friction is None else friction
     settings = Settings.of(controller, model, trajectory, compensated, tracking_limit)
-    plan = Plan(model, trajectory)
+    plan = PlannedCycle(model, trajectory)
     seconds = length(trajectory, cycles)
     values = actual(model, plan.terms, changed, hidden)
     if hidden or changed:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.execution.demand import PlannedCycle
 from runtime.execution.execute import Execution
-from runtime.execution.loop import Trial, length, run
-from runtime.execution.plan import Plan
+from runtime.execution.trial import Trial, length, run
 from runtime.hardware.frames import Codec
-from runtime.hardware.link import Link, LinkError, LinkLost
+from runtime.hardware.link import BoardLink, LinkError, LinkLost
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Setup:
     directory   of the arm's compiled controller      cycles   of a periodic trajectory, besides its run-in
     compensated   whether friction is compensated     tracking_limit   rad (m); None: by the joints' types
     every       control periods from one record to the next
-    late        see Link
+    late        see BoardLink
     approach    drive to the trajectory's start first, wherever the arm stands
     """
 
@@ -73,7 +73,7 @@ class Setup:
 
 
 def execute_on(
-    link: Link, setup: Setup, ready: Callable[[], None], asked: Callable[[], int]
+    link: BoardLink, setup: Setup, ready: Callable[[], None], asked: Callable[[], int]
 ) -> tuple[Execution, dict[str, Any]]:
     """All trials, or up to the first that is stopped, and what became of the frames; the link is closed.
 
@@ -89,7 +89,7 @@ def execute_on(
         session.close()
 
 
-def standing(link: Link, setup: Setup) -> list[dict[str, Any]]:
+def standing(link: BoardLink, setup: Setup) -> list[dict[str, Any]]:
     """Where each joint stands and where the trajectory starts. Nothing moves, the drives stay without power; the link
     is closed.
 
@@ -100,7 +100,7 @@ def standing(link: Link, setup: Setup) -> list[dict[str, Any]]:
         session.identify()
         settings = setup.settings(setup.trajectory)
         session.upload(settings)
-        here, start = _here(session, settings), Plan(setup.model, setup.trajectory).motion.q[:, 0]
+        here, start = _here(session, settings), PlannedCycle(setup.model, setup.trajectory).motion.q[:, 0]
     finally:
         session.close()
     return [
@@ -124,7 +124,7 @@ class _Executing:
     def all(self) -> Execution:
         setup = self.setup
         self.session.identify()
-        settings, plan = setup.settings(setup.trajectory), Plan(setup.model, setup.trajectory)
+        settings, plan = setup.settings(setup.trajectory), PlannedCycle(setup.model, setup.trajectory)
         start, done = plan.motion.q[:, 0], list[Trial]()
         seconds = length(setup.trajectory, setup.cycles)
         self.session.upload(settings)
@@ -167,7 +167,7 @@ class _Executing:
         if not self.setup.approach:
             raise ControllerError(_elsewhere(self.setup.model, here, start))
         way = self._way(here, start)
-        outside = [str(excess) for excess in Plan(self.setup.model, way).exceeded()]
+        outside = [str(excess) for excess in PlannedCycle(self.setup.model, way).exceeded()]
         if outside:
             raise ControllerError(f"there is no straight way to the start: {outside[0]}")
         settings = self.setup.settings(way)

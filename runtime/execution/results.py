@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.execution.loop import RUN_IN, Trial
-from runtime.execution.plan import Plan, compression
+from runtime.execution.demand import PlannedCycle, compression
+from runtime.execution.trial import RUN_IN, Trial
 
 Array = NDArray[np.float64]
 
@@ -32,18 +32,18 @@ class Cycle:
     saturated: float
 
 
-def cycles(trial: Trial, plan: Plan, dt: float) -> list[Cycle]:
+def cycles(trial: Trial, plan: PlannedCycle, dt: float) -> list[Cycle]:
     """The cycles that a trial went through, without its run-in."""
     duration, first = plan.trajectory.duration, RUN_IN if plan.trajectory.periodic else 0
     done = int(len(trial.t) * dt / duration + 1e-9)
     return [_cycle(trial, plan, k * duration, (k + 1) * duration, dt) for k in range(first, done)][: _most(plan)]
 
 
-def _most(plan: Plan) -> int | None:
+def _most(plan: PlannedCycle) -> int | None:
     return None if plan.trajectory.periodic else 1
 
 
-def _cycle(trial: Trial, plan: Plan, begin: float, end: float, dt: float) -> Cycle:
+def _cycle(trial: Trial, plan: PlannedCycle, begin: float, end: float, dt: float) -> Cycle:
     part = slice(round(begin / dt), round(end / dt))
     q, tau = trial.q[:, part], trial.tau[:, part]
     error = q - trial.q_desired[:, part]
@@ -65,7 +65,7 @@ def _held(tau: Array, dt: float, begin: float, end: float) -> Array:
     return np.array([np.diff(np.interp([begin, end], edges, np.append(0.0, np.cumsum(row**2) * dt)))[0] for row in tau])
 
 
-def document(plan: Plan, trials: Sequence[Trial], dt: float) -> dict[str, Any]:
+def document(plan: PlannedCycle, trials: Sequence[Trial], dt: float) -> dict[str, Any]:
     """Every figure, in SI; `mean` and `spread` over all cycles of all trials, None if there is none."""
     found = [cycles(trial, plan, dt) for trial in trials]
     every = [cycle for part in found for cycle in part]
@@ -87,7 +87,7 @@ def document(plan: Plan, trials: Sequence[Trial], dt: float) -> dict[str, Any]:
     }
 
 
-def plan_document(plan: Plan) -> dict[str, Any]:
+def plan_document(plan: PlannedCycle) -> dict[str, Any]:
     """The plan's own figures. `cost` as it was planned, `modelled` with all that the model knows."""
     cost, modelled = plan.planned.cost, plan.modelled.cost
     return {
@@ -106,11 +106,11 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _plain(cycle: Cycle, plan: Plan) -> dict[str, Any]:
+def _plain(cycle: Cycle, plan: PlannedCycle) -> dict[str, Any]:
     return {**vars(cycle), "total": cycle.cost.sum(), "compression": compression(plan.terms, cycle.tip_y)}
 
 
-def _over(every: Sequence[Cycle], plan: Plan, statistic: Any) -> dict[str, Any] | None:
+def _over(every: Sequence[Cycle], plan: PlannedCycle, statistic: Any) -> dict[str, Any] | None:
     """A statistic of every figure over the cycles."""
     if not every:
         return None

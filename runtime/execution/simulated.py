@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.execution.plant import Plant
 from runtime.hardware.lockstep import Counts, Fault, Float32
 from runtime.hardware.settings import Settings
+from runtime.simulation.plant import Plant
 
 Array = NDArray[np.float64]
 _MOST = 2.0**31

@@ -10,12 +10,12 @@ from pathlib import Path
 from runtime.hardware import can_bus, canopen_link, serial_link
 from runtime.hardware.canopen_link import CanopenLink
 from runtime.hardware.host_board import HostBoard
-from runtime.hardware.link import Link
+from runtime.hardware.link import BoardLink
 from runtime.hardware.lockstep import Board
 from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.serial_link import SerialLink
 from runtime.hardware.unicorn_board import UnicornBoard
-from runtime.loader import Model
+from runtime.model.loader import Model
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ SIMULATED: Mapping[str, Simulated] = {
 
 
 @dataclass(frozen=True)
-class Line:
+class ArmLine:
     """A way to a real arm. All raise LinkError.
 
     parse   an address as it is written
@@ -44,14 +44,14 @@ class Line:
 
     parse: Callable[[str], object]
     check: Callable[[str, Model], object]
-    open: Callable[[str, Model, Path], Link]
+    open: Callable[[str, Model, Path], BoardLink]
 
 
-LINES: dict[str, Line] = {
-    serial_link.SCHEME: Line(
+LINES: dict[str, ArmLine] = {
+    serial_link.SCHEME: ArmLine(
         serial_link.address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
     ),
-    can_bus.SCHEME: Line(can_bus.parse, canopen_link.check, CanopenLink),
+    can_bus.SCHEME: ArmLine(can_bus.parse, canopen_link.check, CanopenLink),
 }
 """By the scheme of their address."""
 

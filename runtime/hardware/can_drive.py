@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from runtime.hardware import cia402
-from runtime.hardware.cia402 import Command, Entry, Scale, State
+from runtime.hardware.cia402 import Controlword, DriveState, Entry, Scale
 from runtime.hardware.link import LinkError
-from runtime.loader import JointInfo
+from runtime.model.loader import JointInfo
 
 HOST_NODE = 127
 """Node id of the computer: whose heartbeat the drives watch."""
@@ -43,11 +43,11 @@ class Answer:
     position: int = 0
 
     @property
-    def state(self) -> State:
+    def state(self) -> DriveState:
         return cia402.state_of(self.statusword)
 
 
-class Drive:
+class CanDrive:
     """The drive of a joint (1-based) in a connected canopen.Network.
 
     spoke    called, by the network's thread, after an answer to a SYNC or a restart
@@ -238,7 +238,7 @@ class Drive:
         """Of the encoder, in the joint's direction. The register wraps; so does its negative."""
         return (self._keys.direction * self.answer.position + 2**31) % 2**32 - 2**31
 
-    def command(self, word: Command, torque: int = 0) -> None:
+    def command(self, word: Controlword, torque: int = 0) -> None:
         """torque in per mille of the rated one."""
         self._network.send_message(0x200 + self.node, _COMMAND.pack(word, torque))
 

@@ -23,12 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from runtime.hardware import can_bus, cia402
 from runtime.hardware.can_bus import Address, faults
-from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, Drive
-from runtime.hardware.cia402 import POWERLESS, Command, Scale, State
+from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, CanDrive
+from runtime.hardware.cia402 import POWERLESS, Controlword, DriveState, Scale
 from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault
 from runtime.hardware.pace import Pace
-from runtime.loader import Model
+from runtime.model.loader import Model
 
 Counts = NDArray[np.int32]
 
@@ -81,8 +81,8 @@ class CanopenArm:
         self._beats: int | None = None
         self._fault: str | None = None
         self._network: Any = can_bus.open_network(address, self._on_error_frame)
-        self._drives = [Drive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
-        self._sent = [Command.DISABLE_VOLTAGE] * model.n
+        self._drives = [CanDrive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
+        self._sent = [Controlword.DISABLE_VOLTAGE] * model.n
 
     def __enter__(self) -> Self:
         return self
@@ -116,7 +116,7 @@ class CanopenArm:
         with self._or_stop():
             if self._on:
                 asked = [s.per_mille(float(t)) for s, t in zip(self.scales, np.asarray(torque), strict=True)]
-                self._command(Command.ENABLE_OPERATION, asked)
+                self._command(Controlword.ENABLE_OPERATION, asked)
 
     def enable(self, on: bool) -> None:
         """Switch the drives on, at zero torque, or off. Both take periods, in which nothing is controlled."""
@@ -150,7 +150,7 @@ class CanopenArm:
     @property
     def _powered(self) -> bool:
         """Whether some drive may have power: it has been told more than to be without, even on the way to being on."""
-        return any(word is not Command.DISABLE_VOLTAGE for word in self._sent)
+        return any(word is not Controlword.DISABLE_VOLTAGE for word in self._sent)
 
     def figures(self) -> dict[str, Any]:
         """What became of it, in SI: the bus, punctuality, and what a torque is rounded to."""
@@ -212,11 +212,11 @@ class CanopenArm:
                 state = drive.network_state.lower()
                 also = "" if state == "operational" else f"; its node is {state}"
                 self._fail(f"{drive.name} has not answered {MISSED} times in a row{also}")
-            if self._on and drive.answer.state is not State.ENABLED:
+            if self._on and drive.answer.state is not DriveState.ENABLED:
                 state = drive.answer.state.value
-                self._fail(f'{drive.name} left "{State.ENABLED.value}" for "{state}"', drive)
+                self._fail(f'{drive.name} left "{DriveState.ENABLED.value}" for "{state}"', drive)
 
-    def _command(self, word: Command, torques: Iterable[int]) -> None:
+    def _command(self, word: Controlword, torques: Iterable[int]) -> None:
         with faults(self.address):
             for k, (drive, torque) in enumerate(zip(self._drives, torques, strict=True)):
                 drive.command(word, torque)
@@ -240,29 +240,31 @@ class CanopenArm:
         for _ in range(self._periods(SWITCHING)):
             self.pace.period()
             self.counts()
-            if all(drive.answer.state is State.ENABLED for drive in self._drives):
+            if all(drive.answer.state is DriveState.ENABLED for drive in self._drives):
                 self._on = True
                 return
             with self._or_stop(), faults(self.address):
                 for k, drive in enumerate(self._drives):
                     self._sent[k] = cia402.towards_enabled(drive.answer.state, self._sent[k])
                     drive.command(self._sent[k])
-        drive = next(drive for drive in self._drives if drive.answer.state is not State.ENABLED)
+        drive = next(drive for drive in self._drives if drive.answer.state is not DriveState.ENABLED)
         state = drive.answer.state.value
         self._fail(f'{drive.name} could not be switched on within {SWITCHING:g} s: it is in "{state}"', drive)
 
-    def _switch_off(self) -> list[Drive]:
+    def _switch_off(self) -> list[CanDrive]:
         """Zero torque, then voltage off. The drives that did not say that they are off."""
-        return self._until(Command.DISABLE_VOLTAGE, _OFF, lambda drive: drive.answer.state in POWERLESS)
+        return self._until(Controlword.DISABLE_VOLTAGE, _OFF, lambda drive: drive.answer.state in POWERLESS)
 
-    def _quick_stop(self) -> list[Drive]:
+    def _quick_stop(self) -> list[CanDrive]:
         """Braking by the drives as they are set up to (0x605A), then voltage off. Who is not off after it."""
         self._until(
-            Command.QUICK_STOP, BRAKING, lambda drive: drive.answer.state not in (State.ENABLED, State.QUICK_STOP)
+            Controlword.QUICK_STOP,
+            BRAKING,
+            lambda drive: drive.answer.state not in (DriveState.ENABLED, DriveState.QUICK_STOP),
         )
         return self._switch_off()
 
-    def _until(self, word: Command, seconds: float, done: Callable[[Drive], bool]) -> list[Drive]:
+    def _until(self, word: Controlword, seconds: float, done: Callable[[CanDrive], bool]) -> list[CanDrive]:
         """This word and zero torque, until all drives are done or the time is over; those that are not."""
         left = list(self._drives)
         with suppress(Fault):
@@ -285,7 +287,7 @@ class CanopenArm:
         except (Fault, ValueError) as error:
             self._fail(str(error))
 
-    def _fail(self, what: str, drive: Drive | None = None) -> NoReturn:
+    def _fail(self, what: str, drive: CanDrive | None = None) -> NoReturn:
         """Stop all drives, and say why; `drive`: the one that knows more."""
         self._on = False
         still = self._quick_stop()
@@ -293,7 +295,7 @@ class CanopenArm:
         self._fault = f"{what}{why}" + (f"; {_not_off(still)}" if still else "")
         raise Fault(self._fault)
 
-    def _confirm(self, still: list[Drive]) -> None:
+    def _confirm(self, still: list[CanDrive]) -> None:
         if still:
             self._fault = _not_off(still)
             raise Fault(self._fault)
@@ -312,7 +314,7 @@ class CanopenArm:
             self._bus_off = True
 
 
-def _not_off(drives: list[Drive]) -> str:
+def _not_off(drives: list[CanDrive]) -> str:
     return (
         f"{' and '.join(drive.name for drive in drives)} did not confirm to be off; "
         f"without this computer's heartbeat the voltage goes off after {HOST_LOST:g} s"

@@ -14,7 +14,7 @@ from runtime.hardware.canopen_arm import CanopenArm
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.lockstep import Fault, Lockstep
 from runtime.hardware.pace import Pace, Precedence
-from runtime.loader import Model
+from runtime.model.loader import Model
 
 LATE = 0.01
 """s between two control steps at most. A computer is less punctual than a microcontroller's timer: what stops that

@@ -64,7 +64,7 @@ DISABLE_VOLTAGE_THEN = 2
 # --- states ---
 
 
-class State(Enum):
+class DriveState(Enum):
     """Of a drive, in the standard's words."""
 
     NOT_READY = "not ready to switch on"
@@ -79,25 +79,25 @@ class State(Enum):
 
 
 _STATES = (
-    (0x4F, 0x00, State.NOT_READY),
-    (0x4F, 0x40, State.SWITCH_ON_DISABLED),
-    (0x6F, 0x21, State.READY),
-    (0x6F, 0x23, State.SWITCHED_ON),
-    (0x6F, 0x27, State.ENABLED),
-    (0x6F, 0x07, State.QUICK_STOP),
-    (0x4F, 0x0F, State.FAULT_REACTION),
-    (0x4F, 0x08, State.FAULT),
+    (0x4F, 0x00, DriveState.NOT_READY),
+    (0x4F, 0x40, DriveState.SWITCH_ON_DISABLED),
+    (0x6F, 0x21, DriveState.READY),
+    (0x6F, 0x23, DriveState.SWITCHED_ON),
+    (0x6F, 0x27, DriveState.ENABLED),
+    (0x6F, 0x07, DriveState.QUICK_STOP),
+    (0x4F, 0x0F, DriveState.FAULT_REACTION),
+    (0x4F, 0x08, DriveState.FAULT),
 )
 """Bits of the statusword that tell the state, and what they are in it."""
 
-POWERLESS = frozenset({State.NOT_READY, State.SWITCH_ON_DISABLED, State.READY, State.FAULT})
+POWERLESS = frozenset({DriveState.NOT_READY, DriveState.SWITCH_ON_DISABLED, DriveState.READY, DriveState.FAULT})
 """States in which the power stage is off: no torque, whatever was asked for."""
 _LIMIT_BIT = 1 << 11
 
 
-def state_of(statusword: int) -> State:
+def state_of(statusword: int) -> DriveState:
     """What a statusword says."""
-    return next((state for mask, bits, state in _STATES if statusword & mask == bits), State.UNKNOWN)
+    return next((state for mask, bits, state in _STATES if statusword & mask == bits), DriveState.UNKNOWN)
 
 
 def limited(statusword: int) -> bool:
@@ -105,7 +105,7 @@ def limited(statusword: int) -> bool:
     return bool(statusword & _LIMIT_BIT)
 
 
-class Command(IntEnum):
+class Controlword(IntEnum):
     """Controlwords."""
 
     DISABLE_VOLTAGE = 0x00
@@ -117,22 +117,22 @@ class Command(IntEnum):
 
 
 _TOWARDS_ENABLED = {
-    State.SWITCH_ON_DISABLED: Command.SHUTDOWN,
-    State.READY: Command.SWITCH_ON,
-    State.SWITCHED_ON: Command.ENABLE_OPERATION,
-    State.ENABLED: Command.ENABLE_OPERATION,
+    DriveState.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
+    DriveState.READY: Controlword.SWITCH_ON,
+    DriveState.SWITCHED_ON: Controlword.ENABLE_OPERATION,
+    DriveState.ENABLED: Controlword.ENABLE_OPERATION,
 }
 
 
-def towards_enabled(state: State, before: Command) -> Command:
+def towards_enabled(state: DriveState, before: Controlword) -> Controlword:
     """The next controlword on the way to operation enabled; `before`: the one that was sent last.
 
     A fault is reset by a rising edge of its bit, so two words take turns. States that a drive leaves by itself, and
     a quick stop, are met with voltage off.
     """
-    if state is State.FAULT and before is not Command.FAULT_RESET:
-        return Command.FAULT_RESET
-    return _TOWARDS_ENABLED.get(state, Command.DISABLE_VOLTAGE)
+    if state is DriveState.FAULT and before is not Controlword.FAULT_RESET:
+        return Controlword.FAULT_RESET
+    return _TOWARDS_ENABLED.get(state, Controlword.DISABLE_VOLTAGE)
 
 
 # --- torque ---

@@ -27,7 +27,7 @@ class FrameError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class ReceivedMessage:
     """One message as it was received; a value is a number or, of an array, a tuple."""
 
     name: str
@@ -113,7 +113,7 @@ class Codec:
         plain = _HEADER.pack(self.version, self._by_name[name].number, sequence & 0xFFFF, len(payload)) + payload
         return cobs_encode(plain + _CRC.pack(zlib.crc32(plain))) + DELIMITER
 
-    def decode(self, frame: bytes) -> Message | str:
+    def decode(self, frame: bytes) -> ReceivedMessage | str:
         """A frame without its delimiter: the message, or the kind of error that it has."""
         plain = cobs_decode(frame)
         if plain is None or not _HEADER.size + _CRC.size <= len(plain) <= self.longest:
@@ -129,7 +129,7 @@ class Codec:
             return "bad_header"
         if layout is None or layout.struct.size != length:
             return "unknown"
-        return Message(layout.name, sequence, layout.unpack(body[_HEADER.size :]))
+        return ReceivedMessage(layout.name, sequence, layout.unpack(body[_HEADER.size :]))
 
 
 class Decoder:
@@ -147,10 +147,10 @@ class Decoder:
         self._skipping = False
         self._expected: int | None = None
 
-    def feed(self, data: bytes) -> list[Message]:
+    def feed(self, data: bytes) -> list[ReceivedMessage]:
         """What `data` completes."""
         *whole, rest = (self._pending + data).split(DELIMITER) if DELIMITER in data else (self._pending + data,)
-        found: list[Message] = []
+        found: list[ReceivedMessage] = []
         for frame in whole:
             if self._skipping:
                 self._skipping = False

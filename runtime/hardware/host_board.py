@@ -15,7 +15,7 @@ _CHUNK = 4096
 class HostBoard:
     """A board within this process.
 
-    directory   of codegen.workspace.prepare_firmware for the host: lib.so     name   of the arm     n   its joints
+    directory   of codegen.prepare.prepare_firmware for the host: lib.so     name   of the arm     n   its joints
     """
 
     def __init__(self, directory: Path, name: str, n: int) -> None:

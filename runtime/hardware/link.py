@@ -14,7 +14,7 @@ class LinkLost(RuntimeError):
     """The line that was there is gone; the message says how."""
 
 
-class Link(Protocol):
+class BoardLink(Protocol):
     """Both directions of a line. All may raise LinkLost.
 
     A link has a time of its own, so that a simulated board is waited for in its time and not in that of a busy

@@ -22,7 +22,7 @@ class Fault(RuntimeError):
     """The arm can no longer be driven: its motion is no number, a drive has failed; the message says what."""
 
 
-class Arm(Protocol):
+class SteppedArm(Protocol):
     """What a board drives: encoders and motors. All may raise Fault."""
 
     def start(self, q: Array, rng: np.random.Generator) -> Counts:
@@ -88,7 +88,7 @@ class Lockstep:
     A fault of the arm reaches the board as a fault of its drives; `fault` keeps the words.
     """
 
-    def __init__(self, board: Board, arm: Arm, period: float, clock: Clock | None = None) -> None:
+    def __init__(self, board: Board, arm: SteppedArm, period: float, clock: Clock | None = None) -> None:
         self.board, self.arm, self.period = board, arm, period
         self.baud: int | None = None
         self.late: float | None = None

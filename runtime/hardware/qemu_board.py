@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from runtime.hardware.emulated import PATIENCE, PlantLine
-from runtime.hardware.frames import DELIMITER, Codec, Message
+from runtime.hardware.frames import DELIMITER, Codec, ReceivedMessage
 from runtime.hardware.link import LinkError, LinkLost
 from runtime.hardware.lockstep import Counts, Float32
 
@@ -27,7 +27,7 @@ _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 
 
 class QemuBoard:
-    """A board with the image `name`.elf of a directory of codegen.workspace.prepare_firmware; n: joints.
+    """A board with the image `name`.elf of a directory of codegen.prepare.prepare_firmware; n: joints.
 
     machine   of QEMU: mps2-an386 is a Cortex-M4F, mps2-an500 a Cortex-M7
     Raises LinkError where QEMU is missing or does not start.
@@ -131,9 +131,9 @@ class QemuBoard:
         except (BlockingIOError, TimeoutError):
             return b""
 
-    def _messages(self, data: bytes) -> list[Message]:
+    def _messages(self, data: bytes) -> list[ReceivedMessage]:
         found = (self._codec.decode(frame) for frame in data.split(DELIMITER)[:-1] if frame)
-        return [message for message in found if isinstance(message, Message)]
+        return [message for message in found if isinstance(message, ReceivedMessage)]
 
     def _answer(self) -> bytes:
         found = b""

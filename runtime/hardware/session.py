@@ -13,8 +13,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from runtime.hardware.frames import DELIMITER, Codec, Decoder, Message
-from runtime.hardware.link import Link, LinkError, LinkLost
+from runtime.hardware.frames import DELIMITER, Codec, Decoder, ReceivedMessage
+from runtime.hardware.link import BoardLink, LinkError, LinkLost
 from runtime.hardware.settings import Settings
 from runtime.hardware.telemetry import Log
 
@@ -63,7 +63,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Run:
+class BoardRun:
     """rows: the run's telemetry (N,), without gaps, up to the end; its fields are those of the message."""
 
     rows: NDArray[Any]
@@ -73,14 +73,14 @@ class Run:
 class Session:
     """One host's conversation over a link; close it, whatever happened."""
 
-    def __init__(self, link: Link, codec: Codec) -> None:
+    def __init__(self, link: BoardLink, codec: Codec) -> None:
         self.link, self.codec = link, codec
         self._decoder = Decoder(codec)
         self._names = {table: codec.names(table) for table in ("states", "reasons", "results")}
         self._sequence = 0
         self._unanswered: tuple[int, bytes] | None = None
-        self._acks: dict[int, Message] = {}
-        self._identity: Message | None = None
+        self._acks: dict[int, ReceivedMessage] = {}
+        self._identity: ReceivedMessage | None = None
         self._state: dict[str, Any] | None = None
         self._telemetry: list[dict[str, Any]] = []
         self._counters: dict[str, int] | None = None
@@ -151,7 +151,7 @@ class Session:
 
     # --- a run ---
 
-    def run(self, periods: int, every: int = 1, asked: Callable[[], int] = lambda: 0) -> Run:
+    def run(self, periods: int, every: int = 1, asked: Callable[[], int] = lambda: 0) -> BoardRun:
         """Arm and run for so many control periods, with telemetry in every so many; idle again afterwards.
 
         asked   whether the user wants to stop: 0 no, 1 yes, 2 without waiting for the board
@@ -159,7 +159,7 @@ class Session:
         """
         log = Log(every, self.codec)
         if asked():
-            return Run(log.rows(), Ended("interrupted"))
+            return BoardRun(log.rows(), Ended("interrupted"))
         self._telemetry.clear()
         self._state = None
         try:
@@ -169,7 +169,7 @@ class Session:
             with suppress(LinkLost):
                 self._stop()
             raise
-        return Run(log.rows(), ended)
+        return BoardRun(log.rows(), ended)
 
     def _driven(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended:
         told: Ended | None = None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import SPRING, Phase, Trajectory
 
 Array = NDArray[np.float64]

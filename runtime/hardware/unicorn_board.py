@@ -26,7 +26,7 @@ _SLEEPS = 100
 
 
 class UnicornBoard:
-    """A board with the flat image `name`.bin of a directory of codegen.workspace.prepare_firmware; n: joints.
+    """A board with the flat image `name`.bin of a directory of codegen.prepare.prepare_firmware; n: joints.
 
     Raises LinkError where the emulator is missing.
     """

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Block:
+class ProgramBlock:
     """cost(z, p), a scalar, the sum of squares(z, p), and rows(z, p), constraints, at several places.
 
     z, p      SX symbols (nz,), (np,); p is what one solution may change from the next without a new program
@@ -126,7 +126,7 @@ class Sum:
         return ca.nlpsol("plan", "ipopt", self.problem, {**options, **self.derivatives})
 
 
-def assemble(blocks: Sequence[Block]) -> Sum:
+def assemble(blocks: Sequence[ProgramBlock]) -> Sum:
     """One nonlinear program."""
     size, p = blocks[0].places.shape[1], ca.MX.sym("p", blocks[0].p.numel())
     x = ca.MX.sym("x", size)

@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.model.terms import Structure, Term, structure
 from runtime.planning.physics import FRICTION
 from runtime.planning.scenario import Scenario
-from runtime.planning.trajectory import SPRING, Motion, Trajectory
-from runtime.simulate import torque_along
-from runtime.terms import Structure, Term, structure
+from runtime.planning.trajectory import SPRING, JointMotion, Trajectory
+from runtime.simulation.simulate import torque_along
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Effort:
     """
 
     model: Model
-    motion: Motion
+    motion: JointMotion
     weights: Array
     tau: Array
     spring: Array

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.loader import Library, Model
+from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import Effort, at_times, effort, objective
 from runtime.planning.program import STIFFNESS_UNIT, Program
 from runtime.planning.scenario import Scenario, SpringPlan
@@ -43,7 +43,7 @@ def _many(degree: int) -> int:
 
 
 @dataclass(frozen=True)
-class Choice:
+class SpringChoice:
     """A spring, or one for each sprung joint, that can be bought: stiffness (N/m) by joint, and what it costs."""
 
     stiffness: Mapping[int, float]
@@ -69,7 +69,7 @@ class Plan:
     cost: float
     smooth_cost: float
     free: Mapping[int, float]
-    choices: tuple[Choice, ...]
+    choices: tuple[SpringChoice, ...]
     attempts: tuple[Attempt, ...]
     refined: Attempt
     setup_seconds: float
@@ -182,7 +182,7 @@ class Planner:
             taut[self._spring(k)] = sum(spring.stiffness) / 2 / STIFFNESS_UNIT, offset
         return [fitting, taut]
 
-    def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[Choice, ...]]:
+    def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[SpringChoice, ...]]:
         """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
         springs = self.scenario.springs
         sought = [free.x[self._spring(k)][0] * STIFFNESS_UNIT for k in range(len(springs))]
@@ -197,7 +197,7 @@ class Planner:
         if tried[0][1].missed is not None:
             raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
         named = [
-            Choice({springs[k].joint: v for k, v in fixed.items()}, attempt.cost if attempt.met else None)
+            SpringChoice({springs[k].joint: v for k, v in fixed.items()}, attempt.cost if attempt.met else None)
             for fixed, attempt in tried
         ]
         return tried[0][1], tuple(named)

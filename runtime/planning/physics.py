@@ -9,11 +9,11 @@ from typing import Any
 
 import casadi as ca
 
-from runtime import smooth
-from runtime.loader import Model
+from runtime.model import casadi_functions
+from runtime.model.loader import Model
+from runtime.model.terms import Structure, Term, structure
 from runtime.planning.scenario import Scenario
 from runtime.planning.trajectory import SPRING
-from runtime.terms import Structure, Term, structure
 
 FRICTION = "friction"
 """The family of effects that a frictionless plan leaves out."""
@@ -52,12 +52,12 @@ class Physics:
     def sizes(self) -> dict[str, int]:
         """Of the parts of p that the equations read."""
         own = {str(term): len(self.model.library[term.effect].parameters) for term in self.terms}
-        return {"struct": len(smooth.struct_values(self.model)), "width": len(smooth.WIDTHS), **own}
+        return {"struct": len(casadi_functions.struct_values(self.model)), "width": len(casadi_functions.WIDTHS), **own}
 
     def values(self, width: float) -> dict[str, list[float]]:
         """The same parts' values; width of the switches in rad/s (m/s), and their other widths with it."""
-        own = {str(term): smooth.ordered(self.model, term.effect, v) for term, v in self.terms.items()}
-        return {"struct": smooth.struct_values(self.model), "width": widths(width), **own}
+        own = {str(term): casadi_functions.ordered(self.model, term.effect, v) for term, v in self.terms.items()}
+        return {"struct": casadi_functions.struct_values(self.model), "width": widths(width), **own}
 
     @property
     def touches(self) -> bool:
@@ -70,12 +70,12 @@ class Physics:
 
 
 def widths(rate: float) -> list[float]:
-    """Of the switches, in the order of smooth.WIDTHS: rate (rad/s, m/s), and position, force, time in proportion."""
+    """In the order of casadi_functions.WIDTHS: rate (rad/s, m/s), and position, force, time in proportion."""
     return [rate, rate / 50.0, rate, rate / 50.0]
 
 
 @dataclass(frozen=True)
-class Instant:
+class PlanInstant:
     """Expressions of one instant: q, qd, qdd (n,), spring parameters by joint, p by name.
 
     apart   the end-effector is known to be off the plate, so that nothing of the contact acts
@@ -90,7 +90,7 @@ class Instant:
     apart: bool
 
     def _arm(self, name: str, *inputs: Any) -> Any:
-        return smooth.arm_function(self.physics.model, name)(self.p("struct"), *inputs)
+        return casadi_functions.arm_function(self.physics.model, name)(self.p("struct"), *inputs)
 
     @cached_property
     def tip(self) -> ca.SX:
@@ -142,7 +142,7 @@ class Instant:
         def read(name: str) -> Any:
             return first if name == "has_next" else self._signal(name, joint, own)
 
-        return smooth.effect_torque(self.physics.model, effect, read, values, self.p("width"))
+        return casadi_functions.effect_torque(self.physics.model, effect, read, values, self.p("width"))
 
     def _signal(self, name: str, i: int, own: list[Any]) -> Any:
         joint, n = self.physics.model.joints[i], self.physics.model.n

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import BPoly
 
-from runtime import smooth
-from runtime.loader import Model
-from runtime.planning.blocks import Block
-from runtime.planning.physics import Instant, Physics
+from runtime.model import casadi_functions
+from runtime.model.loader import Model
+from runtime.planning.blocks import ProgramBlock
+from runtime.planning.physics import Physics, PlanInstant
 from runtime.planning.scenario import PhasePlan, Point, Scenario
 from runtime.planning.unknowns import Parameters, Unknowns
 
@@ -95,7 +95,7 @@ class Program:
         given = dict(zip(self.unknowns.free[phase], free, strict=True))
         return ca.vertcat(*(given.get(i, ca.SX(q)) for i, q in enumerate(self.scenario.posture)))
 
-    def _instant(self, phase: int, c: ca.SX, cs: ca.SX, css: ca.SX, springs: Mapping[int, ca.SX]) -> Instant:
+    def _instant(self, phase: int, c: ca.SX, cs: ca.SX, css: ca.SX, springs: Mapping[int, ca.SX]) -> PlanInstant:
         """c, cs, css: free coordinates and their derivatives by the phase's s in [0, 1]."""
         T = self.p("duration")[phase]
         k = len(self.unknowns.free[phase])
@@ -105,13 +105,13 @@ class Program:
         a = self._embedded(phase, ca.vertsplit(css / T**2)) if k else still
         at = self._coordinates(phase, ca.vertsplit(c))
         if self.scenario.phases[phase].kind == "free":
-            return Instant(self.physics, at, v, a, springs, self.p, apart=self._kept_off)
+            return PlanInstant(self.physics, at, v, a, springs, self.p, apart=self._kept_off)
         struct = self.p("struct")
-        q = smooth.arm_function(self.model, "contact_inverse")(struct, at, self.scenario.elbow)
-        solve = smooth.arm_function(self.model, "contact_acceleration")
+        q = casadi_functions.arm_function(self.model, "contact_inverse")(struct, at, self.scenario.elbow)
+        solve = casadi_functions.arm_function(self.model, "contact_acceleration")
         # Without rates b_w is zero, and the map of accelerations is that of rates.
         qd = solve(struct, q, ca.SX.zeros(self.model.n), v)
-        return Instant(self.physics, q, qd, solve(struct, q, qd, a), springs, self.p, apart=False)
+        return PlanInstant(self.physics, q, qd, solve(struct, q, qd, a), springs, self.p, apart=False)
 
     def _embedded(self, phase: int, free: Sequence[ca.SX]) -> ca.SX:
         """Rates of all coordinates: those that are not free stand still."""
@@ -134,12 +134,12 @@ class Program:
     # --- blocks ---
 
     @cached_property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[ProgramBlock, ...]:
         along = [self._along(k) for k in range(len(self.scenario.phases))]
         between = [block for block in self._between() if block.rows.numel()]
         return (*along, *([self._peak()] if self.scenario.objective.goal == "peak_torque" else []), *between)
 
-    def _along(self, phase: int) -> Block:
+    def _along(self, phase: int) -> ProgramBlock:
         """Cost and path constraints at the nodes of Gauss and Legendre within a phase."""
         plan = self.scenario.phases[phase]
         nodes, weights = np.polynomial.legendre.leggauss(self.nodes(plan.degree))
@@ -152,7 +152,7 @@ class Program:
         if peak:
             rows += self._below_peak(at, z[-1])
         places = self._sample_places(phase, s)
-        return Block(
+        return ProgramBlock(
             z=z,
             p=self.p.symbol,
             places=places,
@@ -184,14 +184,14 @@ class Program:
         """Joints (0-based) whose torque counts."""
         return [j - 1 for j in self.scenario.objective.joints or self.scenario.moving]
 
-    def _cost(self, at: Instant) -> ca.SX:
+    def _cost(self, at: PlanInstant) -> ca.SX:
         """What a phase costs per time, without the squares."""
         if self.scenario.objective.goal != "positive_work":
             return ca.SX(0)
         power = [at.torque[i] * at.qd[i] for i in self._counted()]
         return ca.sum(ca.vertcat(*(ca.fmax(w, 0) for w in power)))
 
-    def _squares(self, at: Instant) -> ca.SX:
+    def _squares(self, at: PlanInstant) -> ca.SX:
         """What costs its square per time, (k,)."""
         goal = self.scenario.objective.goal
         if goal == "electrical_energy":
@@ -204,7 +204,7 @@ class Program:
         constant = self.model.joints[i].torque_constant or 1.0
         return self.scenario.objective.resistance[i + 1] / constant**2
 
-    def _below_peak(self, at: Instant, peak: ca.SX) -> list[Row]:
+    def _below_peak(self, at: PlanInstant, peak: ca.SX) -> list[Row]:
         found: list[Row] = []
         for i in self._counted():
             part = at.torque[i] / (self.model.joints[i].torque_limit or 1.0)
@@ -212,13 +212,13 @@ class Program:
             found += [(part + peak, 0.0, INF, f"torque of joint {i + 1} below the peak", "1")]
         return found
 
-    def _peak(self) -> Block:
+    def _peak(self) -> ProgramBlock:
         z = ca.SX.sym("z")
         places = sparse.csr_matrix(([1.0], ([0], [self.unknowns.peak])), shape=(1, self.unknowns.size))
         none: list[Row] = []
-        return Block(z, self.p.symbol, places, np.zeros(1), z, NONE, np.ones(1), where=("",), **_rows(none, 1))
+        return ProgramBlock(z, self.p.symbol, places, np.zeros(1), z, NONE, np.ones(1), where=("",), **_rows(none, 1))
 
-    def _path(self, phase: int, at: Instant) -> list[Row]:
+    def _path(self, phase: int, at: PlanInstant) -> list[Row]:
         plan = self.scenario.phases[phase]
         joints = self.moving if plan.kind == "free" else range(self.model.n)
         rows: list[Row] = []
@@ -267,7 +267,7 @@ class Program:
 
     # --- instants between phases ---
 
-    def _between(self) -> list[Block]:
+    def _between(self) -> list[ProgramBlock]:
         count = len(self.scenario.phases)
         found = []
         for k in range(count + 1):
@@ -277,7 +277,7 @@ class Program:
                 found.append(self._junction(k - 1 if k else None, k if k < count else None))
         return found
 
-    def _junction(self, before: int | None, after: int | None) -> Block:
+    def _junction(self, before: int | None, after: int | None) -> ProgramBlock:
         """Continuity of position and rate between two phases, and what is asked for at the point between them."""
         sides = [(phase, end) for phase, end in ((before, 1.0), (after, 0.0)) if phase is not None]
         sizes = [2 * len(self.unknowns.free[phase]) for phase, _ in sides]
@@ -293,7 +293,7 @@ class Program:
         chosen = max(range(len(seen)), key=lambda k: phases[sides[k][0]].kind == "contact")
         rows += self._asked(self.scenario.points[name], name, seen[chosen], phases[sides[chosen][0]].kind == "contact")
         places = sparse.vstack([self._end_places(phase, end) for phase, end in sides]).tocsr()
-        return Block(
+        return ProgramBlock(
             z=z,
             p=self.p.symbol,
             places=places,
@@ -305,7 +305,7 @@ class Program:
             **_rows(rows, 1),
         )
 
-    def _at_end(self, phase: int, z: ca.SX) -> Instant:
+    def _at_end(self, phase: int, z: ca.SX) -> PlanInstant:
         k = len(self.unknowns.free[phase])
         return self._instant(phase, z[:k], z[k:], ca.SX.zeros(k), {})
 
@@ -319,7 +319,7 @@ class Program:
                 found[d * k + c, u.points(phase, c)] = basis
         return found.tocsr()
 
-    def _continuity(self, before: int, after: int, seen: Sequence[Instant], parts: Sequence[ca.SX]) -> list[Row]:
+    def _continuity(self, before: int, after: int, seen: Sequence[PlanInstant], parts: Sequence[ca.SX]) -> list[Row]:
         kinds = {self.scenario.phases[k].kind for k in (before, after)}
         if kinds == {"contact"}:
             k = len(self.unknowns.free[before])
@@ -334,7 +334,7 @@ class Program:
         labels += [(f"continuous rate of {name}", f"{unit}/s") for name, unit in names]
         return [(jump, 0.0, 0.0, *label) for jump, label in zip(ca.vertsplit(jumps), labels, strict=True)]
 
-    def _asked(self, point: Point, name: str, at: Instant, contact: bool) -> list[Row]:
+    def _asked(self, point: Point, name: str, at: PlanInstant, contact: bool) -> list[Row]:
         unit = {i: joint.position_unit for i, joint in enumerate(self.model.joints)}
         rows: list[Row] = [
             (at.q[j - 1] - q, 0.0, 0.0, f"position of joint {j}", unit[j - 1]) for j, q in point.q.items()

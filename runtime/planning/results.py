@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.evaluate import at_times
 from runtime.planning.optimize import Infeasible, Plan
 from runtime.planning.scenario import Scenario

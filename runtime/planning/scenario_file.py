@@ -10,9 +10,20 @@ from math import isclose
 from pathlib import Path
 from typing import Any, get_args
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan, Values
-from symbolic.checks import Place, did_you_mean, found, identifier, keys, number, pair, printable, quote, table_at
+from symbolic.model_file.checks import (
+    Place,
+    did_you_mean,
+    found,
+    identifier,
+    keys,
+    number,
+    pair,
+    printable,
+    quote,
+    table_at,
+)
 
 MAX_DEGREE = 20
 CLOSE = 1e-6  # m

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.loader import JointInfo
+from runtime.model.loader import JointInfo
 from runtime.planning.program import STIFFNESS_UNIT, Program
 from runtime.planning.scenario import Point
 

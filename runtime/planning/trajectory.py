@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BPoly
 
 from runtime import files
-from runtime.loader import Model
+from runtime.model.loader import Model
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -50,7 +50,7 @@ class Phase:
 
 
 @dataclass(frozen=True)
-class Motion:
+class JointMotion:
     """Positions, rates and accelerations (n, N) of the joints; phase (N,): which one, from 0."""
 
     t: Array
@@ -96,7 +96,7 @@ class Trajectory:
     def duration(self) -> float:
         return float(self.starts[-1])
 
-    def at(self, model: Model, t: ArrayLike) -> Motion:
+    def at(self, model: Model, t: ArrayLike) -> JointMotion:
         """The motion at times (N,) s; beyond the end, a periodic one goes on and another rests."""
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         within = np.mod(times, self.duration) if self.periodic else np.clip(times, 0.0, self.duration)
@@ -109,7 +109,7 @@ class Trajectory:
         if not self.periodic:
             beyond = (times < 0.0) | (times > self.duration)
             qd[:, beyond] = qdd[:, beyond] = 0.0
-        return Motion(times, q, qd, qdd, index)
+        return JointMotion(times, q, qd, qdd, index)
 
     def _joints(self, model: Model, phase: Phase, t: Array) -> tuple[Array, Array, Array]:
         c, cd, cdd = (np.ascontiguousarray(polynomial(t).T) for polynomial in phase.polynomials)

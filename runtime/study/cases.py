@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.optimize import Plan, optimize
 from runtime.planning.scenario import Scenario
@@ -22,7 +22,7 @@ def scenario(name: str, model: Model) -> Scenario:
 
 
 @dataclass(frozen=True)
-class Case:
+class StudyCase:
     """letter: A to D; cycle_time in s; plate: its stiffness in N/m, None in scenario 1."""
 
     letter: str
@@ -65,10 +65,10 @@ class Plans:
     model: Model
 
     @cached_property
-    def _made(self) -> dict[Case, Plan]:
+    def _made(self) -> dict[StudyCase, Plan]:
         return {}
 
-    def of(self, case: Case) -> Plan:
+    def of(self, case: StudyCase) -> Plan:
         if case not in self._made:
             self._made[case] = optimize(self.model, case.scenario(self.model))
         return self._made[case]

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from runtime.execution.execute import Execution, execute
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.optimize import Plan
-from runtime.simulate import Hidden, parse_hidden
-from runtime.study.cases import Case
+from runtime.simulation.simulate import Hidden, parse_hidden
+from runtime.study.cases import StudyCase
 
 TRIALS = 3
 """Of each case, in the paper."""
@@ -21,7 +21,7 @@ HIDDEN: Sequence[str] = ("plate_damping:coefficient=40",)
 
 
 @dataclass(frozen=True)
-class Run:
+class CaseRun:
     """Trials of a case. cost in N²m²s, of the joints whose torque counts; reversal: of joint 4, rad;
     compression: of the plate, m."""
 
@@ -48,15 +48,15 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Bench:
+class StudyBench:
     """The arm with its controller; trials of each case. done: called after each case."""
 
     model: Model
     controller: Path
     trials: int
-    done: Callable[[Case], None]
+    done: Callable[[StudyCase], None]
 
-    def run(self, case: Case, plan: Plan) -> Run:
+    def run(self, case: StudyCase, plan: Plan) -> CaseRun:
         """Friction compensation is off in cases A and B; the plate's damper is there where the plate is."""
         hidden = self._hidden() if case.plate is not None else []
         execution = execute(
@@ -64,7 +64,7 @@ class Bench:
         )
         self.done(case)
         joints = plan.scenario.objective.joints or plan.scenario.moving
-        return Run(execution, execution.to_json(), tuple(joints))
+        return CaseRun(execution, execution.to_json(), tuple(joints))
 
     def _hidden(self) -> list[Hidden]:
         return [parse_hidden(text, self.model) for text in HIDDEN]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.plot_style import BEFORE, FAINT, INK, WIDTH, styled
+from runtime.report.plots.style import BEFORE, FAINT, INK, WIDTH, styled
 from runtime.study.identification import JointFriction
 
 JOINT = 2

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from runtime.execution.loop import RUN_IN, Trial
-from runtime.plot_style import FAINT, INK, WIDTH, styled
+from runtime.execution.trial import RUN_IN, Trial
+from runtime.report.plots.style import FAINT, INK, WIDTH, styled
 from runtime.study import published
-from runtime.study.cases import Case
+from runtime.study.cases import StudyCase
 from runtime.study.tables import Row
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ _PLATE = "plate of {:g} kN/m"
 
 
 @styled
-def figure5(costs: Mapping[Case, float]) -> Figure:
+def figure5(costs: Mapping[StudyCase, float]) -> Figure:
     """Costs of scenario 1 over the cycle time; crosses: what Table II prints."""
     figure = Figure(figsize=(1.35 * WIDTH, 3.2), layout="constrained")
     ax = figure.subplots()

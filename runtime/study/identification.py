@@ -18,19 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-from runtime.band import choose_band
-from runtime.covariance import Estimate
-from runtime.execution.equations import PlantError
+from runtime.estimation.covariance import Estimate
+from runtime.estimation.identify import NOMINAL_SKEW, Identification, identify_motion, prepared
 from runtime.execution.execute import execute
-from runtime.filters import differentiator
-from runtime.identify import NOMINAL_SKEW, Identification, identify_motion, prepared
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.model.terms import Structure, Term
+from runtime.motion.band import choose_band
+from runtime.motion.filters import differentiator
 from runtime.planning.trajectory import Phase, Trajectory
-from runtime.recording import Recording
-from runtime.simulate import Hidden
+from runtime.recordings.recording import Recording
+from runtime.simulation.plant_equations import PlantError
+from runtime.simulation.simulate import Hidden
 from runtime.study.experiment import TRIALS
 from runtime.study.published import PRECISION, TABLE_1
-from runtime.terms import Structure, Term
 
 Array = NDArray[np.float64]
 

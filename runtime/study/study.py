@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
 from runtime.study import identification, tables
-from runtime.study.cases import Case, Plans
-from runtime.study.experiment import Bench
+from runtime.study.cases import Plans, StudyCase
+from runtime.study.experiment import StudyBench
 from runtime.study.identification import Table1
 from runtime.study.tables import Claim, Row
 
@@ -40,10 +40,10 @@ class Study:
         return Plans(self.model)
 
     @cached_property
-    def _bench(self) -> Bench | None:
+    def _bench(self) -> StudyBench | None:
         if not self.trials:
             return None
-        return Bench(self.model, self.controller, self.trials, lambda case: self.say(f"executed {case}"))
+        return StudyBench(self.model, self.controller, self.trials, lambda case: self.say(f"executed {case}"))
 
     @cached_property
     def table1(self) -> Table1:
@@ -61,9 +61,9 @@ class Study:
         return tables.table3(self.plans, self._bench)
 
     @cached_property
-    def curves(self) -> dict[Case, float]:
+    def curves(self) -> dict[StudyCase, float]:
         """Costs of scenario 1 over the cycle time, with springs as they are sought: what can be bought comes later."""
-        cases = [Case(letter, float(T)) for T in _TIMES for letter in "ABCD"]
+        cases = [StudyCase(letter, float(T)) for T in _TIMES for letter in "ABCD"]
         return {case: optimize(self.model, case.scenario(self.model).with_any_spring()).cost for case in cases}
 
     @cached_property

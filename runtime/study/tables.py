@@ -8,8 +8,8 @@ from typing import Any
 
 from runtime.planning.optimize import Plan
 from runtime.study import published
-from runtime.study.cases import Case, Plans
-from runtime.study.experiment import Bench, Run
+from runtime.study.cases import Plans, StudyCase
+from runtime.study.experiment import CaseRun, StudyBench
 from runtime.study.identification import Table1
 from runtime.study.published import Cost
 
@@ -28,9 +28,9 @@ class Claim:
 class Row:
     """A case: optimized, executed (None: not asked for), and what the paper has."""
 
-    case: Case
+    case: StudyCase
     plan: Plan
-    run: Run | None
+    run: CaseRun | None
     paper: Cost
 
     @property
@@ -60,19 +60,19 @@ def _beside(ours: float, paper: float) -> dict[str, float]:
     return {"ours": ours, "paper": paper, "difference": ours / paper - 1.0}
 
 
-def table2(plans: Plans, bench: Bench | None) -> list[Row]:
+def table2(plans: Plans, bench: StudyBench | None) -> list[Row]:
     """Scenario 1; executed where there is a bench."""
-    cases = {Case(letter, T): cost for (T, letter), cost in published.TABLE_2.items()}
+    cases = {StudyCase(letter, T): cost for (T, letter), cost in published.TABLE_2.items()}
     return _rows(plans, bench, cases)
 
 
-def table3(plans: Plans, bench: Bench | None) -> list[Row]:
+def table3(plans: Plans, bench: StudyBench | None) -> list[Row]:
     """Scenario 2; executed where there is a bench."""
-    cases = {Case(letter, T, plate): cost for (T, plate, letter), cost in published.TABLE_3.items()}
+    cases = {StudyCase(letter, T, plate): cost for (T, plate, letter), cost in published.TABLE_3.items()}
     return _rows(plans, bench, cases)
 
 
-def _rows(plans: Plans, bench: Bench | None, cases: Mapping[Case, Cost]) -> list[Row]:
+def _rows(plans: Plans, bench: StudyBench | None, cases: Mapping[StudyCase, Cost]) -> list[Row]:
     return [
         Row(case, plans.of(case), None if bench is None else bench.run(case, plans.of(case)), cost)
         for case, cost in cases.items()

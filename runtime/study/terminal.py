@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from runtime.report.terminal.cells import console, empty_table, figure, percent, say
 from runtime.study.tables import Claim
-from runtime.terminal_cells import console, empty_table, figure, percent, say
 
 WHAT_IS_WHAT = (
     "Published: costs and stiffnesses, Table I, gear ratio, pulley, the softer plate, phases and degrees.",

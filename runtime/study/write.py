@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime import files, plot_style, recording
+from runtime import files
+from runtime.recordings import recording
+from runtime.report.plots import style
 from runtime.study import figure4
 from runtime.study import figures as draw
 from runtime.study.tables import Row
@@ -32,7 +34,7 @@ def figures(study: Study, wanted: Sequence[str], directory: Path) -> list[str]:
     if able:
         directory.mkdir(parents=True, exist_ok=True)
     for name in able:
-        plot_style.save(makers[name](), directory / f"{name}.png")
+        style.save(makers[name](), directory / f"{name}.png")
     return [str(directory / f"{name}.png") for name in able]
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import product
 from math import floor, isfinite, prod
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario, SpringPlan
 from runtime.sweep.job import Code, Job, Value
-from symbolic.checks import did_you_mean, printable, quote
+from symbolic.model_file.checks import did_you_mean, printable, quote
 
 CASES = {"A": (False, False), "B": (False, True), "C": (True, False), "D": (True, True)}
 """The paper's: with friction, with springs."""
@@ -29,14 +29,14 @@ class GridError(ValueError):
 
 
 @dataclass(frozen=True)
-class Axis:
+class Variation:
     """What varies, and its values in order: numbers; letters for `case`; whole numbers for `seed`."""
 
     name: str
     values: tuple[Value, ...]
 
 
-def parse(texts: Sequence[str]) -> tuple[Axis, ...]:
+def parse(texts: Sequence[str]) -> tuple[Variation, ...]:
     """The axes of `--over NAME=VALUES`, VALUES as `1.0,1.2` or `1.0:3.0:0.2`. Raises GridError."""
     axes = tuple(_axis(text) for text in texts)
     names = [axis.name for axis in axes]
@@ -49,7 +49,7 @@ def parse(texts: Sequence[str]) -> tuple[Axis, ...]:
     return axes
 
 
-def _axis(text: str) -> Axis:
+def _axis(text: str) -> Variation:
     name, equals, values = (part.strip() for part in text.partition("="))
     where = f"--over {printable(text)}"
     if not equals or not name or not values:
@@ -61,7 +61,7 @@ def _axis(text: str) -> Axis:
         unknown = [item for item in items if item not in CASES]
         if unknown:
             raise GridError(f"{where}: there is no case {quote(unknown[0])}; expected some of {', '.join(CASES)}")
-        return Axis(name, tuple(dict.fromkeys(items)))
+        return Variation(name, tuple(dict.fromkeys(items)))
     numbers = [x for item in items for x in _numbers(where, item, name == "seed")]
     for x in numbers:
         if name == "seed" and (x != int(x) or x < 0):
@@ -70,7 +70,7 @@ def _axis(text: str) -> Axis:
             raise GridError(f"{where}: {x:g} s is no cycle time; expected more than 0 s")
         if name.startswith("stiffness") and x < 0:
             raise GridError(f"{where}: {x:g} N/m is no stiffness; expected 0 or more (no spring: case=A,C)")
-    return Axis(name, tuple(int(x) if name == "seed" else x for x in dict.fromkeys(numbers)))
+    return Variation(name, tuple(int(x) if name == "seed" else x for x in dict.fromkeys(numbers)))
 
 
 def _numbers(where: str, item: str, whole: bool) -> list[float]:
@@ -100,7 +100,7 @@ def _numbers(where: str, item: str, whole: bool) -> list[float]:
 # --- variations ---
 
 
-def jobs(scenario: Scenario, axes: Sequence[Axis], model: Model, code: Code, starts: int | None) -> list[Job]:
+def jobs(scenario: Scenario, axes: Sequence[Variation], model: Model, code: Code, starts: int | None) -> list[Job]:
     """Every variation with every seed, each once, in the order of the axes. Raises GridError, ModelError.
 
     starts   random first guesses within one job; None: as many as optimize() takes by itself

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from runtime.loader import Model, load_library, load_model
+from runtime.model.loader import Model, load_library, load_model
 from runtime.planning.optimize import Infeasible, optimize
 from runtime.planning.scenario import Scenario
 from runtime.planning.starts import StartError

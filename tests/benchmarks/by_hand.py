@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
+from runtime.model.terms import Term, structure
 from runtime.planning.program import CLEAR_OF_SINGULAR, STIFFNESS_UNIT, Program, bernstein
 from runtime.planning.scenario import PhasePlan
-from runtime.terms import Term, structure
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import casadi
 import sympy as sp
 from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
 
-from symbolic.arm import Arm
+from symbolic.model_file.arm import Arm
 
 
 def c_code(arm: Arm, name: str) -> tuple[str, int]:

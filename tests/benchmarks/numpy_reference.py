@@ -10,14 +10,14 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from codegen import effect_functions
-from runtime.motion import Piece
-from runtime.problem import Layout, Problem
-from runtime.terms import Term, Values, joints_of
+from runtime.estimation.problem import LinearUnknowns, Problem
+from runtime.model.terms import Term, Values, joints_of
+from runtime.motion.motion import Piece
 from symbolic import primitives
-from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
 from symbolic.functions import SymbolicFunction
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class NumPyFit:
         return theta, [x[1:] for x in joints]
 
     def _rows(
-        self, problem: Problem, layout: Layout, piece: Piece, number: int, shapes: Mapping[Term, Values]
+        self, problem: Problem, layout: LinearUnknowns, piece: Piece, number: int, shapes: Mapping[Term, Values]
     ) -> list[Array]:
         """Per joint (1 + K, M): the part without free coefficient, then a row a coefficient."""
         rigid = self.rigid(piece)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from runtime.planning.program import CLEAR_OF_SINGULAR, STIFFNESS_UNIT, Program, bernstein
 from runtime.planning.scenario import PhasePlan, Point
-from symbolic.arm import Arm
+from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 

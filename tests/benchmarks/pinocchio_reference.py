@@ -22,7 +22,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from symbolic.arm import Arm
+from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from harness import best, show, timed
 
-from codegen import build
+from codegen.toolchain import build
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = 3.0
@@ -29,9 +29,9 @@ def lap(name):
     now = time.perf_counter()
     print(name, now - clock)
     clock = now
-import runtime.terminal, runtime.cli, symbolic.effects, symbolic.model_file, symbolic.model, codegen.render
+import runtime.workspace, symbolic.effects, symbolic.model_file.reader, symbolic.model, codegen.render
 lap("import")
-source = runtime.cli.Source.read(Path(sys.argv[1]), None)
+source = runtime.workspace.Source.read(Path(sys.argv[1]), None)
 arm = source.arm()
 lap("read")
 model = symbolic.model.derive(arm)
@@ -52,7 +52,7 @@ def test_generate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(ROUNDS):
         cache, out = tmp_path / f"cache{number}", tmp_path / f"generated{number}"
         monkeypatch.setenv("TENDON_CACHE", str(cache))
-        command = "from runtime.cli import main; main()"
+        command = "from runtime.cli.main import main; main()"
         arguments = ("-c", command, "generate", str(changed), "--out", str(out / "vishard4"))
         before = _processor_time()
         whole.append(timed(lambda: _python(*arguments))[0])  # noqa: B023
@@ -92,7 +92,7 @@ def _laps(text: str) -> dict[str, float]:
 
 
 def _compiling(directory: Path) -> float:
-    """Seconds to compile a directory's double-precision C, as codegen.workspace does it."""
+    """Seconds to compile a directory's double-precision C, as codegen.prepare does it."""
     files = {path.name: path.read_text() for path in directory.glob("*_f64.[ch]")}
     return timed(lambda: build.shared_library(files, "code"))[0]
 

@@ -13,10 +13,12 @@ from harness import best, show
 from numpy.typing import NDArray
 from pinocchio_reference import Missing, Reference
 
-from codegen import build, render, verify
-from runtime.loader import Model
-from symbolic.arm import Arm
+from codegen import render
+from codegen.toolchain import build
+from codegen.verify import verify
+from runtime.model.loader import Model
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from opti_reference import OptiByHand
 from pinocchio_reference import Missing, Reference
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import effort, objective
 from runtime.planning.optimize import WIDTH, Infeasible, Planner, optimize
@@ -27,7 +27,7 @@ from runtime.planning.program import Program
 from runtime.planning.scenario import Scenario
 from runtime.planning.solve import MET
 from runtime.planning.starts import StartError, random_start
-from symbolic.arm import Arm
+from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 

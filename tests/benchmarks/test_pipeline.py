@@ -11,14 +11,17 @@ from harness import best, show, timed
 from numpy.typing import NDArray
 from numpy_reference import NumPyFit
 
-from runtime import compare, diagnose, identify, recording, simulate
-from runtime.identify import Identification
-from runtime.judge import judge
-from runtime.loader import Model
-from runtime.problem import Problem, Skew
-from runtime.recording import Recording
-from runtime.terms import structure
-from symbolic import model_file
+from runtime.diagnosis import diagnose
+from runtime.diagnosis.gates import judge
+from runtime.estimation import compare, identify
+from runtime.estimation.identify import Identification
+from runtime.estimation.problem import Problem, Skew
+from runtime.model.loader import Model
+from runtime.model.terms import structure
+from runtime.recordings import recording
+from runtime.recordings.recording import Recording
+from runtime.simulation import simulate
+from symbolic.model_file import reader
 
 Array = NDArray[np.float64]
 
@@ -31,7 +34,7 @@ ROUNDS = 5
 @pytest.mark.parametrize("name", ["drive", "vishard4"])
 def test_library(name: str) -> None:
     """CPU time of one search of the whole library: a million samples of one joint, 80 s of four joints."""
-    from runtime.cli import open_model
+    from runtime.workspace import open_model
 
     model = open_model(ARMS / f"{name}.toml")
     simulated, _ = simulate.simulate(model, seconds=LONG if model.n == 1 else SECONDS)
@@ -58,7 +61,7 @@ def test_library(name: str) -> None:
 @pytest.mark.parametrize(("name", "hidden"), [("drive", "stribeck@1"), ("vishard4", "stribeck@2")])
 def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     """An effect is hidden in a simulated recording; every stage is timed, and the effect has to be found."""
-    from runtime.cli import open_model
+    from runtime.workspace import open_model
 
     model = open_model(ARMS / f"{name}.toml")
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], seconds=SECONDS)
@@ -131,7 +134,7 @@ def _against_numpy(name: str, model: Model, identification: Identification) -> N
     """One linear fit, shapes and skew given, by the tool and as one would write it in NumPy."""
     fit, motion = identification.fit, identification.motion
     terms = tuple(fit.shapes)
-    reference = NumPyFit(model_file.load(ARMS / f"{name}.toml"), terms)
+    reference = NumPyFit(reader.load(ARMS / f"{name}.toml"), terms)
     prediction = identification.problem.regressors.prediction
     fresh = Problem(model, motion, terms, prediction)
     theta, rows = reference.fit(fresh, fit.shapes, fit.skew)

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from random_arms import MIXED
 
-from codegen import build, render, sampling, verify
 from codegen import effect_functions as ef
-from runtime.loader import Library, Model
-from symbolic.arm import Arm
+from codegen import render
+from codegen.toolchain import build
+from codegen.verify import sampling, verify
+from runtime.model.loader import Library, Model
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import DT
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 SAMPLES = 37
 

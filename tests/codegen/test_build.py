@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from random_arms import MIXED
 
-from codegen import build, workspace
-from runtime import loader
+from codegen import prepare
+from codegen.toolchain import build
+from runtime.model import loader
 
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
 
@@ -95,26 +96,26 @@ def test_the_cache_has_a_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
 
 
 def test_an_arm_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = workspace.prepare_arm(MIXED["r"])
+    first = prepare.prepare_arm(MIXED["r"])
     assert (first / "lib.so").is_file()
     monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled twice"))
-    assert workspace.prepare_arm(MIXED["r"]) == first
+    assert prepare.prepare_arm(MIXED["r"]) == first
     monkeypatch.undo()
-    assert workspace.prepare_arm(MIXED["rp"]) != first
+    assert prepare.prepare_arm(MIXED["rp"]) != first
 
 
 def test_another_effect_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = MIXED["r"]
-    first = workspace.prepare_arm(arm)
+    first = prepare.prepare_arm(arm)
     monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled again"))
     joint = replace(arm.joints[0], effects={"viscous": {"coefficient": 2.0}})
-    second = workspace.prepare_arm(replace(arm, joints=(joint,)))
+    second = prepare.prepare_arm(replace(arm, joints=(joint,)))
     assert (first / "lib.so").read_bytes() == (second / "lib.so").read_bytes()
     assert (first / "metadata.json").read_text() != (second / "metadata.json").read_text()
 
 
 def test_a_prepared_library_needs_no_sympy() -> None:
-    workspace.prepare_effects()
+    prepare.prepare_effects()
     script = (
         "import sys; from codegen import build, workspace; build.compile_shared = None; "
         "workspace.prepare_effects(); print('sympy' in sys.modules)"
@@ -125,14 +126,14 @@ def test_a_prepared_library_needs_no_sympy() -> None:
 
 def test_wider_vectors_change_no_bit(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """The same library compiled for any processor of the family, for this one, and without optimisation."""
-    library = loader.load_library(workspace.prepare_effects())
+    library = loader.load_library(prepare.prepare_effects())
     arm = MIXED["rprrp"]
     rng = np.random.default_rng(1)
     q, qd, qdd = rng.normal(size=(3, 5, 257))
     results = []
     for flags in (build.vector_flags(), (), ("-O0",)):
         monkeypatch.setattr(build, "vector_flags", lambda flags=flags: flags)
-        model = loader.load_model(workspace.prepare_arm(arm), library)
+        model = loader.load_model(prepare.prepare_arm(arm), library)
         results.append([model.forward_dynamics(q, qd, qdd), model.inverse_dynamics(q, qd, qdd)])
     for other in results[1:]:
         assert np.array_equal(results[0], other)

@@ -14,12 +14,13 @@ import pytest
 import sympy as sp
 from random_arms import MIXED, loaded
 
-from codegen import build, render, workspace
-from symbolic.arm import Arm, Contact, Joint
-from symbolic.compensation import compensation
+from codegen import prepare, render
+from codegen.toolchain import build
+from symbolic.controller_law import compensation
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, Effect
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm, Contact, Joint
 
 
 def sources(arm: Arm, library: dict[str, Effect] = LIBRARY) -> dict[str, str]:
@@ -130,11 +131,11 @@ def test_the_contact_s_own_effects_are_with_the_plate(vishard4: Arm) -> None:
 
 def test_a_prepared_controller_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = MIXED["rp"]
-    first = workspace.prepare_firmware(arm, LIBRARY)
+    first = prepare.prepare_firmware(arm, LIBRARY)
     monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled again"))
-    assert workspace.prepare_firmware(arm, LIBRARY) == first
+    assert prepare.prepare_firmware(arm, LIBRARY) == first
     other: Joint = replace(arm.joints[0], encoder_counts=512)
-    second = workspace.prepare_firmware(replace(arm, joints=(other, arm.joints[1])), LIBRARY)
+    second = prepare.prepare_firmware(replace(arm, joints=(other, arm.joints[1])), LIBRARY)
     assert second != first
     assert (second / "lib.so").read_bytes() == (first / "lib.so").read_bytes()
     ctypes.CDLL(str(first / "lib.so")).arm_rp_controller_step_f32  # noqa: B018

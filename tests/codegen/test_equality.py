@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from random_arms import MIXED, loaded
 
-from codegen import verify
-from symbolic import model_file
-from symbolic.arm import Arm
+from codegen.verify import verify
 from symbolic.effects import LIBRARY
+from symbolic.model_file import reader
+from symbolic.model_file.arm import Arm
 
 # Points of a subject a draw; with the draws below some 60 points a function.
 POINTS = 3
@@ -129,7 +129,7 @@ def test_vectors_replay(vishard4: Arm) -> None:
 
 
 def test_the_same_seed_gives_the_same_report() -> None:
-    arm = model_file.parse(
+    arm = reader.parse(
         'name = "one"\ngravity = [0.0, -9.81]\n[[joint]]\ntype = "revolute"\nrotor_inertia = 0.1\ngear_ratio = 1\n'
         "[joint.link]\nlength = 0.3\nmass = 2.0\ncom = [0.2, 0.0]\ninertia = 0.05\n",
         "one.toml",

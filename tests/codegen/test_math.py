@@ -11,8 +11,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from codegen import build, render
-from codegen.c_code import F32, F64, Precision
+from codegen import render
+from codegen.c.c_code import F32, F64, Precision
+from codegen.toolchain import build
 
 PRECISIONS = {"f32": F32, "f64": F64}
 REAL: dict[str, Any] = {"f32": np.float32, "f64": np.float64}

@@ -10,8 +10,8 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.printers import C_DOUBLE, C_FLOAT, CASADI, Printer, float32, float64, identifier
-from codegen.tape import Tape
+from codegen.tape.printers import C_DOUBLE, C_FLOAT, CASADI, Printer, float32, float64, identifier
+from codegen.tape.tape import Tape
 
 X, Y, P = sp.symbols("x y p", real=True)
 

@@ -14,16 +14,19 @@ import pytest
 import sympy as sp
 from random_arms import MIXED
 
-from codegen import build, render
-from symbolic.arm import Arm
+from codegen import disk, render
+from codegen.pages import BANNER
+from codegen.toolchain import build
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import State, state
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 ROOT = Path(__file__).resolve().parents[2]
 DIGEST = """
 import hashlib
-from codegen import render
+from codegen.pages import BANNER
+from codegen import disk, render
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from random_arms import MIXED
@@ -136,27 +139,27 @@ def test_states_step_together() -> None:
 
 
 def test_write_replaces_and_removes(tmp_path: Path) -> None:
-    old = {"a.c": f"/* {render.BANNER} */\n", "b.py": f"# {render.BANNER}\n"}
-    render.write(old, tmp_path)
+    old = {"a.c": f"/* {BANNER} */\n", "b.py": f"# {BANNER}\n"}
+    disk.write(old, tmp_path)
     (tmp_path / "own.c").write_text("/* by hand */\n")
-    new = {"a.c": f"/* {render.BANNER} */\nint x;\n"}
-    assert render.stale(new, tmp_path) == [
+    new = {"a.c": f"/* {BANNER} */\nint x;\n"}
+    assert disk.stale(new, tmp_path) == [
         f"{tmp_path / 'a.c'}: out of date",
         f"{tmp_path / 'b.py'}: no longer generated",
     ]
-    render.write(new, tmp_path)
-    assert render.stale(new, tmp_path) == []
+    disk.write(new, tmp_path)
+    assert disk.stale(new, tmp_path) == []
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.c", "own.c"]
     assert (tmp_path / "own.c").read_text() == "/* by hand */\n"
 
 
 def test_stale_names_what_is_missing(tmp_path: Path) -> None:
-    assert render.stale({"a.c": ""}, tmp_path / "nowhere") == [f"{tmp_path / 'nowhere' / 'a.c'}: missing"]
+    assert disk.stale({"a.c": ""}, tmp_path / "nowhere") == [f"{tmp_path / 'nowhere' / 'a.c'}: missing"]
 
 
 def test_unchanged_files_are_left_alone(tmp_path: Path) -> None:
     files = {"a.c": "int x;\n"}
-    render.write(files, tmp_path)
+    disk.write(files, tmp_path)
     before = (tmp_path / "a.c").stat().st_mtime_ns
-    render.write(files, tmp_path)
+    disk.write(files, tmp_path)
     assert (tmp_path / "a.c").stat().st_mtime_ns == before

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from codegen import sampling
 from codegen.effect_functions import torque
-from codegen.reference import Reference
+from codegen.verify import sampling
+from codegen.verify.reference import Reference
 from symbolic.effects import LIBRARY
 from symbolic.primitives import WIDTHS, ramp, sgn, smooth, step
 

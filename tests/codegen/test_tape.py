@@ -9,9 +9,9 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from codegen.tape import ARITHMETIC, Tape
-from symbolic.arm import Arm
+from codegen.tape.tape import ARITHMETIC, Tape
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 from symbolic.primitives import ramp, step
 
 X, Y, Z = sp.symbols("x y z", real=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from bench_arm import BENCH
 
-from runtime.cli import Source
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.workspace import Source
 
 
 @pytest.fixture(scope="session")

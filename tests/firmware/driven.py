@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from runtime.execution.loop import Trial, run
-from runtime.execution.plant import Plant
 from runtime.execution.simulated import SimulatedArm
+from runtime.execution.trial import Trial, run
 from runtime.hardware.frames import Codec
 from runtime.hardware.host_board import HostBoard
-from runtime.hardware.link import Link
-from runtime.hardware.lockstep import Arm, Board, Clock, Counts, Lockstep
+from runtime.hardware.link import BoardLink
+from runtime.hardware.lockstep import Board, Clock, Counts, Lockstep, SteppedArm
 from runtime.hardware.session import Session
 from runtime.hardware.settings import Settings
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.evaluate import mounted
 from runtime.planning.trajectory import Trajectory
+from runtime.simulation.plant import Plant
 
 Frames = Callable[[bytes], Sequence[bytes]]
 WITHIN = 5
@@ -37,7 +37,7 @@ def as_they_are(frame: bytes) -> Sequence[bytes]:
 class Faulty:
     """A link that does to frames what `to_board` and `to_host` say; frames have their delimiter."""
 
-    link: Link
+    link: BoardLink
     to_board: Frames = as_they_are
     to_host: Frames = as_they_are
     baud: int | None = None
@@ -68,7 +68,7 @@ class Faulty:
 class Watched:
     """An arm of which every period with powered drives is noted; twist: what its encoders say instead, and when."""
 
-    arm: Arm
+    arm: SteppedArm
     twist: Callable[[int, Counts], Counts] = lambda _, counts: counts
     counted: list[Counts] = field(default_factory=list)
     torques: list[NDArray[np.float32]] = field(default_factory=list)

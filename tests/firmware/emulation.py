@@ -11,7 +11,7 @@ from typing import Any
 import unicorn
 from unicorn import arm_const as arm
 
-from codegen.elf import Elf
+from codegen.toolchain.elf import Elf
 
 CPUS = {"cortex-m4f": arm.UC_CPU_ARM_CORTEX_M4, "cortex-m7": arm.UC_CPU_ARM_CORTEX_M7}
 _CODE, _RAM, _SIZE, _STACK = 0x0000_0000, 0x2000_0000, 0x40_0000, 0x2030_0000

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from compositions import PLATE, POSTURE, trajectory
 
-from codegen import render, workspace
-from codegen.controller import Controller
+from codegen import prepare, render
+from codegen.c.controller import Controller
 from runtime.hardware.settings import Settings
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
-from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 HERE = Path(__file__).resolve().parent
 NOISE = 15
@@ -63,7 +63,7 @@ def write(directory: Path, arm: Arm, model: Model, plan: Trajectory, steps: int)
     for path, text in (render.arm_files(derived) | render.controller_files(derived, LIBRARY)).items():
         if path.endswith(("_f32.c", "_f32.h")):
             (directory / path).write_text(text)
-    settings = Settings.of(workspace.prepare_firmware(arm, LIBRARY), model, plan)
+    settings = Settings.of(prepare.prepare_firmware(arm, LIBRARY), model, plan)
     # Two of the encoders' counters overflow on the way.
     zero = [0, 2**31 - 9000, -(2**31) + 5000, -77]
     (directory / "motion.h").write_text(_header(settings, Controller.of(derived, LIBRARY).document(), zero, steps))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.hardware.frames import Codec, Decoder, Message
+from runtime.hardware.frames import Codec, Decoder, ReceivedMessage
 from runtime.hardware.host_board import HostBoard
 
 N = 2
@@ -49,7 +49,7 @@ class Step:
 
     enabled: bool
     torque: NDArray[np.float32]
-    reports: list[Message]
+    reports: list[ReceivedMessage]
 
     def report(self, name: str) -> dict[str, Any] | None:
         """The last one of this name."""
@@ -74,15 +74,15 @@ class Talk:
         self.decoder = Decoder(self.codec)
         self.results = self.codec.names("results")
         self.reasons = self.codec.names("reasons")
-        self.reports: list[Message] = self.hear()
+        self.reports: list[ReceivedMessage] = self.hear()
 
-    def hear(self) -> list[Message]:
+    def hear(self) -> list[ReceivedMessage]:
         found = []
         while data := self.board.send():
             found += self.decoder.feed(data)
         return found
 
-    def raw(self, data: bytes) -> list[Message]:
+    def raw(self, data: bytes) -> list[ReceivedMessage]:
         self.board.receive(data)
         return self.hear()
 

@@ -18,11 +18,13 @@ import numpy as np
 import pytest
 from emulation import Processor
 
-from codegen import build, render, toolchain, verify
-from runtime.loader import Model
-from symbolic.arm import Arm
+from codegen import render
+from codegen.toolchain import build, cross
+from codegen.verify import verify
+from runtime.model.loader import Model
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 STEPS = 10_000
 """Of the motion."""
@@ -30,7 +32,7 @@ GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="need
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 KINDS = [pytest.param("zig"), pytest.param("gcc", marks=GCC)]
-TARGETS = list(toolchain.TARGETS)
+TARGETS = list(cross.TARGETS)
 LEVELS = ["-O0", "-O3"]
 Results = np.ndarray
 Images = Callable[[str, str, str], Path]
@@ -80,12 +82,12 @@ def images(sources: Path) -> Images:
     def image(kind: str, target: str, level: str) -> Path:
         key = (kind, target, level)
         if key not in made:
-            made[key] = toolchain.compile_image(
+            made[key] = cross.compile_image(
                 sources,
                 motions.units(sources),
                 "motion.ld",
-                toolchain.TARGETS[target],
-                toolchain.find(kind),
+                cross.TARGETS[target],
+                cross.find(kind),
                 output=f"{'-'.join(key)}/motion",
                 include=(".",),
                 optimisation=level,
@@ -112,7 +114,7 @@ def test_on_this_computer(sources: Path, expected: Results, command: tuple[str, 
     assert (on_this_computer(sources, command, level) == expected).all()
 
 
-@pytest.mark.parametrize("level", [*LEVELS, toolchain.FAST, toolchain.SMALL])
+@pytest.mark.parametrize("level", [*LEVELS, cross.FAST, cross.SMALL])
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_unicorn(images: Images, expected: Results, kind: str, target: str, level: str) -> None:
@@ -126,7 +128,7 @@ def test_on_unicorn(images: Images, expected: Results, kind: str, target: str, l
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_qemu(images: Images, expected: Results, tmp_path: Path, kind: str, target: str, level: str) -> None:
-    machine = toolchain.TARGETS[target].machine
+    machine = cross.TARGETS[target].machine
     command = ["qemu-system-arm", "-M", machine, "-kernel", str(images(kind, target, level)), "-display", "none"]
     command += ["-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=60, stdin=subprocess.DEVNULL)
@@ -142,8 +144,8 @@ def test_on_unicorn_it_is_what_sympy_says(vishard4: Arm, tmp_path: Path, kind: s
     # Functions are called one by one; an image has to have an entry all the same.
     (tmp_path / "start.c").write_text("void start(void);\nvoid start(void)\n{\n}\n")
     shutil.copy(motions.HERE / "motion.ld", tmp_path)
-    target, tools = toolchain.TARGETS["cortex-m4f"], toolchain.find(kind)
-    image = toolchain.compile_image(tmp_path, motions.units(tmp_path), "motion.ld", target, tools, include=(".",))
+    target, tools = cross.TARGETS["cortex-m4f"], cross.find(kind)
+    image = cross.compile_image(tmp_path, motions.units(tmp_path), "motion.ld", target, tools, include=(".",))
     processor = Processor(image.elf)
     for subject in [*verify.arm_subjects(vishard4), *verify.controller_subjects(vishard4, LIBRARY)]:
         emulated = verify.Subject(subject.function, {"C float": called(processor, subject)}, subject.draw)

@@ -18,13 +18,13 @@ from bench_arm import THERE_AND_BACK, trajectory
 from driven import Rig, rig
 from emulation import places
 
-from codegen.elf import Elf
-from runtime.cli import Source
+from codegen.toolchain.elf import Elf
 from runtime.hardware import emulated, qemu_board, unicorn_board
 from runtime.hardware.link import LinkError, LinkLost
 from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.unicorn_board import UnicornBoard
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.workspace import Source
 
 needs_qemu = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 AT = 50

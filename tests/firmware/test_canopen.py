@@ -18,14 +18,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.catalogue import joint_info
 from runtime.hardware import can_bus, cia402
 from runtime.hardware.can_bus import Address
 from runtime.hardware.canopen_arm import MISSED, CanopenArm
-from runtime.hardware.cia402 import Command, Scale
+from runtime.hardware.cia402 import Controlword, Scale
 from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault
 from runtime.hardware.pace import Pace, Precedence
+from runtime.model.catalogue import joint_info
 from tests.firmware.canopen_drives import (
     DISABLED,
     ENABLED,
@@ -72,8 +72,8 @@ def test_every_statusword_is_read_as_the_standard_has_it() -> None:
 
 
 @pytest.mark.parametrize("state", [DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOPPED, FAULTY])
-@pytest.mark.parametrize("before", list(Command))
-def test_from_every_state_a_drive_is_switched_on(state: str, before: Command) -> None:
+@pytest.mark.parametrize("before", list(Controlword))
+def test_from_every_state_a_drive_is_switched_on(state: str, before: Controlword) -> None:
     drive = Drive(1, state=state, word=int(before))
     for _ in range(6):
         drive.refresh()
@@ -290,7 +290,7 @@ def test_drives_are_set_up_enabled_run_and_switched_off() -> None:
         arm.enable(True)
         assert [drive.state for drive in behind.drives] == [ENABLED, ENABLED]
         words = [word for kind, word, *_ in behind.drives[0].heard if kind == "word"]
-        assert words == [Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION]
+        assert words == [Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERATION]
         counts = running(arm, [1.0, -2.0], 3)
         # 1 N m at the joint is 10 mN m at the motor: 0.1 counts a period and period, 1 + 2 + 3 of them.
         assert behind.advance.torques == [0.01, -0.02]
@@ -341,7 +341,7 @@ def test_a_fault_in_motion_stops_every_drive_and_says_why() -> None:
             "0x7305, incremental encoder 1 (error register: generic, profile)"
         )
         words = [item[1:] for item in behind.drives[0].heard if item[0] == "word"]
-        first = words.index((Command.QUICK_STOP, 0))
+        first = words.index((Controlword.QUICK_STOP, 0))
         # Not one torque after the first sign of it, at no drive.
         assert all(torque == 0 for _, torque in words[first:])
         assert [drive.state for drive in behind.drives] == [DISABLED, FAULTY, DISABLED]

@@ -14,19 +14,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime import boundary, recording
-from runtime.cli import Source, app
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.execution import targets
-from runtime.execution.plan import Plan
-from runtime.execution.plant import Plant
+from runtime.execution.demand import PlannedCycle
 from runtime.execution.simulated import SimulatedArm
 from runtime.hardware import can_bus, canopen_link
 from runtime.hardware.canopen_link import CanopenLink
-from runtime.hardware.cia402 import Command
+from runtime.hardware.cia402 import Controlword
 from runtime.hardware.pace import Pace
 from runtime.hardware.settings import Settings
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
+from runtime.recordings import recording
+from runtime.simulation.plant import Plant
+from runtime.workspace import Source
 from tests.firmware.canopen_drives import DISABLED, ENABLED, Drive, Drives
 from tests.firmware.test_canopen import PATIENT, PERIOD, Time
 
@@ -116,7 +118,7 @@ class Motors:
     def __init__(self, model: Model, directory: Path, motion: Path) -> None:
         from runtime.planning.trajectory import read
 
-        plan = Plan(model, read(motion, model))
+        plan = PlannedCycle(model, read(motion, model))
         settings = Settings.of(directory, model, plan.trajectory)
         self.arm = Braked(Plant(model, plan.terms, settings.dt), settings)
         self.position = self._motors(self.arm.start(plan.motion.q[:, 0], np.random.default_rng([0, 0])))
@@ -144,10 +146,10 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         time = time or Time()
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(PERIOD, time.now, time.sleep), patience=PATIENT)
-        monkeypatch.setitem(targets.LINES, "canopen", targets.Line(can_bus.parse, canopen_link.check, link))
+        monkeypatch.setitem(targets.LINES, "canopen", targets.ArmLine(can_bus.parse, canopen_link.check, link))
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
-        status = boundary.run(app, [*arguments, *more])
+        status = output.run(app, [*arguments, *more])
         out, err = capsys.readouterr()
         if out.startswith("{"):
             return status, json.loads(out)
@@ -250,7 +252,12 @@ def test_drives_are_switched_on_and_off_for_each_trial(
         words = [word for kind, word, *_ in behind.drives[0].heard if kind == "word"]
     assert (status, len(found["trials"])) == (0, 2)
     changes = [word for word, before in zip(words, [None, *words], strict=False) if word != before]
-    assert changes == 2 * [Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION, Command.DISABLE_VOLTAGE]
+    assert changes == 2 * [
+        Controlword.SHUTDOWN,
+        Controlword.SWITCH_ON,
+        Controlword.ENABLE_OPERATION,
+        Controlword.DISABLE_VOLTAGE,
+    ]
 
 
 def test_a_drive_that_does_not_go_off_is_told_and_the_recording_kept(
@@ -289,7 +296,7 @@ def test_nothing_moves_without_arm(executed: Executed, bench: Source, model: Mod
         )
         drive = behind.drives[0]
         assert (drive.state, drive.target) == (DISABLED, 0)
-        assert {word for kind, word, *_ in drive.heard if kind == "word"} <= {Command.DISABLE_VOLTAGE}
+        assert {word for kind, word, *_ in drive.heard if kind == "word"} <= {Controlword.DISABLE_VOLTAGE}
 
 
 @pytest.mark.parametrize(

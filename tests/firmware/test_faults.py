@@ -18,14 +18,14 @@ from emulation import places
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from runtime.cli import Source
-from runtime.execution.loop import Trial
+from runtime.execution.trial import Trial
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.lockstep import Counted, Fault
 from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.session import Refused
 from runtime.hardware.unicorn_board import UnicornBoard
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.workspace import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 AT = 300

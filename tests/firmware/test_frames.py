@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen import workspace
-from codegen.machine import machine_files
+from codegen import prepare
+from codegen.firmware.machine import machine_files
 from runtime.hardware.frames import Codec, Decoder, FrameError, cobs_decode, cobs_encode
-from symbolic import model_file
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
+from symbolic.model_file import reader
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
-ARM = model_file.load(ARMS / "vishard4.toml")
+ARM = reader.load(ARMS / "vishard4.toml")
 FILES = machine_files(derive(ARM), LIBRARY, {})
 CODEC = Codec(json.loads(FILES["protocol.json"]))
 NAMES = [item["name"] for item in CODEC.document["messages"]]
@@ -176,7 +176,7 @@ C_TYPES = {
 
 @pytest.fixture(scope="module")
 def compiled() -> ctypes.CDLL:
-    return ctypes.CDLL(str(workspace.prepare_firmware(ARM, LIBRARY) / "lib.so"))
+    return ctypes.CDLL(str(prepare.prepare_firmware(ARM, LIBRARY) / "lib.so"))
 
 
 def record(name: str) -> ctypes.Structure:

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from random_arms import MIXED
 
-from codegen import build
-from codegen.machine import machine_files
+from codegen.firmware.machine import machine_files
 from codegen.render import arm_files, controller_files
+from codegen.toolchain import build
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 

@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime import boundary
-from runtime.cli import Source, app
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.execution.execute import Execution, execute
 from runtime.execution.targets import SIMULATED
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
 from runtime.planning.trajectory import Trajectory
-from runtime.study.cases import Case
+from runtime.study.cases import StudyCase
 from runtime.study.experiment import HIDDEN
+from runtime.workspace import Source
 
 EMULATED = [
     pytest.param("unicorn"),
@@ -29,7 +30,7 @@ EMULATED = [
         "qemu", marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
     ),
 ]
-CASES = {"scenario1": Case("D", 1.2), "scenario2": Case("B", 1.2, 600.0)}
+CASES = {"scenario1": StudyCase("D", 1.2), "scenario2": StudyCase("B", 1.2, 600.0)}
 """With springs; friction planned with and compensated in the first, the plate pressed in the second."""
 
 
@@ -94,7 +95,7 @@ def test_the_motion_is_that_of_the_plan(run: Run, name: str) -> None:
 
 
 def called(*arguments: object) -> int:
-    return boundary.run(app, [str(a) for a in arguments])
+    return output.run(app, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")

@@ -18,25 +18,27 @@ import pytest
 from emulation import places
 from unicorn import arm_const
 
-from codegen import build, firmware, toolchain, workspace
-from codegen.elf import Elf
+from codegen import prepare
+from codegen.firmware import source_tree
+from codegen.toolchain import build, cross
+from codegen.toolchain.elf import Elf
 from runtime.execution.execute import execute
 from runtime.hardware import qemu_board
 from runtime.hardware.frames import Codec, Decoder
 from runtime.hardware.link import LinkLost
 from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.unicorn_board import UnicornBoard
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
-from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 CROSS = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 CMAKE = pytest.mark.skipif(shutil.which("cmake") is None, reason="needs cmake")
 KINDS = [pytest.param("zig"), pytest.param("gcc", marks=CROSS)]
-TARGETS = list(toolchain.TARGETS)
+TARGETS = list(cross.TARGETS)
 TEXT, STACK = 16 * 1024, 1024
 """Bytes that the image of the paper's arm may have."""
 
@@ -45,12 +47,12 @@ TEXT, STACK = 16 * 1024, 1024
 def tree(vishard4: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The firmware's tree, as a user has it."""
     directory = tmp_path_factory.mktemp("firmware")
-    firmware.FirmwareTree.of(derive(vishard4), LIBRARY, directory).write()
+    source_tree.FirmwareTree.of(derive(vishard4), LIBRARY, directory).write()
     return directory
 
 
 def prepared(arm: Arm, target: str, kind: str) -> tuple[Path, dict[str, Any]]:
-    directory = workspace.prepare_firmware(arm, LIBRARY, target, kind)
+    directory = prepare.prepare_firmware(arm, LIBRARY, target, kind)
     return directory, json.loads((directory / "image.json").read_text())
 
 
@@ -139,8 +141,8 @@ def test_everything_compiles_without_a_warning(tree: Path, tmp_path: Path, kind:
     if kind == "host":
         command = [*build.compiler(), *build.FLAGS, "-pedantic"]
     else:
-        tools = toolchain.find(kind)
-        command = [*tools.compile, *tools.flags(toolchain.TARGETS["cortex-m4f"])]
+        tools = cross.find(kind)
+        command = [*tools.compile, *tools.flags(cross.TARGETS["cortex-m4f"])]
     pages = {*tree.glob("src/*.c"), *tree.glob("boards/own/*.c")}
     for source in sorted(pages):
         output = str(tmp_path / f"{source.stem}.o")

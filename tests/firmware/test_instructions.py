@@ -16,17 +16,18 @@ import pytest
 from compositions import there_and_back
 from emulation import Meter, Processor, places
 
-from codegen import toolchain, workspace
+from codegen import prepare
+from codegen.toolchain import cross
 from runtime.execution.execute import execute
 from runtime.hardware.unicorn_board import UnicornBoard
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
-from symbolic.arm import Arm
 from symbolic.effects import LIBRARY
+from symbolic.model_file.arm import Arm
 
 GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
 KINDS = [pytest.param("zig"), pytest.param("gcc", marks=GCC)]
-M4F = toolchain.TARGETS["cortex-m4f"]
+M4F = cross.TARGETS["cortex-m4f"]
 STEP = "vishard4_controller_step_f32"
 STEPS = 2000
 INVERSE_DYNAMICS, FREE, CONTACT = 290, {7: 950, 10: 1030}, 2250
@@ -43,8 +44,8 @@ def motion(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactory
     def image(kind: str, plan: Trajectory) -> Path:
         directory = tmp_path_factory.mktemp("motion")
         motions.write(directory, vishard4, model, plan, STEPS)
-        tools = toolchain.find(kind)
-        return toolchain.compile_image(directory, motions.units(directory), "motion.ld", M4F, tools, include=(".",)).elf
+        tools = cross.find(kind)
+        return cross.compile_image(directory, motions.units(directory), "motion.ld", M4F, tools, include=(".",)).elf
 
     return image
 
@@ -100,7 +101,7 @@ def test_inverse_dynamics(motion: Callable[..., Path], model: Model, kind: str) 
 def test_a_step_of_the_machine(vishard4: Arm, model: Model, kind: str, degree: int) -> None:
     """In a run on the simulated arm that is recorded at the control rate; the first step, which also looks where the
     arm stands, and the steps of an arm that waits apart."""
-    directory = workspace.prepare_firmware(vishard4, LIBRARY, M4F.name, kind)
+    directory = prepare.prepare_firmware(vishard4, LIBRARY, M4F.name, kind)
     plan = replace(there_and_back(1.6, degree=degree), springs=motions.springs())
     meters = []
 

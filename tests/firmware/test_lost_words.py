@@ -10,11 +10,11 @@ import pytest
 from bench_arm import THERE_AND_BACK, trajectory
 from driven import Rig, rig
 
-from runtime.cli import Source
-from runtime.execution.loop import Trial
-from runtime.hardware.frames import Codec, Message
+from runtime.execution.trial import Trial
+from runtime.hardware.frames import Codec, ReceivedMessage
 from runtime.hardware.lockstep import Fault
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.workspace import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 
@@ -34,21 +34,21 @@ class Losing:
     """Loses the messages that are chosen, and notes all."""
 
     codec: Codec
-    chosen: Callable[[Message], bool] = lambda _: False
+    chosen: Callable[[ReceivedMessage], bool] = lambda _: False
     seen: list[str] = field(default_factory=list)
 
     def __call__(self, frame: bytes) -> Sequence[bytes]:
         message = self.codec.decode(frame[:-1])
-        assert isinstance(message, Message)
+        assert isinstance(message, ReceivedMessage)
         self.seen.append(message.name)
         return [] if self.chosen(message) else [frame]
 
 
-def number(k: int, chosen: Callable[[Message], bool]) -> Callable[[Message], bool]:
+def number(k: int, chosen: Callable[[ReceivedMessage], bool]) -> Callable[[ReceivedMessage], bool]:
     """Of the messages that are chosen, the k-th."""
     left = k
 
-    def hit(message: Message) -> bool:
+    def hit(message: ReceivedMessage) -> bool:
         nonlocal left
         left -= chosen(message)
         return left == 0 and chosen(message)
@@ -56,7 +56,7 @@ def number(k: int, chosen: Callable[[Message], bool]) -> Callable[[Message], boo
     return hit
 
 
-def stopped(one: Rig) -> Callable[[Message], bool]:
+def stopped(one: Rig) -> Callable[[ReceivedMessage], bool]:
     states = one.session.codec.names("states")
     return lambda message: message.name == "state" and states[message.values["state"]] == "stopped"
 

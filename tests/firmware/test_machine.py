@@ -21,7 +21,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 from random_arms import MIXED
 from talk import DRIVE, PER_COUNT, SAFETY, N, Step, Talk
 
-from codegen import firmware, workspace
+from codegen import prepare
+from codegen.firmware import source_tree
 from runtime.execution import real
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
@@ -32,7 +33,7 @@ STATES = ("idle", "armed", "running", "stopped")
 
 @pytest.fixture(scope="module")
 def directory() -> Path:
-    return workspace.prepare_firmware(ARM, LIBRARY)
+    return prepare.prepare_firmware(ARM, LIBRARY)
 
 
 @pytest.fixture
@@ -93,7 +94,7 @@ def test_it_says_who_it_is(talk: Talk, table: dict[str, Any]) -> None:
 def test_other_equations_of_the_same_layout_are_another_build(table: dict[str, Any]) -> None:
     """Gravity along another axis has the same messages."""
     gravity = (ARM.gravity[1] + 1.0, ARM.gravity[0])
-    other = firmware.firmware_files(derive(replace(ARM, gravity=gravity)), LIBRARY)
+    other = source_tree.firmware_files(derive(replace(ARM, gravity=gravity)), LIBRARY)
     page = json.loads(other["protocol.json"])
     assert page["fingerprint"] == table["fingerprint"]
     assert page["build"] != table["build"]
@@ -751,7 +752,7 @@ def test_every_joint_is_looked_at_within_as_many_periods_as_there_are(talk: Talk
 @pytest.mark.parametrize("name", ["r", "rrprrrr"])
 def test_arms_of_one_and_of_seven_joints_are_looked_at_within_five_periods(name: str) -> None:
     arm = MIXED[name]
-    n, directory = len(arm.joints), workspace.prepare_firmware(arm, LIBRARY)
+    n, directory = len(arm.joints), prepare.prepare_firmware(arm, LIBRARY)
     for joint in range(1, n + 1):
         for before in range(5):
             talk = Talk(directory, arm.name, n)

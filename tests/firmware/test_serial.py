@@ -20,10 +20,9 @@ import pytest
 import serial
 from bench_arm import BENCH, motion, trajectory
 
-from codegen.workspace import prepare_arm, prepare_firmware
-from runtime import boundary, recording
-from runtime.cli import Source, app
-from runtime.execution.plant import Plant
+from codegen.prepare import prepare_arm, prepare_firmware
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.execution.real import decimation
 from runtime.execution.simulated import SimulatedArm
 from runtime.hardware.host_board import HostBoard
@@ -33,10 +32,13 @@ from runtime.hardware.qemu_board import QemuBoard
 from runtime.hardware.serial_link import SerialLink
 from runtime.hardware.settings import Settings
 from runtime.hardware.unicorn_board import UnicornBoard
-from runtime.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model, load_model
 from runtime.planning.evaluate import mounted
-from symbolic.arm import Arm
+from runtime.recordings import recording
+from runtime.simulation.plant import Plant
+from runtime.workspace import Source
 from symbolic.effects import LIBRARY
+from symbolic.model_file.arm import Arm
 
 SLOW = BENCH.replace("rate = 1000.0", "rate = 100.0").replace("velocity_cutoff = 100.0", "velocity_cutoff = 25.0")
 PLAN = trajectory(motion([0.0, -0.3], [0.4, 0.4])[:1], periodic=False)
@@ -124,7 +126,7 @@ Outcome = tuple[int, str, str]
 @pytest.fixture
 def called(here: Path, capsys: pytest.CaptureFixture[str]) -> Any:  # noqa: ARG001 - where the files are
     def execute(*arguments: object) -> Outcome:
-        status = boundary.run(app, ["execute", "bench.toml", "plan.json", *map(str, arguments)])
+        status = output.run(app, ["execute", "bench.toml", "plan.json", *map(str, arguments)])
         return status, *capsys.readouterr()
 
     return execute
@@ -180,7 +182,7 @@ def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board
     np.testing.assert_allclose(np.diff(back.t), 0.01)
     assert len(back.t) == 240
     assert back.q[0].min() == pytest.approx(-0.3, abs=0.02)
-    assert boundary.run(app, ["compare", "mounted.toml", "run.csv"]) == 0
+    assert output.run(app, ["compare", "mounted.toml", "run.csv"]) == 0
 
 
 def test_without_arm_nothing_moves(bench: Bench, called: Any) -> None:

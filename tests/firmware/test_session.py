@@ -19,13 +19,13 @@ import pytest
 from bench_arm import BENCH, THERE_AND_BACK, motion, trajectory
 from driven import Rig, rig
 
-from runtime.cli import Source
 from runtime.execution.interrupt import listening
-from runtime.execution.loop import Trial
+from runtime.execution.trial import Trial
 from runtime.hardware.frames import Codec
 from runtime.hardware.link import LinkLost
 from runtime.hardware.session import Refused, Session
-from runtime.loader import Model
+from runtime.model.loader import Model
+from runtime.workspace import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 
@@ -337,7 +337,14 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(
     bench.controller("host" if on == "simulation" else "cortex-m4f")
     (tmp_path / "bench.toml").write_text(BENCH)
     PLAN.write(tmp_path / "plan.json")
-    command = [sys.executable, "-c", "import runtime.cli; runtime.cli.main()", "execute", "bench.toml", "plan.json"]
+    command = [
+        sys.executable,
+        "-c",
+        "import runtime.cli.main; runtime.cli.main.main()",
+        "execute",
+        "bench.toml",
+        "plan.json",
+    ]
     options = ["--on", on, "--cycles", "10000", "--trials", "1", "--out", "run.csv", "--json", "-"]
     started = subprocess.Popen(
         [*command, *options],
@@ -392,6 +399,6 @@ def test_a_terminal_that_is_closed_costs_no_recording(bench: Source, tmp_path: P
 _IN_A_TERMINAL = """
 import fcntl, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-import runtime.cli
-runtime.cli.main()
+import runtime.cli.main
+runtime.cli.main.main()
 """

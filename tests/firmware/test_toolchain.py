@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from codegen import toolchain
-from codegen.build import BuildError
-from codegen.elf import Elf
-from codegen.toolchain import TARGETS, Image
+from codegen.toolchain import cross
+from codegen.toolchain.build import BuildError
+from codegen.toolchain.cross import TARGETS, Image
+from codegen.toolchain.elf import Elf
 
 SCRIPT = """ENTRY(entry)
 MEMORY { FLASH (rx) : ORIGIN = 0x100, LENGTH = 64K  RAM (rw) : ORIGIN = 0x20000000, LENGTH = 64K }
@@ -49,9 +49,7 @@ KINDS = [
 def image(directory: Path, kind: str, code: str, target: str = "cortex-m4f") -> Image:
     (directory / "image.ld").write_text(SCRIPT.replace("*(.text*)", "KEEP(*(.text.handler)) *(.text*)"))
     (directory / "image.c").write_text(code)
-    return toolchain.compile_image(
-        directory, ["image.c"], "image.ld", TARGETS[target], toolchain.find(kind), include=["."]
-    )
+    return cross.compile_image(directory, ["image.c"], "image.ld", TARGETS[target], cross.find(kind), include=["."])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -96,8 +94,8 @@ def test_double_precision_is_found(tmp_path: Path, kind: str) -> None:
     code = library + "void entry(void);\nvoid entry(void) { volatile float x = (float)__aeabi_f2d(1); (void)x; }\n"
     (tmp_path / "image.ld").write_text(SCRIPT)
     (tmp_path / "image.c").write_text(code.replace("double", "float"))
-    made = toolchain.compile_image(
-        tmp_path, ["image.c"], "image.ld", TARGETS["cortex-m4f"], toolchain.find(kind), optimisation="-O0"
+    made = cross.compile_image(
+        tmp_path, ["image.c"], "image.ld", TARGETS["cortex-m4f"], cross.find(kind), optimisation="-O0"
     )
     assert made.forbidden == ["__aeabi_f2d"]
 
@@ -110,29 +108,29 @@ def test_a_mistake_in_the_source_is_named(tmp_path: Path, kind: str) -> None:
 
 def test_no_cross_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TENDON_ARM_CC", raising=False)
-    monkeypatch.setattr(toolchain.shutil, "which", lambda _: None)
-    assert toolchain.find().kind == "zig"
-    assert "arm-none-eabi-gcc is not installed" in toolchain.find().why
+    monkeypatch.setattr(cross.shutil, "which", lambda _: None)
+    assert cross.find().kind == "zig"
+    assert "arm-none-eabi-gcc is not installed" in cross.find().why
     with pytest.raises(BuildError, match="install gcc-arm-none-eabi or choose --toolchain zig"):
-        toolchain.find("gcc")
-    monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda _: None)
+        cross.find("gcc")
+    monkeypatch.setattr(cross.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(BuildError, match=r"no cross-compiler found .* install gcc-arm-none-eabi, or run: .*ziglang"):
-        toolchain.find()
+        cross.find()
     with pytest.raises(BuildError, match=r"pip install ziglang, or choose --toolchain gcc"):
-        toolchain.find("zig")
+        cross.find("zig")
 
 
 def test_a_named_cross_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TENDON_ARM_CC", "no-such-compiler")
     with pytest.raises(BuildError, match='"no-such-compiler" of the environment variable TENDON_ARM_CC is not there'):
-        toolchain.find()
+        cross.find()
     other = tmp_path / "cc"
     other.write_text("#!/bin/sh\necho x86_64-linux-gnu\n")
     other.chmod(0o755)
     monkeypatch.setenv("TENDON_ARM_CC", str(other))
     with pytest.raises(BuildError, match="TENDON_ARM_CC compiles for x86_64-linux-gnu; expected one for Arm, such as"):
-        toolchain.find()
+        cross.find()
     monkeypatch.setenv("TENDON_ARM_CC", f"{sys.executable} -m ziglang cc")
-    found = toolchain.find()
+    found = cross.find()
     assert found.kind == "zig"
     assert found.link == (sys.executable, "-m", "ziglang", "ld.lld")

@@ -11,14 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from codegen import firmware, toolchain, workspace
-from codegen.firmware import FirmwareTree
-from codegen.protocol import REASONS
-from codegen.render import BANNER
-from runtime import boundary, cli
-from symbolic.arm import Arm
+from codegen import prepare
+from codegen.firmware import source_tree
+from codegen.firmware.protocol import REASONS
+from codegen.firmware.source_tree import FirmwareTree
+from codegen.pages import BANNER
+from codegen.toolchain import cross
+from runtime.cli import main, output
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
+from symbolic.model_file.arm import Arm
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "symbolic" / "arms" / "drive.toml"
@@ -27,7 +29,7 @@ Verb = Callable[..., int]
 
 @pytest.fixture(scope="module")
 def files(vishard4: Arm) -> dict[str, str]:
-    return firmware.firmware_files(derive(vishard4), LIBRARY)
+    return source_tree.firmware_files(derive(vishard4), LIBRARY)
 
 
 @pytest.fixture
@@ -36,7 +38,7 @@ def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verb:
     monkeypatch.chdir(tmp_path)
     shutil.copy(MODEL, tmp_path / "drive.toml")
     monkeypatch.delenv("TENDON_ARM_CC", raising=False)
-    return lambda *arguments: boundary.run(cli.app, ["firmware", "drive.toml", *arguments])
+    return lambda *arguments: output.run(main.app, ["firmware", "drive.toml", *arguments])
 
 
 # --- files ---
@@ -174,8 +176,8 @@ def test_what_it_cannot_do(
 def test_without_a_cross_compiler(
     tendon: Verb, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(toolchain.shutil, "which", lambda _: None)
-    monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(cross.shutil, "which", lambda _: None)
+    monkeypatch.setattr(cross.importlib.util, "find_spec", lambda _: None)
     assert tendon() == 2
     said = capsys.readouterr().err
     assert "install gcc-arm-none-eabi, or run: " in said
@@ -184,7 +186,7 @@ def test_without_a_cross_compiler(
 
 
 def test_it_is_prepared_once(vishard4: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = workspace.prepare_firmware(vishard4, LIBRARY, "cortex-m4f", "zig")
-    monkeypatch.setattr(toolchain, "compile_image", lambda *_, **__: pytest.fail("compiled twice"))
-    assert workspace.prepare_firmware(vishard4, LIBRARY, "cortex-m4f", "zig") == first
-    assert workspace.prepare_firmware(vishard4, LIBRARY) != first
+    first = prepare.prepare_firmware(vishard4, LIBRARY, "cortex-m4f", "zig")
+    monkeypatch.setattr(cross, "compile_image", lambda *_, **__: pytest.fail("compiled twice"))
+    assert prepare.prepare_firmware(vishard4, LIBRARY, "cortex-m4f", "zig") == first
+    assert prepare.prepare_firmware(vishard4, LIBRARY) != first

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from runtime.recording import Recording
+from runtime.recordings.recording import Recording
 
 from .bodies import ARMS, Body, torque
 from .hidden import Hidden, Rows

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recording import Recording
+from runtime.recordings.recording import Recording
 
 from . import forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
 from .bench import NOISE, Bench, Setting, bench, specimen

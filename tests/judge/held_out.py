@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnose import Diagnosis
-from runtime.motion import Motion, prepare
-from runtime.search import errors_elsewhere
+from runtime.diagnosis.diagnose import Diagnosis
+from runtime.diagnosis.search import errors_elsewhere
+from runtime.motion.motion import Motion, prepare
 
 from .bodies import ARMS, torque
 from .cases import Made

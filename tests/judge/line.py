@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from runtime import experiment
-from runtime.cli import Source
-from runtime.diagnose import Diagnosis, diagnose
-from runtime.simulate import SimulationError
+from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.experiments import design
+from runtime.simulation.simulate import SimulationError
+from runtime.workspace import Source
 
 from . import cases as judging
 from . import limits, others, scoring
@@ -152,8 +152,8 @@ def _separated(text: str, a: str, b: str) -> bool:
     """Whether the experiment that is proposed for a model tells two effects apart in simulation."""
     model = opened(text).model()
     try:
-        return experiment.propose(model, experiment.parse_rivals(f"{a},{b}", model)).separated
-    except (experiment.ExperimentError, SimulationError):
+        return design.propose(model, design.parse_rivals(f"{a},{b}", model)).separated
+    except (design.ExperimentError, SimulationError):
         return False
 
 

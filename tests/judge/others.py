@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from runtime.recording import Recording
+from runtime.recordings.recording import Recording
 
 from .bodies import ARMS, inertial_columns, inertial_values
 from .cases import Made

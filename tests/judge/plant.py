@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.build import compiler
+from codegen.toolchain.build import compiler
 
 Array = NDArray[np.float64]
 SOURCE = Path(__file__).with_name("plant.c")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.diagnose import Diagnosis, diagnose
-from runtime.loader import Model
+from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.model.loader import Model
 
 from .bench import LEVEL, Bench, Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text

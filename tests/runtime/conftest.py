@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.cli import open_model
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
-from runtime.recording import Recording, read
+from runtime.recordings.recording import Recording, read
+from runtime.workspace import open_model
 from tests import plants
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from codegen.workspace import prepare_arm
-from runtime.loader import Library, Model, load_model
+from codegen.prepare import prepare_arm
+from runtime.model.loader import Library, Model, load_model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
-from symbolic.arm import Arm, Joint, Limits, Link
-from symbolic.checks import Place
+from symbolic.model_file.arm import Arm, Joint, Limits, Link
+from symbolic.model_file.checks import Place
 
 LINK = Link(length=0.3, mass=2.0, com=(0.2, 0.0), inertia=0.0565)
 INERTIA = 0.2365  # kg m² of one joint: 0.1 of the rotor, 0.0565, and 2 kg at 0.2 m

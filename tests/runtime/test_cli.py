@@ -13,8 +13,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from runtime import boundary, files
-from runtime.cli import Source, app, open_model
+from runtime import files
+from runtime.cli import options, output
+from runtime.cli.main import app
+from runtime.workspace import Source, open_model
 
 VERBS = [
     "generate",
@@ -60,7 +62,7 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def run(here, capsys) -> Run:  # noqa: ARG001
     def called(*arguments: object) -> tuple[int, str, str]:
-        status = boundary.run(app, [str(a) for a in arguments])
+        status = output.run(app, [str(a) for a in arguments])
         out, err = capsys.readouterr()
         return status, out, err
 
@@ -75,7 +77,7 @@ def recorded(tmp_path_factory) -> Path:
     path = folder / "run.csv.gz"
     hide = "stribeck@1:torque=0.6,speed=0.15"
     arguments = ["simulate", str(folder / "drive.toml"), "--out", str(path), "--hide", hide, "--seconds", "20"]
-    assert boundary.run(app, [*arguments, "--json", str(folder / "truth.json")]) == 0
+    assert output.run(app, [*arguments, "--json", str(folder / "truth.json")]) == 0
     return path
 
 
@@ -115,7 +117,7 @@ def test_help_without_arguments(run):
 
 def test_help_imports_nothing_heavy():
     code = (
-        "import sys; from runtime import boundary, cli; boundary.run(cli.app, ['--help'])\n"
+        "import sys; from runtime.cli import main, output; output.run(main.app, ['--help'])\n"
         "print([m for m in ('sympy', 'scipy', 'casadi', 'numpy', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -363,7 +365,7 @@ def test_improve_works_on_a_copy_unless_told(run, here, recorded):
 def test_a_model_that_changed_meanwhile_is_not_overwritten(here):
     source = Source.read(Path("drive.toml"), None)
     (here / "drive.toml").write_text(DRIVE + "# edited\n")
-    with pytest.raises(boundary.UsageError, match="has changed while we were at work"):
+    with pytest.raises(options.UsageError, match="has changed while we were at work"):
         source.replace(DRIVE)
     assert (here / "drive.toml").read_text() == DRIVE + "# edited\n"
 
@@ -394,12 +396,12 @@ def test_a_failed_replacement_leaves_nothing(tmp_path):
 def test_json_knows_no_nan(capsys):
     import numpy as np
 
-    boundary.emit("-", {"a": np.float64("nan"), "b": np.array([1.0, np.inf]), "c": (np.int64(1), None)}, print)
+    output.emit("-", {"a": np.float64("nan"), "b": np.array([1.0, np.inf]), "c": (np.int64(1), None)}, print)
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.0, None], "c": [1, None]}
 
 
 def test_as_a_program(here):
-    tendon = [sys.executable, "-c", "from runtime.cli import main; main()"]
+    tendon = [sys.executable, "-c", "from runtime.cli.main import main; main()"]
     done = subprocess.run([*tendon, "generate", "absent.toml"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "absent.toml: no such file; expected a model file in TOML\n"
@@ -407,6 +409,6 @@ def test_as_a_program(here):
 
 
 def test_a_reader_that_goes_away_is_no_error(here):  # noqa: ARG001
-    command = f"{sys.executable} -c 'from runtime.cli import main; main()' effects --json - | head -c 10"
+    command = f"{sys.executable} -c 'from runtime.cli.main import main; main()' effects --json - | head -c 10"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

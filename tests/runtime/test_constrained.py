@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from runtime.constrained import bounded, minimise, solve
+from runtime.estimation.least_squares import bounded, minimise, solve
 
 
 @given(st.integers(0, 10_000), st.integers(1, 8))

@@ -18,13 +18,13 @@ from hypothesis import strategies as st
 from random_arms import MIXED
 from stepped import Controller
 
-from codegen.workspace import prepare_arm, prepare_firmware
+from codegen.prepare import prepare_arm, prepare_firmware
 from runtime.hardware.settings import ControllerError
-from runtime.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model, load_model
 from runtime.planning.trajectory import Phase
-from symbolic import model_file
-from symbolic.arm import Arm, Control, Gains, Limits
 from symbolic.effects import LIBRARY
+from symbolic.model_file import reader
+from symbolic.model_file.arm import Arm, Control, Gains, Limits
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 
@@ -328,7 +328,7 @@ def test_a_description_that_does_not_match(make: Callable[..., Controller], tmp_
 
 def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
     text = (ARMS / "drive.toml").read_text()
-    bare = model_file.parse(text[: text.index("[controller]")] + text[text.index("[[joint]]") :], "drive.toml")
+    bare = reader.parse(text[: text.index("[controller]")] + text[text.index("[[joint]]") :], "drive.toml")
     bare = replace(bare, joints=tuple(replace(joint, gains=None, encoder_counts=None) for joint in bare.joints))
     plan = replace(still(), arm="drive", phases=(Phase("q", 1.0, np.zeros((1, 3))),))
     model = load_model(prepare_arm(bare), library)
@@ -338,7 +338,7 @@ def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
     assert "for example kp = 37.3, kd = 5.94 (2 Hz at 0.236 kg m^2)" in str(caught.value)
     for key in ("[controller]", "[joint.controller] at joint 1", "[joint.encoder] at joint 1"):
         assert key in str(caught.value)
-    arm = model_file.parse(text, "drive.toml")
+    arm = reader.parse(text, "drive.toml")
     with pytest.raises(ControllerError, match=r"no value of joint1_coulomb_asymmetric_positive, .*tendon identify"):
         Controller(prepare_firmware(arm, LIBRARY), load_model(prepare_arm(arm), library), plan)
 

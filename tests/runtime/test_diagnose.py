@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from runtime import repeats
-from runtime.cli import Source, open_model
-from runtime.diagnose import Diagnosis, diagnose
-from runtime.identify import prepared
-from runtime.improve import improve
-from runtime.loader import Model
-from runtime.recording import Recording
+from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.estimation.identify import prepared
+from runtime.loop.improve import improve
+from runtime.model.loader import Model
+from runtime.motion import repeats
+from runtime.recordings.recording import Recording
+from runtime.workspace import Source, open_model
 from tests.runtime.conftest import ROOT, SHARED, recorded
 
 Shared = Callable[[str, Model], Recording]

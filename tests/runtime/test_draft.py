@@ -8,12 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from runtime import boundary, guess, recording
-from runtime.cli import Source, app
-from runtime.diagnose import begin
-from runtime.motion import prepare
-from runtime.search import errors_elsewhere
-from runtime.terms import Term
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.diagnosis import grammar_search
+from runtime.diagnosis.diagnose import begin
+from runtime.diagnosis.search import errors_elsewhere
+from runtime.model.terms import Term
+from runtime.motion.motion import prepare
+from runtime.recordings import recording
+from runtime.workspace import Source
 from symbolic.effects import load_user_effects
 from symbolic.effects.source import BANNER
 from tests.judge import cases as judging
@@ -40,7 +43,7 @@ def run(here, capsys) -> Run:  # noqa: ARG001
     """Status, the JSON of standard output (empty if there is none), standard error."""
 
     def called(*arguments: object) -> tuple[int, dict, str]:
-        status = boundary.run(app, [str(a) for a in arguments])
+        status = output.run(app, [str(a) for a in arguments])
         out, err = capsys.readouterr()
         return status, json.loads(out) if out.startswith("{") else {}, err
 
@@ -109,7 +112,7 @@ def test_a_neighbours_motion_is_guessed_at_the_joint_that_feels_it(tmp_path):
     wider = source.drafting()
     step = begin(source.model(), [made.recording], [made.held_out]).steps[-1]
     joint = made.joints[0] or 1
-    found = guess.best(step, wider.model(), wider.library.keys() - source.library.keys(), range(2))
+    found = grammar_search.best(step, wider.model(), wider.library.keys() - source.library.keys(), range(2))
     assert found is not None
     assert found.term == Term("draft_next_viscous" if joint == 1 else "draft_previous_viscous", joint)
     assert found.finding.share() > 0.85

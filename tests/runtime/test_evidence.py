@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.equations import FOLDS
-from runtime.evidence import Block, Ground, Part, Rows, vuong
+from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows, vuong
+from runtime.estimation.folds import FOLDS
 
 
 def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Rows:
@@ -20,10 +20,14 @@ def ground(*joints: Rows) -> Ground:
     return Ground.levelled(joints, -free, free)
 
 
-def block(*columns: np.ndarray, fixed: np.ndarray | None = None, lower: float = -np.inf, joint: int = 0) -> Block:
+def block(
+    *columns: np.ndarray, fixed: np.ndarray | None = None, lower: float = -np.inf, joint: int = 0
+) -> CandidateBlock:
     x = np.array(columns)
     first = np.zeros(x.shape[1]) if fixed is None else fixed
-    return Block({joint: Part(np.vstack([first, x]))}, np.full(len(x), lower), np.full(len(x), np.inf))
+    return CandidateBlock(
+        {joint: CandidateRows(np.vstack([first, x]))}, np.full(len(x), lower), np.full(len(x), np.inf)
+    )
 
 
 def test_quick_and_full_errors_agree() -> None:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from bench_arm import BENCH, SPRING, THERE_AND_BACK, motion, trajectory
 
-from runtime import boundary, recording
-from runtime.cli import Source, app
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.execution.execute import Execution, execute
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
-from runtime.simulate import parse_hidden
+from runtime.recordings import recording
+from runtime.simulation.simulate import parse_hidden
+from runtime.workspace import Source
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +183,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    status = boundary.run(app, ["execute", *map(str, arguments)])
+    status = output.run(app, ["execute", *map(str, arguments)])
     out, err = capsys.readouterr()
     return status, out, err
 
@@ -198,7 +200,7 @@ def test_what_is_hidden_is_named_from_the_recording(here: Path, capsys: pytest.C
     assert status == 0
     assert "hidden: stribeck on joint 1: torque 0.6, speed 0.15" in out
     assert "  tendon diagnose mounted.toml run.csv.gz" in out
-    assert boundary.run(app, ["diagnose", "mounted.toml", "run.csv.gz", "--json", "d.json"]) == 0
+    assert output.run(app, ["diagnose", "mounted.toml", "run.csv.gz", "--json", "d.json"]) == 0
     diagnosis = json.loads((here / "d.json").read_text())
     assert diagnosis["verdict"] == "effect"
     assert [(f["effect"], f["joint"]) for f in diagnosis["findings"]] == [("stribeck", 1)]

@@ -11,23 +11,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime import boundary, experiment
-from runtime.cli import app, open_model
-from runtime.composition import Freedom, Repertoire, TorqueLimit, peaks
-from runtime.experiment import ExperimentError, Trial, parse_rivals, propose, separates
-from runtime.loader import Model
-from runtime.repertoire import Envelope, in_sequence, pieces
-from runtime.separation import Bench, Ground, stated
-from runtime.simulate import MARGIN, RATE, SimulationError, read_motion, simulate
-from runtime.terms import Term, structure
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.experiments import design
+from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, parse_rivals, propose, separates
+from runtime.experiments.pieces import Envelope, in_sequence, pieces
+from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks
+from runtime.experiments.separation import MotionGround, TrialArm, stated
+from runtime.model.loader import Model
+from runtime.model.terms import Term, structure
+from runtime.simulation.simulate import MARGIN, RATE, SimulationError, read_motion, simulate
+from runtime.workspace import open_model
 
 DRIVE = Path(__file__).resolve().parents[2] / "symbolic" / "arms" / "drive.toml"
 SMALL = "linear_spring@1:stiffness=0.4,rest=0,gravity:gx=1,gy=0"
 """Over the range of the ordinary excitation, these two are one."""
 
 
-def _bench(model: Model, between: str) -> Bench:
-    return Bench.of(model, parse_rivals(between, model))
+def _bench(model: Model, between: str) -> TrialArm:
+    return TrialArm.of(model, parse_rivals(between, model))
 
 
 def _sine(hertz: float, size: float, seconds: float = 10.0) -> np.ndarray:
@@ -70,11 +72,11 @@ def test_what_is_no_experiment_is_one_line(drive: Model, text: str, message: str
 
 
 def test_the_verb_has_help_and_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert boundary.run(app, ["experiment", "--help"]) == 0
+    assert output.run(app, ["experiment", "--help"]) == 0
     assert "Example: tendon experiment" in capsys.readouterr().out
     nowhere = tmp_path / "nowhere" / "motion.csv"
     for more in (["--between", "viscous@1"], ["--between", "stribeck@1", "--out", str(nowhere)], []):
-        assert boundary.run(app, ["experiment", str(DRIVE), *more]) == boundary.BAD_INPUT
+        assert output.run(app, ["experiment", str(DRIVE), *more]) == output.BAD_INPUT
         out, err = capsys.readouterr()
         said = [line for line in err.splitlines() if not line.endswith("…")]  # progress
         assert (out, len(said)) == ("", 1)
@@ -136,7 +138,7 @@ def test_known_values_are_stated_in_a_copy(drive: Model) -> None:
 
 def test_a_spring_leaves_gravity_over_a_wide_range_only(drive: Model) -> None:
     bench = _bench(drive, SMALL)
-    narrow, wide = (Ground.of(bench, _two_sines(size)).weigh() for size in (0.4, 1.2))
+    narrow, wide = (MotionGround.of(bench, _two_sines(size)).weigh() for size in (0.4, 1.2))
     for pair in bench.pairs:
         # The cubic term of the sine: three times the angle, relative to the torque nine times.
         relative = [w[pair].rms / w[pair[0], None].rms for w in (narrow, wide)]
@@ -145,7 +147,7 @@ def test_a_spring_leaves_gravity_over_a_wide_range_only(drive: Model) -> None:
 
 def test_a_special_case_is_explained_in_full_and_does_not_explain(drive: Model) -> None:
     bench = _bench(drive, "linear_spring@1:stiffness=2,rest=0.1,cable@1:c1=0,c2=1,c3=2,c4=0")
-    found = Ground.of(bench, _two_sines(0.9)).weigh()
+    found = MotionGround.of(bench, _two_sines(0.9)).weigh()
     assert found[0, 1].rms < 1e-3 < 1 < found[1, 0].rms
     assert found[0, None].rms > 5
 
@@ -153,7 +155,7 @@ def test_a_special_case_is_explained_in_full_and_does_not_explain(drive: Model) 
 def test_an_elasticity_passes_for_inertia_at_one_frequency(drive: Model) -> None:
     bench = _bench(drive, "elasticity@1:stiffness=3000,damping=3")
     several = sum((_sine(f, 0.5 / f**2, 20.0) for f in (0.7, 2.0, 4.0, 8.0)), np.zeros((1, 20_000)))
-    one, many = (Ground.of(bench, path).weigh()[0, None].rms for path in (_sine(2.0, 0.25, 20.0), several))
+    one, many = (MotionGround.of(bench, path).weigh()[0, None].rms for path in (_sine(2.0, 0.25, 20.0), several))
     # What is left of one sine rings from its sudden start.
     assert many > max(1.0, 5 * one)
 
@@ -163,7 +165,7 @@ def test_pieces_add_up_to_the_motion(drive: Model) -> None:
     joints = [Envelope.of(joint) for joint in drive.joints]
     parts = [_sine(0.2, 0.5, 8.0), _sine(1.0, 0.2, 8.0)]
     path, spans = in_sequence(parts, joints)
-    apart, whole = Ground.of(bench, path, spans), Ground.of(bench, path)
+    apart, whole = MotionGround.of(bench, path, spans), MotionGround.of(bench, path)
     for pair, separation in whole.weigh().items():
         # The pauses, where nothing moves, are in no piece; rounding of the band's rows at their edges remains.
         assert apart.weigh().get(pair).strength == pytest.approx(separation.strength, rel=0.02)  # type: ignore[union-attr]
@@ -189,7 +191,7 @@ def test_pieces_add_up_to_the_motion(drive: Model) -> None:
 def test_an_answer_is_right_if_it_rules_the_rival_out(
     hidden: str | None, named: list[str], rivals: list[str], problem: str | None
 ) -> None:
-    answer = Trial(
+    answer = SimulatedDiagnosis(
         None if hidden is None else Term(hidden, 1),
         (Term("lugre", 1),),
         0,
@@ -211,7 +213,7 @@ def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
     drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "motion.csv"
-    status = boundary.run(app, ["experiment", str(DRIVE), "--between", SMALL, "--out", str(out), "--json", "-"])
+    status = output.run(app, ["experiment", str(DRIVE), "--between", SMALL, "--out", str(out), "--json", "-"])
     found = json.loads(capsys.readouterr().out)
     assert (status, found["separated"], found["out"]) == (0, True, str(out))
     assert any(not t["right"] for t in found["ordinary_trials"])
@@ -230,11 +232,11 @@ def test_where_no_motion_separates_it_says_what_would(
     drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Over a radian to either side, the polynomial is the sine; a diagnosis that sees nothing does not matter here.
-    monkeypatch.setattr(experiment, "diagnose", lambda *_: SimpleNamespace(verdict="clean", findings=()))
+    monkeypatch.setattr(design, "diagnose", lambda *_: SimpleNamespace(verdict="clean", findings=()))
     between, out = "gravity:gx=3,gy=0,cable@1:c1=2,c2=0,c3=1,c4=0", tmp_path / "motion.csv"
-    status = boundary.run(app, ["experiment", str(DRIVE), "--between", between, "--out", str(out)])
+    status = output.run(app, ["experiment", str(DRIVE), "--between", between, "--out", str(out)])
     verdict = capsys.readouterr().out.splitlines()[0]
-    assert status == boundary.NO
+    assert status == output.NO
     assert verdict.startswith("NOT SEPARATED: No motion within the limits was found: with gravity hidden, nothing")
     assert "with twice the range" in verdict
     assert "twice the speed" not in verdict

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.filters import differentiator, low_pass
-from runtime.loader import Library
+from runtime.model.loader import Library
+from runtime.motion.filters import differentiator, low_pass
 
 RATE = 1000.0
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from runtime.compare import compare, structure_shares
-from runtime.identify import identify
-from runtime.loader import Model
-from runtime.recording import Recording
-from runtime.simulate import simulate
-from runtime.terms import Term
+from runtime.estimation.compare import compare, structure_shares
+from runtime.estimation.identify import identify
+from runtime.model.loader import Model
+from runtime.model.terms import Term
+from runtime.recordings.recording import Recording
+from runtime.simulation.simulate import simulate
 from tests.runtime.conftest import recorded
 
 Shared = Callable[[str, Model], Recording]

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime import loader
-from runtime.loader import Library, LoaderError, Model
+from runtime.model import loader
+from runtime.model.loader import Library, LoaderError, Model
 
 # Sums of some fifty terms of order 1 to 100, each rounded at 1e-16.
 CLOSE = {"rtol": 1e-12, "atol": 1e-11}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from codegen.workspace import prepare_effects
-from runtime.loader import Library, load_library
+from codegen.prepare import prepare_effects
+from runtime.model.loader import Library, load_library
 from tests.effect_values import simulate
 
 T = np.arange(400) / 1000

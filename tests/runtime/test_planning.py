@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.loader import Library, Model
+from runtime.model.loader import Library, Model
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
 from runtime.planning.optimize import Infeasible, Plan, optimize
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.starts import StartError
-from symbolic.arm import Limits
+from symbolic.model_file.arm import Limits
 from tests.runtime.planning_cases import INERTIA, MASS, and_back, arm, there
 
 STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"

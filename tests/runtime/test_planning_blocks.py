@@ -10,12 +10,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from runtime.loader import Library, Model
+from runtime.model.loader import Library, Model
 from runtime.planning.blocks import Sum, assemble
 from runtime.planning.program import Program
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.starts import random_start
-from symbolic.arm import Limits
+from symbolic.model_file.arm import Limits
 from tests.runtime.planning_cases import and_back, arm
 
 

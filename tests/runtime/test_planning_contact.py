@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.planning.evaluate import Effort, at_times
 from runtime.planning.optimize import Plan, optimize
 from runtime.planning.scenario import Scenario

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.loader import Library, Model
+from runtime.model.loader import Library, Model
 from runtime.planning import scenario_file, trajectory
 from runtime.planning.trajectory import Phase, Trajectory, TrajectoryError
-from symbolic.arm import Limits
-from symbolic.checks import ModelError
+from symbolic.model_file.arm import Limits
+from symbolic.model_file.checks import ModelError
 from tests.runtime.planning_cases import arm, parsed, there
 
 STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from codegen.workspace import prepare_arm
-from runtime.execution.equations import RATE_WIDTH, PlantError
-from runtime.execution.plant import Plant
-from runtime.loader import Library, Model, load_model
-from runtime.simulate import complete, torque_along
-from runtime.terms import Structure, Term, structure
-from symbolic import model_file
+from codegen.prepare import prepare_arm
+from runtime.model.loader import Library, Model, load_model
+from runtime.model.terms import Structure, Term, structure
+from runtime.simulation.plant import Plant
+from runtime.simulation.plant_equations import RATE_WIDTH, PlantError
+from runtime.simulation.simulate import complete, torque_along
 from symbolic.effects import LIBRARY
+from symbolic.model_file import reader
 
 PERIOD = 1e-3
 DRIVE_INERTIA, ROTOR = 0.2365, 0.10  # kg m^2, of drive.toml: 0.10 + 0.0565 + 2 * 0.2^2
@@ -46,7 +46,7 @@ inertia = 0.005
 
 @pytest.fixture(scope="module")
 def hanging(library: Library) -> Model:
-    return load_model(prepare_arm(model_file.parse(HANGING, "hanging.toml")), library)
+    return load_model(prepare_arm(reader.parse(HANGING, "hanging.toml")), library)
 
 
 def moved(plant: Plant, torque: Callable[[float], object], seconds: float) -> np.ndarray:

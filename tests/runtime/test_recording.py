@@ -12,8 +12,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from runtime import recording
-from runtime.recording import Recording, RecordingError, read
+from runtime.recordings import recording
+from runtime.recordings.recording import Recording, RecordingError, read
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 DRIVE = {"joints": [{"type": "revolute", "torque_constant": 2.0}]}

@@ -16,33 +16,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime import (
-    demo_plant,
-    held_out,
-    limits,
-    plot_style,
-    plots,
-    plots_time,
-    reasons,
-    report,
-    report_figures,
-    report_findings,
-    spectral,
-    terminal_results,
-    wording,
-)
-from runtime.candidates import Candidate
-from runtime.compare import Comparison, as_written, series, structure_shares
-from runtime.covariance import Estimate
-from runtime.diagnose import Diagnosis
-from runtime.identify import identify_motion, prepared
-from runtime.improve import Improvement
-from runtime.judge import Evidence, Verdict
-from runtime.origin import Origin, about
-from runtime.recording import Recording
-from runtime.search import Errors, Finding, Step
-from runtime.story import Story
-from runtime.terms import Term, structure
+from runtime import wording
+from runtime.diagnosis import detection_limits
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.diagnose import Diagnosis
+from runtime.diagnosis.gates import Evidence, Verdict
+from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.estimation.compare import Comparison, as_written, series, structure_shares
+from runtime.estimation.covariance import Estimate
+from runtime.estimation.identify import identify_motion, prepared
+from runtime.loop import held_out
+from runtime.loop.improve import Improvement
+from runtime.model.terms import Term, structure
+from runtime.motion import spectrum
+from runtime.recordings.recording import Recording
+from runtime.report import reasons
+from runtime.report.follow_up import Invocation, about
+from runtime.report.page import html_page, page_figures, page_findings
+from runtime.report.plots import joint_plots, time_plots
+from runtime.report.summary import ResultSummary
+from runtime.report.terminal import loop_pages
+from runtime.simulation import demo_plant
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
@@ -57,13 +51,13 @@ SECTIONS = [
     "Put it into the model",
     "Recordings, band and skew",
 ]
-ORIGIN = Origin(Path("my arms/drive.toml"), (Path("run 1.csv"),), (Path("run2.csv"),), effects=Path("own.py"))
+ORIGIN = Invocation(Path("my arms/drive.toml"), (Path("run 1.csv"),), (Path("run2.csv"),), effects=Path("own.py"))
 
 
 @pytest.fixture(scope="module")
 def drive():
     """The demo's drive, compiled into this run's cache."""
-    from runtime.cli import Source
+    from runtime.workspace import Source
 
     return Source.shipped("drive").model()
 
@@ -93,7 +87,7 @@ def improvement(drive, one) -> Improvement:
         steps.append(Step(added, identification, joints, errors, held_out))
     finding = Finding(evidence(STRIBECK), (ELASTICITY,), Verdict((), ()), *steps)
     last = Verdict((evidence(ELASTICITY, "its shape lies at the edge of what was searched"),), ())
-    seen = (limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
+    seen = (detection_limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
     found = Diagnosis("effect", "the model lacks stribeck", tuple(steps), (finding,), last, seen)
     left = Diagnosis("clean", "the residual is noise", (steps[-1],), (), last, seen)
     return Improvement("", found, left)
@@ -106,7 +100,7 @@ def evidence(term: Term, *failed: str) -> Evidence:
 
 @pytest.fixture(scope="module")
 def page(improvement) -> str:
-    return report.render(improvement)
+    return html_page.render(improvement)
 
 
 class Reader(HTMLParser):
@@ -140,14 +134,14 @@ class Reader(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def story(improvement, one) -> Story:
+def story(improvement, one) -> ResultSummary:
     """With the files that were named, and the floor of a recording that was held out."""
-    return Story(improvement, ORIGIN, held_out.floors(improvement.steps[-1].identification, [one]))
+    return ResultSummary(improvement, ORIGIN, held_out.floors(improvement.steps[-1].identification, [one]))
 
 
 @pytest.fixture(scope="module")
 def story_text(story) -> str:
-    return Reader(report.render(story)).text
+    return Reader(html_page.render(story)).text
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +176,7 @@ def test_ids_are_unique_and_links_within_the_page_arrive(page):
 
 
 def test_same_result_same_bytes(improvement, page, tmp_path):
-    path = report.write_report(tmp_path / "deep" / "folder", improvement)
+    path = html_page.write_report(tmp_path / "deep" / "folder", improvement)
     assert path == tmp_path / "deep" / "folder" / "report.html"
     assert path.read_text(encoding="utf-8") == page
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
@@ -197,7 +191,7 @@ def test_sections_in_their_order(page):
 
 def test_page_holds_the_numbers_of_the_json(improvement, page):
     read = Reader(page)
-    document = Story(improvement).document
+    document = ResultSummary(improvement).document
     assert json.loads(read.scripts[-1]) == json.loads(json.dumps(document))
     for step in document["history"]:
         assert wording.percent(step["relative"][0]) in read.text
@@ -255,7 +249,7 @@ def test_no_colour_of_a_figure_escapes_the_page(page):
     """Colours are the page's, so that figures turn dark with it."""
     style = page[page.index("<style>") : page.index("</style>")]
     body = page.replace(style, "")
-    for colour in plot_style.COLOURS.values():
+    for colour in style.COLOURS.values():
         assert colour not in body
 
 
@@ -276,13 +270,13 @@ def test_the_model_files_own_words_and_sources_are_cited():
 def test_what_is_done_already_is_not_asked_for(story):
     done = replace(story, given=replace(ORIGIN, improved=Path("better.toml")))
     assert not any(c.line.startswith("tendon add") for c in done.commands)
-    assert "The improved model is in better.toml" in Reader(report.render(done)).text.replace(" .", ".")
+    assert "The improved model is in better.toml" in Reader(html_page.render(done)).text.replace(" .", ".")
     assert not done.document["commands"][0]["command"].startswith("tendon identify")
 
 
 @given(name=st.text(min_size=1).filter(lambda s: "\0" not in s), joint=st.none() | st.integers(1, 7))
 def test_a_shell_reads_a_command_as_it_was_meant(name, joint):
-    origin = Origin(Path(name), (Path(name),), maps=(f"q1={name}",))
+    origin = Invocation(Path(name), (Path(name),), maps=(f"q1={name}",))
     words = shlex.split(origin.add(Term("gravity", joint)))
     assert words[:2] == ["tendon", "add"]
     assert Path(words[2]) == Path(name)
@@ -329,7 +323,7 @@ def test_every_finalist_has_its_reason(improvement):
     verdict = Verdict((finding.evidence, rival, evidence(weak, "it explains 3 % only")), (ELASTICITY,))
     paired = (ELASTICITY, Term("gravity"))  # a pair leaves a rival that was not weighed by itself
     found = replace(improvement.found, findings=(replace(finding, verdict=verdict, rivals=paired),))
-    (row,) = report_findings.findings(Story(found))
+    (row,) = page_findings.findings(ResultSummary(found))
     first, second, third, fourth = row["candidates"]["rows"]
     assert fourth["name"] == "gravity"
     assert "it fits about as well" in fourth["why"]
@@ -343,14 +337,14 @@ def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improve
     finding = improvement.findings[0]
     info = improvement.found.model.library.effects["elasticity"]
     assert info.states
-    (figure,) = report_figures.of_finding(finding, info, "one", alone=True)
+    (figure,) = page_figures.of_finding(finding, info, "one", alone=True)
     assert "acts most" in figure.caption
-    assert report_figures.of_finding(finding, replace(info, states=()), "two", alone=True) == []
+    assert page_figures.of_finding(finding, replace(info, states=()), "two", alone=True) == []
 
 
 def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
-    story = Story(unexplained, ORIGIN)
-    text = Reader(report.render(story)).text
+    story = ResultSummary(unexplained, ORIGIN)
+    text = Reader(html_page.render(story)).text
     assert "What is left unexplained" in text
     assert "Signals that the residual follows, and how much of its variance each explains: velocity" in text
     assert "tendon diagnose 'my arms/drive.toml' 'run 1.csv' --draft guess.py --effects own.py" in text
@@ -362,7 +356,9 @@ def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
     motion, fit = step.identification.motion, step.identification.fit
     wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate)
     ringing = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
-    (row,) = report_findings.left_over(Story(replace(unexplained, steps=(replace(step, identification=ringing),))))
+    (row,) = page_findings.left_over(
+        ResultSummary(replace(unexplained, steps=(replace(step, identification=ringing),)))
+    )
     assert float(row["line"].removesuffix(" Hz")) == pytest.approx(3.7, abs=0.03)  # one bin of 37 s
 
 
@@ -370,8 +366,8 @@ def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
 @settings(max_examples=30, deadline=None)
 def test_lines_are_found_in_noise_and_not_in_noise_alone(frequency, seed):
     noise = np.random.default_rng(seed).standard_normal(4000)
-    assert spectral.strongest_line(noise, 100.0) is None
-    line = spectral.strongest_line(noise + 3 * np.sin(2 * np.pi * frequency * np.arange(4000) / 100.0), 100.0)
+    assert spectrum.strongest_line(noise, 100.0) is None
+    line = spectrum.strongest_line(noise + 3 * np.sin(2 * np.pi * frequency * np.arange(4000) / 100.0), 100.0)
     assert line is not None
     # Two bins of a Hann window over 40 s; 4.5 of the power of 5.5 is in the line, scattered by its own noise.
     assert abs(line.frequency - frequency) < 0.05
@@ -379,7 +375,7 @@ def test_lines_are_found_in_noise_and_not_in_noise_alone(frequency, seed):
 
 
 def test_refused_says_what_to_record(unexplained):
-    text = Reader(report.render(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
+    text = Reader(html_page.render(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
     assert "The joints hardly move." in text
     assert "What to record" in text
     assert "Several constant speeds" in text  # viscous friction, in the model
@@ -394,12 +390,12 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     identification.__dict__["inference"] = replace(inference, values=values)
     step = replace(last, identification=identification)
     found = replace(improvement.found, steps=(improvement.steps[0], step))
-    document = json.loads(json.dumps(Story(found).document, allow_nan=False))
+    document = json.loads(json.dumps(ResultSummary(found).document, allow_nan=False))
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
 
 
 def test_terminal_is_short_and_says_the_same(story, unexplained, capsys):
-    terminal_results.improvement(story.document)
+    loop_pages.improvement(story.document)
     out = capsys.readouterr().out
     assert "stribeck on joint 1" in out
     assert "What is left: CLEAN: the residual is noise" in out
@@ -407,7 +403,7 @@ def test_terminal_is_short_and_says_the_same(story, unexplained, capsys):
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out
     assert "stiffness < 4.2e+04 N m/rad" in out
     assert len(out.splitlines()) < 70
-    terminal_results.diagnosis(Story(unexplained, ORIGIN).document)
+    loop_pages.diagnosis(ResultSummary(unexplained, ORIGIN).document)
     out = capsys.readouterr().out
     assert out.startswith("UNEXPLAINED: ")
     assert "--draft guess.py" in out
@@ -420,7 +416,7 @@ def test_text_of_the_user_stays_text(improvement):
         replace(s, identification=replace(s.identification, model=Renamed(model, HOSTILE))) for s in improvement.steps
     )
     found = replace(improvement.found, reason=f"{HOSTILE}.csv is odd", steps=steps)
-    page = report.render(replace(improvement, found=found, left=replace(improvement.left, reason=HOSTILE)))
+    page = html_page.render(replace(improvement, found=found, left=replace(improvement.left, reason=HOSTILE)))
     read = Reader(page)
     assert HOSTILE in read.text
     assert "<img" not in page
@@ -441,7 +437,7 @@ class Renamed:
 def test_comparison_says_where_the_residual_sits(improvement):
     step = improvement.steps[0]
     comparison = Comparison(step.identification, step.joints, as_written(step.identification))
-    text = Reader(report.render(comparison)).text
+    text = Reader(html_page.render(comparison)).text
     assert re.search(r"the fitted model misses [\d.]+ % of the torque, [\d.]+ times the noise floor", text)
     assert "of what it misses follows velocity" in text  # extra friction at creep
     assert "What the residual follows" in text
@@ -450,7 +446,7 @@ def test_comparison_says_where_the_residual_sits(improvement):
 
 
 def test_diagnosis_without_a_finding(improvement):
-    text = Reader(report.render(improvement.left)).text
+    text = Reader(html_page.render(improvement.left)).text
     assert "The residual is noise." in text
     assert "Considered, and not named" in text
     assert "Detection limits" in text
@@ -471,10 +467,10 @@ def test_residual_that_changes_sign_with_the_direction_is_seen_over_load(improve
 
 def test_running_mean_follows_a_curve_and_has_no_slivers():
     x = np.concatenate([np.random.default_rng(0).uniform(-1, 1, 4000), np.full(4000, 0.5)])
-    mean_x, mean_y = plots.running_mean(x, 2 * x + 1)
+    mean_x, mean_y = joint_plots.running_mean(x, 2 * x + 1)
     np.testing.assert_allclose(mean_y, 2 * mean_x + 1, atol=1e-12)  # means of a line lie on it
     assert np.all(np.diff(mean_x) > 0)
-    assert len(plots.running_mean(x[:3], x[:3])[0]) == 0
+    assert len(joint_plots.running_mean(x[:3], x[:3])[0]) == 0
 
 
 @pytest.mark.parametrize(
@@ -506,9 +502,9 @@ def test_an_estimate_has_the_digits_that_its_interval_supports():
 def test_figures_draw_extremes():
     """One sample, no spread, empty directions: nothing to see, and no error."""
     flat = np.zeros(1)
-    axis = plots.Axis("velocity, rad/s", flat, creep=True)
-    assert plots.residual_over(axis, flat, flat, 0.1, "N m", flat, "none")
+    axis = joint_plots.PlotAxis("velocity, rad/s", flat, creep=True)
+    assert joint_plots.residual_over(axis, flat, flat, 0.1, "N m", flat, "none")
     trace = SimpleNamespace(t=flat, piece=np.zeros(1, int))
-    assert plots_time.torque_over_time(plots_time.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
-    assert plots.spectrum(flat, flat, None, 0.0, 10.0, "N m")
-    assert plots.error_fall(["as in the file"], [0.0], None, 0.0)
+    assert time_plots.torque_over_time(time_plots.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
+    assert joint_plots.spectrum(flat, flat, None, 0.0, 10.0, "N m")
+    assert joint_plots.error_fall(["as in the file"], [0.0], None, 0.0)

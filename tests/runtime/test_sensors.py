@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime import simulate as simulation
-from runtime.candidates import Candidate, Field
-from runtime.cli import open_model
-from runtime.diagnose import Diagnosis, diagnose
-from runtime.identify import identify
-from runtime.judge import rank
-from runtime.loader import Model
-from runtime.missing import missing
-from runtime.recording import Recording, RecordingError
-from runtime.terms import Term
-from runtime.witness import Witness, echo
+from runtime.diagnosis.candidates import Candidate, CandidateField
+from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis.further_sensors import FurtherSensors, echo
+from runtime.diagnosis.gates import rank
+from runtime.diagnosis.telling_signals import missing
+from runtime.estimation.identify import identify
+from runtime.model.loader import Model
+from runtime.model.terms import Term
+from runtime.recordings.recording import Recording, RecordingError
+from runtime.simulation import simulate as simulation
+from runtime.workspace import open_model
 from tests.judge import sensors
 from tests.judge.bench import Hiding
 from tests.judge.bodies import ARMS, BELIEVED, model_text
@@ -82,7 +82,7 @@ def doubts(model: Model, recording: Recording, *terms: Term) -> dict[str, str]:
     """What speaks against each of these candidates on the model as it is."""
     fitted = identify(model, [recording])
     floors = [float(x) for x in fitted.motion.band.torque_floor()]
-    ranked = rank(Field(fitted.problem, fitted.fit), terms, floors).ranked
+    ranked = rank(CandidateField(fitted.problem, fitted.fit), terms, floors).ranked
     return {str(e.term): "; ".join(e.failed) for e in ranked}
 
 
@@ -104,17 +104,17 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way(arm: dict[i
     """A delay and an elasticity without slow motion: each is ruled out where the other is the truth."""
     quick, shape = Setting(excitation="no_slow"), {"stiffness": 1500.0, "damping": 1.0}
     fitted = identify(arm[1], [recorded(quick, ("torque_delay", 0, 4e-3)).with_link()])
-    field = Field(fitted.problem, fitted.fit)
+    field = CandidateField(fitted.problem, fitted.fit)
     soft = Candidate(ELASTICITY, shape, 2, 0.0, at_edge=False)
-    (doubt,) = Witness(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
+    (doubt,) = FurtherSensors(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
     assert doubt.startswith("the link-side encoder does not show it")
     recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link()
     assert not doubts(arm[1], recording, ELASTICITY, DELAY)["elasticity@1"]
     fitted = identify(arm[1], [recording])
-    field = Field(fitted.problem, fitted.fit)
+    field = CandidateField(fitted.problem, fitted.fit)
     late, block = Candidate(DELAY, {}, 0, 0.0, at_edge=False), field.block(DELAY, {})
     parts = np.append(1.0, field.ground.solve(block).coefficients[field.ground.size :])
-    said = "; ".join(Witness(field).doubts(field.ground, late, block, parts))
+    said = "; ".join(FurtherSensors(field).doubts(field.ground, late, block, parts))
     assert "the transmission gives way instead" in said
 
 

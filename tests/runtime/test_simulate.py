@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.workspace import prepare_arm, prepare_effects
-from runtime import demo_plant, recording
-from runtime.loader import Model, load_library, load_model
-from runtime.simulate import NOISE, SimulationError, parse_hidden, read_motion, simulate
-from runtime.terms import Term
-from symbolic import model_file
+from codegen.prepare import prepare_arm, prepare_effects
+from runtime.model.loader import Model, load_library, load_model
+from runtime.model.terms import Term
+from runtime.recordings import recording
+from runtime.simulation import demo_plant
+from runtime.simulation.simulate import NOISE, SimulationError, parse_hidden, read_motion, simulate
+from symbolic.model_file import reader
 from tests import plants
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
@@ -21,12 +22,12 @@ MEMORYLESS_AT_A_JOINT = ["stribeck", "linear_spring", "torque_ripple", "torque_d
 
 @pytest.fixture(scope="module")
 def drive() -> Model:
-    return load_model(prepare_arm(model_file.load(ARMS / "drive.toml")), load_library(prepare_effects()))
+    return load_model(prepare_arm(reader.load(ARMS / "drive.toml")), load_library(prepare_effects()))
 
 
 @pytest.fixture(scope="module")
 def arm() -> Model:
-    return load_model(prepare_arm(model_file.load(ARMS / "vishard4.toml")), load_library(prepare_effects()))
+    return load_model(prepare_arm(reader.load(ARMS / "vishard4.toml")), load_library(prepare_effects()))
 
 
 def test_noise_free_recording_is_the_inverse_dynamics(drive: Model) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.cli import Source
-from runtime.loader import Model
+from runtime.model.loader import Model
 from runtime.study import figures, published
-from runtime.study.cases import Case
-from runtime.study.experiment import Bench
+from runtime.study.cases import StudyCase
+from runtime.study.experiment import StudyBench
 from runtime.study.study import Study
 from runtime.study.tables import Row
+from runtime.workspace import Source
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +71,8 @@ def test_the_arm_is_the_calibrated_one(model: Model) -> None:
 
 
 def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Source, study: Study) -> None:
-    bench = Bench(study.model, source.controller(), 1, lambda _: None)
-    case = Case("D", 1.6, 600.0)
+    bench = StudyBench(study.model, source.controller(), 1, lambda _: None)
+    case = StudyCase("D", 1.6, 600.0)
     plan = study.plans.of(case)
     row = Row(case, plan, bench.run(case, plan), published.TABLE_3[1.6, 600.0, "D"])
     softer = figures.figure7([row]).axes[1]
@@ -86,9 +86,9 @@ def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Sour
 
 
 def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:
-    bench = Bench(study.model, source.controller(), 1, lambda _: None)
-    runs = {letter: bench.run(case, study.plans.of(case)) for letter in "BD" if (case := Case(letter, 1.2))}
-    planned = {letter: study.plans.of(Case(letter, 1.2)).cost for letter in "BD"}
+    bench = StudyBench(study.model, source.controller(), 1, lambda _: None)
+    runs = {letter: bench.run(case, study.plans.of(case)) for letter in "BD" if (case := StudyCase(letter, 1.2))}
+    planned = {letter: study.plans.of(StudyCase(letter, 1.2)).cost for letter in "BD"}
     friction = planned["D"] - planned["B"]
     assert 0.5 * friction < runs["B"].cost - planned["B"] < 1.2 * friction
     assert runs["D"].cost == pytest.approx(planned["D"], rel=0.05)

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 
-from runtime import boundary
-from runtime.cli import Source
 from runtime.execution.execute import execute
-from runtime.loader import Model
-from runtime.recording import Recording
+from runtime.model.loader import Model
+from runtime.plain_json import plain
+from runtime.recordings.recording import Recording
 from runtime.study import figure4, identification, published
 from runtime.study.identification import AMPLITUDE, COSINES, START, Cosine, Table1, printed, record, table1
+from runtime.workspace import Source
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def _friction(model: Model, recording: Recording, joint: int) -> tuple[Array, Ar
 
 
 def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) -> None:
-    document = json.loads(json.dumps(boundary.plain(table.to_json()), allow_nan=False))
+    document = json.loads(json.dumps(plain(table.to_json()), allow_nan=False))
     assert document["published"]["speeds"][3] == [1.0, 3.0, 5.0]
     assert document["assumed"]["amplitude"] == AMPLITUDE
     (joint,) = document["joints"]

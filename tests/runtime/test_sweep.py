@@ -23,9 +23,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime import boundary
-from runtime.cli import app, open_model
-from runtime.loader import Model
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from runtime.sweep import grid, journal
@@ -33,6 +33,7 @@ from runtime.sweep import table as tables
 from runtime.sweep.job import Code, Job, Result
 from runtime.sweep.pools import PoolError, outcomes
 from runtime.sweep.run import run as run_jobs
+from runtime.workspace import open_model
 
 ROOT = Path(__file__).resolve().parents[2]
 ARM = """\
@@ -130,7 +131,7 @@ class Run:
         document = self.folder / f"{name}.json"
         document.unlink(missing_ok=True)
         target = ["--table", str(self.folder / name), "--json", str(document)]
-        status = boundary.run(app, ["sweep", str(self.folder / "swing.toml"), *target, *arguments])
+        status = output.run(app, ["sweep", str(self.folder / "swing.toml"), *target, *arguments])
         return status, json.loads(document.read_text()) if document.exists() else {}
 
 
@@ -393,7 +394,7 @@ def kill(pid: int) -> None:
 
 def test_killed_in_the_middle_it_goes_on_to_the_same_table(folder: Path, run: Run, undisturbed: pd.DataFrame) -> None:
     diary = folder / "killed.csv.journal"
-    script = "import sys; from runtime.cli import main; main()"
+    script = "import sys; from runtime.cli.main import main; main()"
     command = [sys.executable, "-c", script, "sweep", "swing.toml", "--table", "killed.csv", *GRID, *ONE]
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     parent = subprocess.Popen(command, cwd=folder, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.DEVNULL)

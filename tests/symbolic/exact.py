@@ -11,13 +11,13 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.arm import Arm, Joint, Link
 from symbolic.functions import SymbolicFunction
-from symbolic.lagrangian import Mechanics, mechanics, physical_bodies, rational
-from symbolic.layout import Layout, choose_layout
-from symbolic.lumps import base_parameters, exact, exact_chain
 from symbolic.model import ArmModel, derive
-from symbolic.newton_euler import Chain, Gravity
+from symbolic.model_file.arm import Arm, Joint, Link
+from symbolic.rigid_body.base_parameters import base_parameters, exact, exact_chain
+from symbolic.rigid_body.lagrangian import Mechanics, mechanics, physical_bodies, rational
+from symbolic.rigid_body.layout import RecursionLayout, choose_layout
+from symbolic.rigid_body.newton_euler import Chain, Gravity
 from symbolic.straightline import Turn
 
 
@@ -104,7 +104,7 @@ class Case:
 
     arm: Arm
     model: ArmModel
-    layout: Layout
+    layout: RecursionLayout
     truth: Mechanics
     constants: dict[sp.Symbol, Any]
     lumps: tuple[Fraction, ...]

@@ -12,20 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symbolic import units as u
-from symbolic.effects import LIBRARY, drafts, load_user_effects
+from symbolic.effects import LIBRARY, load_user_effects
 from symbolic.effects.declaration import DT, SIGNALS, Effect, check, parameter
 from symbolic.effects.source import BANNER, python_source
+from symbolic.grammar import laws
 from tests.effect_values import evaluate
 
-ALL = drafts.drafts()
-CARRIERS = [carrier for carrier, _ in drafts.GRAMMAR]
-MODULATIONS = [drafts.NONE, drafts.LATE, *drafts.POSITIONS, *drafts.SPEEDS, *drafts.TIMES]
+ALL = laws.drafts()
+CARRIERS = [carrier for carrier, _ in laws.GRAMMAR]
+MODULATIONS = [laws.NONE, laws.LATE, *laws.POSITIONS, *laws.SPEEDS, *laws.TIMES]
 PAIRS = [
     (c, m)
     for c, m in product(CARRIERS, MODULATIONS)
     if m.smooth or not (c.inertial and m.over == "position")  # no inertia that jumps: it would take an impulse
 ]
-guesses = st.sampled_from(PAIRS).map(lambda pair: drafts.draft(*pair))
+guesses = st.sampled_from(PAIRS).map(lambda pair: laws.draft(*pair))
 
 
 def test_guesses_are_declarations_like_any_other() -> None:
@@ -34,7 +35,7 @@ def test_guesses_are_declarations_like_any_other() -> None:
     for effect in ALL:
         check(effect)
         assert effect.name not in LIBRARY
-        assert effect.name.startswith(drafts.PREFIX)
+        assert effect.name.startswith(laws.PREFIX)
         assert effect.summary.startswith("A guess. ")
         for sentence in (effect.summary, effect.trace):
             assert sentence[0].isupper()
@@ -60,14 +61,14 @@ def test_units(effect: Effect, joint_type: str, data: st.DataObject) -> None:
         assert math.isclose(evaluate(expr, other), evaluate(expr, values) * scale(unit), rel_tol=1e-6, abs_tol=1e-9)
 
 
-@pytest.mark.parametrize("modulation", [m for m in drafts.POSITIONS if m.smooth], ids=lambda m: m.name)
-def test_an_inertia_over_the_position_makes_no_energy(modulation: drafts.Modulation) -> None:
+@pytest.mark.parametrize("modulation", [m for m in laws.POSITIONS if m.smooth], ids=lambda m: m.name)
+def test_an_inertia_over_the_position_makes_no_energy(modulation: laws.Modulation) -> None:
     """Its power is the change of m(q) qd^2/2, so that nothing is left after a round."""
-    effect = drafts.draft(drafts.INERTIA, modulation)
+    effect = laws.draft(laws.INERTIA, modulation)
     m = sum(parameter(p.name) * p.expr for p in modulation.parts)
-    energy = m * drafts.QD**2 / 2
-    change = sp.diff(energy, drafts.Q) * drafts.QD + sp.diff(energy, drafts.QD) * drafts.QDD
-    assert sp.simplify(effect.torque * drafts.QD - change) == 0
+    energy = m * laws.QD**2 / 2
+    change = sp.diff(energy, laws.Q) * laws.QD + sp.diff(energy, laws.QD) * laws.QDD
+    assert sp.simplify(effect.torque * laws.QD - change) == 0
 
 
 @settings(max_examples=120, deadline=None)

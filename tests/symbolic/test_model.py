@@ -11,10 +11,10 @@ import exact
 import pytest
 
 import symbolic
-from symbolic.arm import Arm, Joint, Link
-from symbolic.checks import ModelError
 from symbolic.model import derive
-from symbolic.model_file import load
+from symbolic.model_file.arm import Arm, Joint, Link
+from symbolic.model_file.checks import ModelError
+from symbolic.model_file.reader import load
 
 ARMS = Path(symbolic.__file__).parent / "arms"
 EVERY = ["inverse_dynamics", "inertia", "coriolis", "gravity", "forward_dynamics", "regressor"]

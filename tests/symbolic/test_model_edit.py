@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symbolic import model_file
 from symbolic.effects import LIBRARY
-from symbolic.model_edit import add_effect, place_effect, remove_effect, set_values
-from symbolic.model_file import ModelError
+from symbolic.model_file import reader
+from symbolic.model_file.editor import add_effect, place_effect, remove_effect, set_values
+from symbolic.model_file.reader import ModelError
 
 TEXT = """\
 # my arm
@@ -127,7 +127,7 @@ def test_the_layout_of_every_other_line_stays(restyle):
     assert ("\r\n" in changed) == ("\r\n" in text)
     assert "\r\r" not in changed
     assert changed.count("\n") == changed.count("\r\n") or "\r" not in changed
-    assert model_file.parse(changed, "arm.toml").joints[1].effects["stribeck"] == {"torque": 0.5}
+    assert reader.parse(changed, "arm.toml").joints[1].effects["stribeck"] == {"torque": 0.5}
 
 
 @pytest.mark.parametrize(
@@ -147,13 +147,13 @@ def test_inline_tables_and_dotted_keys_are_edited_too(text: str):
         changed = add(text, effect, joint)
         assert "# warm" in changed or effect == "viscous_asymmetric"
         assert "# as on the drawing" in changed
-        arm = model_file.parse(changed, "arm.toml")
+        arm = reader.parse(changed, "arm.toml")
         active = arm.joints[1].effects if joint else arm.effects
         assert effect in active
         assert ("viscous" in arm.joints[1].effects) == (effect != "viscous_asymmetric")
     changed = put(text, {("viscous", 2): {"coefficient": 3.0}})
     assert "# warm" in changed
-    assert model_file.parse(changed, "arm.toml").joints[1].effects["viscous"] == {"coefficient": 3.0}
+    assert reader.parse(changed, "arm.toml").joints[1].effects["viscous"] == {"coefficient": 3.0}
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_removing_what_is_not_there_is_an_error():
 def test_an_effect_is_placed_whatever_was_there_before():
     values = {"stiffness": 5100.0, "radius": 0.06, "offset": -0.9, "pretension": 0.0}
     once = place_effect(TEXT, "arm.toml", LIBRARY, "parallel_spring", 2, values)
-    assert model_file.parse(once, "arm.toml").joints[1].effects["parallel_spring"] == values
+    assert reader.parse(once, "arm.toml").joints[1].effects["parallel_spring"] == values
     softer = place_effect(once, "arm.toml", LIBRARY, "parallel_spring", 2, values | {"stiffness": 1300.0})
     assert softer == once.replace("5100.0", "1300.0")
     assert place_effect(softer, "arm.toml", LIBRARY, "parallel_spring", 2, None) == TEXT

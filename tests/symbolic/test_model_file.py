@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from symbolic import model_file
-from symbolic.arm import Arm, Control, Drive, Gains
-from symbolic.model_file import ModelError
+from symbolic.model_file import reader
+from symbolic.model_file.arm import Arm, Control, Drive, Gains
+from symbolic.model_file.reader import ModelError
 
 CONTROL = "rate = 1000\nvelocity_cutoff = 80\nfriction_scale = 0.9\nfriction_slope = 100\n"
 LINK = "length = 0.3\nmass = 2.0\ncom = [0.2, 0.01]\ninertia = 0.05\n"
@@ -22,7 +22,7 @@ GOOD = f'name = "arm2"\ngravity = [0.0, -9.81]\n\n{JOINT}[joint.effects.viscous]
 def said(text: str) -> str:
     """The one line that a person reads."""
     with pytest.raises(ModelError) as caught:
-        model_file.parse(text, "arm.toml")
+        reader.parse(text, "arm.toml")
     message = str(caught.value)
     assert "\n" not in message
     assert message.isprintable()
@@ -35,7 +35,7 @@ def changed(old: str, new: str) -> str:
 
 
 def test_a_good_file():
-    arm = model_file.parse(GOOD, "arm.toml")
+    arm = reader.parse(GOOD, "arm.toml")
     assert arm.name == "arm2"
     assert arm.gravity == (0.0, -9.81)
     assert arm.joints[0].effects == {"viscous": {"coefficient": 1.5}}
@@ -56,7 +56,7 @@ def test_optional_keys():
         "[joint.controller]\nkp = 30\nkd = 2.5\n[joint.encoder]\ncounts = 4096\nzero = -17\n"
         "[joint.drive]\nnode = 5\ndirection = -1\nrated_torque = 0.35\n"
     )
-    arm = model_file.parse(text, "a.toml")
+    arm = reader.parse(text, "a.toml")
     joint = arm.joints[0]
     assert (joint.torque_constant, joint.limits.position, joint.limits.speed) == (12.5, (-1.0, 2.0), 3.0)
     assert arm.contact is not None
@@ -76,7 +76,7 @@ def test_every_drive_has_an_id_of_its_own():
 
 
 def test_a_byte_order_mark_and_windows_line_ends_are_read():
-    assert model_file.parse("\ufeff" + GOOD.replace("\n", "\r\n"), "a.toml").name == "arm2"
+    assert reader.parse("\ufeff" + GOOD.replace("\n", "\r\n"), "a.toml").name == "arm2"
 
 
 def test_the_message_of_the_design():
@@ -225,10 +225,10 @@ def test_every_joint_moves_something():
     head = 'name = "a"\ngravity = [0, 0]\n'
     assert "joint 1: moves no inertia at all" in said(head + still)
     assert "joint 2: moves no inertia at all" in said(head + JOINT + still)
-    assert model_file.parse(head + still + JOINT, "a").joints[0].rotor_inertia == 0  # the second link moves with it
+    assert reader.parse(head + still + JOINT, "a").joints[0].rotor_inertia == 0  # the second link moves with it
     point = still.replace("mass = 0", "mass = 1").replace("com = [0.2, 0.01]", "com = [0, 0]")
     assert "moves no inertia" in said(head + point)  # a point mass on the axis
-    assert model_file.parse(head + point.replace("revolute", "prismatic"), "a").joints[0].link.mass == 1
+    assert reader.parse(head + point.replace("revolute", "prismatic"), "a").joints[0].link.mass == 1
 
 
 def test_files_that_are_none(tmp_path):
@@ -247,7 +247,7 @@ def test_files_that_are_none(tmp_path):
     cases[deep] = "nested too deeply"
     for path, expected in cases.items():
         with pytest.raises(ModelError) as caught:
-            model_file.load(path)
+            reader.load(path)
         assert expected in str(caught.value)
         assert "\n" not in str(caught.value)
 
@@ -290,7 +290,7 @@ def test_any_change_of_a_good_file_is_an_arm_or_one_line(data: st.DataObject):
         return
     message = ""
     try:
-        arm = model_file.parse(text, "arm.toml")
+        arm = reader.parse(text, "arm.toml")
     except ModelError as error:
         message = str(error)
     else:

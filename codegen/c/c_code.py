@@ -1,0 +1,201 @@
+"""C99 text of symbolic functions: declarations, comments and bodies, as finished strings for the templates."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from fractions import Fraction
+
+import sympy as sp
+
+from codegen.tape.printers import C_DOUBLE, C_FLOAT, Language, Printer
+from codegen.tape.tape import ARITHMETIC, Tape
+from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+
+
+@dataclass(frozen=True)
+class Precision:
+    """kind: the C type; suffix: the end of every name."""
+
+    kind: str
+    suffix: str
+    language: Language
+
+
+F64 = Precision("double", "f64", C_DOUBLE)
+F32 = Precision("float", "f32", C_FLOAT)
+
+
+COMPACT = "TENDON_COMPACT"
+"""Tells the compiler that a function is to be small rather than fast."""
+LOOP = "TENDON_INDEPENDENT"
+"""Tells the compiler that a loop's iterations do not depend on each other."""
+
+
+@dataclass(frozen=True)
+class Routine:
+    """A generated function: comment, declaration without semicolon, and the body's lines.
+
+    attribute   of its definition
+    """
+
+    comment: str
+    declaration: str
+    body: str
+    attribute: str = ""
+
+
+def comment(*lines: str) -> str:
+    """A C comment that no text can end early, wrapped."""
+    wrapped = [
+        part
+        for line in lines
+        for part in textwrap.wrap(
+            line.replace("*/", "* /").replace("/*", "/ *"), 112, subsequent_indent="  ", break_long_words=False
+        )
+    ]
+    return "/* " + "\n * ".join(wrapped) + " */"
+
+
+def operations(tape: Tape) -> str:
+    """For example "73 operations (34 add, 12 sub, 27 mul) and 3 sincos"."""
+    count = tape.count()
+    kinds = ", ".join(f"{count[op]} {op}" for op in ARITHMETIC if op in count)
+    total = count["arithmetic"]
+    text = f"{total} operation{'' if total == 1 else 's'}" + (f" ({kinds})" if kinds else "")
+    others = [f"{n} {op}" for op, n in count.items() if op not in (*ARITHMETIC, "arithmetic") and n]
+    return text + "".join(f" and {other}" for other in others)
+
+
+def describe(function: SymbolicFunction, tape: Tape) -> str:
+    """What a function returns, its arguments with shapes and units, its source and its price."""
+
+    def line(a: Argument | Output) -> str:
+        shape = f" ({' x '.join(map(str, a.shape))})" if a.shape else ""
+        return f"{a.name}{shape} [{a.unit}]: {a.meaning}"
+
+    return comment(
+        f"{function.name}: {function.doc}",
+        *(f"in   {line(a)}" for a in function.inputs),
+        *(f"out  {line(o)}" for o in function.outputs),
+        f"Source: {function.source}",
+        f"Operations: {operations(tape)}",
+    )
+
+
+def struct_type(prefix: str, struct: Struct, precision: Precision) -> str:
+    """The typedef of the parameters, a comment with unit and meaning a field."""
+    fields = [
+        f"    {precision.kind} {s.name}; {comment(f'{unit}: {meaning}')}"
+        for s, unit, meaning in zip(struct.symbols, struct.units, struct.meanings, strict=True)
+    ]
+    name = f"{prefix}_{struct.name}_{precision.suffix}"
+    return "\n".join(["typedef struct {", *fields, f"}} {name};"])
+
+
+def defaults(prefix: str, struct: Struct, precision: Precision) -> Routine:
+    """Fills the struct with the values that follow from the model file."""
+    lines = [
+        f"    {struct.name}->{s.name} = {precision.language.literal(Fraction(value))};"
+        for s, value in zip(struct.symbols, struct.defaults, strict=True)
+    ]
+    name = f"{prefix}_default_{struct.name}_{precision.suffix}"
+    return Routine(
+        comment("Fills the structure with the values of the model file."),
+        f"void {name}({prefix}_{struct.name}_{precision.suffix} *{struct.name})",
+        "\n".join(lines),
+    )
+
+
+def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
+    """One sample a call: inputs first, outputs last; matrices row by row. Outputs may not overlap inputs."""
+    kind, name = precision.kind, f"{prefix}_{function.name}_{precision.suffix}"
+    arguments = _struct_argument(prefix, function, precision)
+    leaves = struct_leaves(function)
+    for a in function.inputs:
+        if a.shape:
+            arguments.append(f"const {kind} {a.name}[{len(a.symbols)}]")
+            leaves |= {s: f"{a.name}[{i}]" for i, s in enumerate(a.symbols)}
+        else:
+            arguments.append(f"{kind} {a.name}")
+            leaves[a.symbols[0]] = a.name
+    arguments += [f"{kind} {o.name}[{len(o.expressions)}]" for o in function.outputs]
+    lines, texts = Printer(precision.language, tape, leaves, _taken(function)).print()
+    targets = [f"{o.name}[{i}]" for o in function.outputs for i in range(len(o.expressions))]
+    lines = unused(function, tape) + lines + assign(targets, texts)
+    # A controller calls these in contact phases only, where there is time; their sines and cosines take much room.
+    small = precision is F32 and function.name.startswith("contact_")
+    attribute = f"{COMPACT} " if small else ""
+    return Routine(describe(function, tape), declaration(f"void {name}", arguments), indent(lines, 1), attribute)
+
+
+def batch(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
+    """Structure of arrays: element j of sample k stands at [j * count + k]. Outputs may not overlap inputs."""
+    kind, name = precision.kind, f"{prefix}_{function.name}_batch_{precision.suffix}"
+    arguments = ["size_t count", *_struct_argument(prefix, function, precision)]
+    leaves = struct_leaves(function)
+    for a in function.inputs:
+        arguments.append(f"const {kind} *restrict {a.name}")
+        leaves |= {s: f"{a.name}[{row(i)}]" for i, s in enumerate(a.symbols)}
+    arguments += [f"{kind} *restrict {o.name}" for o in function.outputs]
+    lines, texts = Printer(precision.language, tape, leaves, _taken(function)).print()
+    targets = [f"{o.name}[{row(i)}]" for o in function.outputs for i in range(len(o.expressions))]
+    lines += assign(targets, texts)
+    body = [*unused(function, tape), LOOP, "for (size_t k = 0; k < count; ++k) {"]
+    return Routine(
+        comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),
+        declaration(f"void {name}", arguments),
+        indent(body, 1) + "\n" + indent(lines, 2) + "\n    }",
+    )
+
+
+def row(j: int) -> str:
+    """Index of sample k in row j."""
+    return "k" if j == 0 else "count + k" if j == 1 else f"{j} * count + k"
+
+
+def assign(targets: list[str], texts: list[str]) -> list[str]:
+    """One statement an output."""
+    return [f"{target} = {text};" for target, text in zip(targets, texts, strict=True)]
+
+
+def struct_leaves(function: SymbolicFunction) -> dict[sp.Symbol, str]:
+    """How the fields of the parameter struct are spelt."""
+    struct = function.struct
+    return {} if struct is None else {s: f"{struct.name}->{s.name}" for s in struct.symbols}
+
+
+def _struct_argument(prefix: str, function: SymbolicFunction, precision: Precision) -> list[str]:
+    struct = function.struct
+    return [] if struct is None else [f"const {prefix}_{struct.name}_{precision.suffix} *{struct.name}"]
+
+
+def _taken(function: SymbolicFunction) -> frozenset[str]:
+    return frozenset({a.name for a in function.inputs} | {o.name for o in function.outputs})
+
+
+def unused(function: SymbolicFunction, tape: Tape) -> list[str]:
+    """The signature is fixed whatever symbols survive; the others are named as unused."""
+    used = {node.value for node in tape.nodes if node.op == "leaf"}
+    groups: list[tuple[str, tuple[sp.Symbol, ...]]] = [(a.name, a.symbols) for a in function.inputs]
+    if function.struct is not None:
+        groups.insert(0, (function.struct.name, function.struct.symbols))
+    return [f"(void){name};" for name, symbols in groups if not used & set(symbols)]
+
+
+def declaration(head: str, arguments: list[str]) -> str:
+    """On one line if it fits, else an argument a line."""
+    line = f"{head}({', '.join(arguments)})"
+    return line if len(line) <= 110 else f"{head}(\n    " + ",\n    ".join(arguments) + ")"
+
+
+def indent(lines: list[str], depth: int) -> str:
+    """Statements as a block, long ones over several lines."""
+    pad = "    " * depth
+    parts = [
+        textwrap.wrap(line, 116, initial_indent=pad, subsequent_indent=pad + "    ", break_on_hyphens=False)
+        if len(line) > 110
+        else [pad + line]
+        for line in lines
+    ]
+    return "\n".join(part for group in parts for part in group)

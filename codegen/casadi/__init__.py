@@ -1,0 +1,1 @@
+"""CasADi of symbolic functions: smooth forms for the optimizer."""

@@ -1,0 +1,1 @@
+"""The firmware around an arm's controller: protocol, machine, boards, build files."""

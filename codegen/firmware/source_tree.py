@@ -1,0 +1,173 @@
+"""The firmware's tree: equations, controller, machine, boards and build files, complete without Python."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from codegen import disk, render
+from codegen.c.controller import Controller
+from codegen.firmware import protocol_page
+from codegen.firmware.machine import machine_files
+from codegen.firmware.protocol import NOT_READY, REASONS, Protocol
+from codegen.pages import BANNER, page
+from codegen.toolchain import build, cross
+from codegen.toolchain.cross import HOST, TARGETS, Target, Toolchain
+from codegen.toolchain.stack import EXCEPTION_FRAME
+from symbolic.effects.declaration import Effect
+from symbolic.model import ArmModel
+from symbolic.rigid_body.kinematics import Coordinates
+
+BOARD = "boards/mps2"
+"""The board that is emulated."""
+STACK = 2048
+"""Bytes that its linker script sets aside; a test holds the worst case to half of that."""
+_PAGES = (
+    *("src/main.c", "src/tendon_board.h", "Makefile", "CMakeLists.txt", "README.md", "misra.txt"),
+    *(
+        "boards/mps2/startup.c",
+        "boards/mps2/board.c",
+        "boards/mps2/memory.c",
+        "boards/mps2/mps2.ld",
+        "boards/own/board.c",
+    ),
+    *("cmake/gcc.cmake", "cmake/zig.cmake"),
+)
+
+
+def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
+    """Relative path -> text.
+
+    library   all effects by name; those that the model file activates are compensated
+    """
+    name = model.arm.name
+    code = render.arm_files(model) | render.controller_files(model, library)
+    files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
+    files |= machine_files(model, library, files)
+    protocol = Protocol.of(Controller.of(model, library))
+    holes = {
+        "banner": f"/* {BANNER} Firmware of the arm {name}. */",
+        "banner_text": f"{BANNER} Firmware of the arm {name}.",
+        "name": name,
+        "n": len(model.arm.joints),
+        "joints": f"{len(model.arm.joints)} joint" + ("s" if len(model.arm.joints) > 1 else ""),
+        "units": Coordinates(tuple(joint.type for joint in model.arm.joints)).force,
+        "stack_size": STACK,
+        "library_sources": " ".join(_library(files)),
+        "hot_sources": " ".join(path for path in _library(files) if _is_hot(path)),
+        "fast": cross.FAST,
+        "small": cross.SMALL,
+        **_flags(),
+        "target_names": ", ".join(TARGETS),
+        "project_flags": " ".join(("-std=c99", *cross.ARITHMETIC)),
+        "host_flags": " ".join(flag for flag in build.FLAGS if flag not in ("-shared", "-O3")),
+        "warnings": " ".join(build.WARNINGS),
+        "board_warnings": "-Wall -Wextra",
+        **_page_holes(protocol),
+    }
+    files |= {path: page(f"firmware/{path.removeprefix('src/')}.j2", **holes) for path in _PAGES}
+    return dict(sorted(files.items()))
+
+
+def _page_holes(protocol: Protocol) -> dict[str, Any]:
+    """What the page for developers says of guard and link."""
+    reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
+    return {
+        "banner_title": BANNER,
+        "exception_frame": EXCEPTION_FRAME,
+        **protocol_page.line_holes(protocol),
+        "not_ready": f"0x{NOT_READY:08x}U",
+        "reasons": [" | ".join(cells) for cells in reasons],
+    }
+
+
+def _flags() -> dict[str, Any]:
+    """Flags as finished strings, the same that Tendon itself compiles with: by compiler, and by processor."""
+    tools = {kind: Toolchain(kind, (), (), "") for kind in ("gcc", "zig")}
+
+    def strings(target: Target) -> dict[str, str]:
+        flags = {kind: " ".join(found.processor(target)) for kind, found in tools.items()}
+        return flags | {f"link_{kind}": " ".join(found.link_flags(target)) for kind, found in tools.items()}
+
+    return {
+        "common": {kind: " ".join(found.common()) for kind, found in tools.items()},
+        "targets": [{"name": target.name, **strings(target)} for target in TARGETS.values()],
+    }
+
+
+def _library(files: Iterable[str]) -> list[str]:
+    """Sources that do not depend on a board."""
+    return sorted(path for path in files if path.startswith("src/") and path.endswith(".c") and path != "src/main.c")
+
+
+def _is_hot(source: str) -> bool:
+    """Whether most of a file runs in every control step."""
+    return source.endswith(("_f32.c", "_machine.c"))
+
+
+def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, Any]:
+    """NAME.elf and NAME.bin in `directory`, of the tree there, for the emulated board; what is known of them.
+
+    fits: the stack has a bound, within what is set aside, and nothing is linked that has no place there
+    Raises BuildError.
+    """
+    there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*.c"))
+    # In the Makefile's order, so that it links the same image.
+    sources = [*_library(there), "src/main.c", *(path for path in there if path.startswith(BOARD))]
+    small = [path for path in sources if not _is_hot(path)]
+    image = cross.compile_image(directory, sources, f"{BOARD}/mps2.ld", target, tools, output=name, small=small)
+    shutil.rmtree(directory / "objects")
+    fits = not image.stack.unknown and image.stack.worst <= STACK and not image.forbidden
+    return {**image.to_json(), "outputs": [image.elf.name, image.binary.name], "stack_size": STACK, "fits": fits}
+
+
+def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, Any]:
+    """lib.so in `directory`: the machine without a board, for this computer. Raises BuildError."""
+    flat = {Path(path).name: files[path] for path in _library(files)}
+    flat |= {Path(path).name: text for path, text in files.items() if path.startswith("src/") and path.endswith(".h")}
+    shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
+    said = cross.said_version(build.compiler())
+    tools = {"kind": "host", "version": said, "why": "the C compiler of this computer"}
+    return {"target": HOST, "toolchain": tools, "outputs": ["lib.so"], "stack": None, "fits": True}
+
+
+@dataclass(frozen=True)
+class FirmwareTree:
+    """The files of a firmware and where they belong.
+
+    A file that is there without the banner is its owner's: never replaced, never stale. So is a board of theirs.
+    """
+
+    files: Mapping[str, str]
+    directory: Path
+
+    @classmethod
+    def of(cls, model: ArmModel, library: Mapping[str, Effect], directory: Path) -> FirmwareTree:
+        return cls(firmware_files(model, library), directory)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """What is there, its owner's, and other than what would be written."""
+        own = [path for path in self.files if self._is_owners(path)]
+        return tuple(path for path in own if (self.directory / path).read_bytes() != self.files[path].encode())
+
+    def stale(self) -> list[str]:
+        """As disk.stale."""
+        return disk.stale(self._generated, self.directory)
+
+    def write(self) -> None:
+        """As disk.write."""
+        disk.write(self._generated, self.directory)
+
+    @property
+    def _generated(self) -> dict[str, str]:
+        return {path: text for path, text in self.files.items() if not self._is_owners(path)}
+
+    def _is_owners(self, path: str) -> bool:
+        there = self.directory / path
+        if there.suffix == ".json":  # which has no comments, so no banner
+            return there.is_file() and b'"fingerprint"' not in there.read_bytes()
+        return there.is_file() and not disk.has_banner(there)

@@ -1,0 +1,113 @@
+"""Generated and compiled code of an arm or a library in the user's cache, made when it is first needed.
+
+An entry's name is a hash of the model's content and of the sources that derive and print it, so that a
+second call imports no SymPy at all.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import shutil
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from codegen.toolchain import build, cross
+from codegen.toolchain.cross import HOST
+
+if TYPE_CHECKING:
+    from symbolic.effects.declaration import Effect
+    from symbolic.model_file.arm import Arm
+
+_F64 = ("_f64.c", "_f64.h")
+_ROOT = Path(__file__).resolve().parent.parent
+
+
+@functools.cache
+def _sources() -> str:
+    """A hash of everything that derives and prints."""
+    digest = hashlib.sha256(f"sympy {version('sympy')}".encode())
+    for folder in ("symbolic", "codegen"):
+        for path in sorted((_ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".j2"):
+                digest.update(str(path.relative_to(_ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def _fill(directory: Path, files: Mapping[str, str]) -> None:
+    """The files and `lib.so`; a change that leaves the C as it is, such as another effect, compiles nothing."""
+    for path, text in files.items():
+        (directory / path).write_text(text, encoding="utf-8")
+    compiled = {path: text for path, text in files.items() if path.endswith(_F64)}
+    shutil.copyfile(build.shared_library(compiled, "code"), directory / "lib.so")
+
+
+def prepare_arm(arm: Arm) -> Path:
+    """The directory that holds render.arm_files(derive(arm)) and `lib.so` of the double-precision code."""
+
+    def fill(directory: Path) -> None:
+        from codegen import render
+        from symbolic.model import derive
+
+        _fill(directory, render.arm_files(derive(arm)))
+
+    return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
+
+
+def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
+    """What the declarations of the effects that an arm activates say."""
+    active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
+    active |= set(arm.contact.effects) if arm.contact is not None else set()
+    return [repr(library[name]) for name in sorted(active)]
+
+
+def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
+    """The directory that holds the firmware's tree, controller.json, image.json (facts on what was compiled), and
+
+    lib.so                 of the machine, for the target "host"
+    NAME.elf, NAME.bin     for the emulated board, for those of cross.TARGETS
+    chosen                 the cross-compiler, "gcc" or "zig"; None as cross.find takes it
+    Raises BuildError, also for an unknown target.
+    """
+    processor = None if target == HOST else cross.named_target(target)
+    if processor is None and chosen is not None:
+        raise build.BuildError(
+            f"--toolchain {chosen}: a cross-compiler; --target {HOST} takes the C compiler of this computer, "
+            "or that of the environment variable CC: leave --toolchain out"
+        )
+    tools = None if processor is None else cross.find(chosen)
+    content = [repr(arm), *_active(arm, library), "" if tools is None else tools.identity]
+
+    def fill(directory: Path) -> None:
+        from codegen import disk, metadata
+        from codegen.c.controller import Controller
+        from codegen.firmware import source_tree
+        from symbolic.model import derive
+
+        model = derive(arm)
+        files = source_tree.firmware_files(model, library)
+        disk.write(files, directory)
+        (directory / "controller.json").write_text(metadata.text(Controller.of(model, library).document()), "utf-8")
+        if processor is None or tools is None:
+            report = source_tree.compile_host(directory, files)
+        else:
+            report = source_tree.compile_board(directory, arm.name, processor, tools)
+        (directory / "image.json").write_text(metadata.text(report), "utf-8")
+
+    return build.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
+
+
+def prepare_effects(effects: Iterable[Effect] | None = None) -> Path:
+    """The directory that holds render.effect_files(effects) and `lib.so`; None stands for the library as shipped."""
+    chosen = None if effects is None else tuple(effects)
+    content = "library" if chosen is None else "\n".join(map(repr, chosen))
+
+    def fill(directory: Path) -> None:
+        from codegen import render
+        from symbolic.effects import LIBRARY
+
+        _fill(directory, render.effect_files(tuple(LIBRARY.values()) if chosen is None else chosen))
+
+    return build.entry(f"effects-{build.key(_sources(), content)}", fill)

@@ -1,0 +1,1 @@
+"""Expressions as straight-line tapes, and what every target prints of them."""

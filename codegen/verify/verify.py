@@ -1,0 +1,366 @@
+"""SymPy against C double, C float and CasADi, for every function of an arm, its controller and every effect.
+
+Each target is held against the SymPy expressions lowered by the same rule and evaluated to 50 digits, at inputs
+that a float holds exactly: |error| <= tolerance * sum of |terms|, where the sum carries the condition number of
+quotients and inverse maps (Tape.magnitude).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import sympy as sp
+
+from codegen import effect_functions as ef
+from codegen import render
+from codegen.tape.tape import Lowering, Tape
+from codegen.toolchain import build
+from codegen.verify import sampling
+from codegen.verify.reference import Reference
+from symbolic.controller_law import compensation
+from symbolic.effects.declaration import SIGNALS, Effect
+from symbolic.functions import SymbolicFunction
+from symbolic.model import derive
+from symbolic.primitives import WIDTHS
+
+if TYPE_CHECKING:
+    from symbolic.model_file.arm import Arm
+
+TOLERANCE = {"C double": 1e-12, "CasADi": 1e-12, "C float": 1e-5}
+"""Parts of the sum of |terms|: some thousand roundings of a double, a hundred of a float."""
+FLOOR = {"C double": 1e-290, "CasADi": 1e-290, "C float": 1e-30}
+"""Below this the numbers of a target end; exponentials that small are 0 in C."""
+
+
+@dataclass(frozen=True)
+class FunctionCheck:
+    """A function on one target: its worst sample. ratio: error by tolerance, at most 1 if equal."""
+
+    function: str
+    target: str
+    equal: bool
+    ratio: float
+    error: float
+    tolerance: float
+    output: str
+    expected: float
+    found: float
+    inputs: Mapping[str, list[float]]
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Inputs and outputs of one call, for firmware to replay; tolerance an output, for float."""
+
+    function: str
+    inputs: Mapping[str, list[float]]
+    outputs: Mapping[str, list[float]]
+    tolerance: list[float]
+
+
+@dataclass(frozen=True)
+class VerifyReport:
+    """What was compared, how it ended, and test vectors."""
+
+    arm: str
+    samples: int
+    seed: int
+    cases: tuple[FunctionCheck, ...]
+    vectors: tuple[Vector, ...] = field(repr=False)
+
+    @property
+    def equal(self) -> bool:
+        return all(case.equal for case in self.cases)
+
+    def to_json(self) -> dict[str, Any]:
+        """The report; numbers of the vectors in decimal and, exact, as C99 hexadecimal floats."""
+        return {
+            "arm": self.arm,
+            "samples": self.samples,
+            "seed": self.seed,
+            "equal": self.equal,
+            "cases": [{key: _finite(value) for key, value in vars(case).items()} for case in self.cases],
+            "vectors": [
+                {
+                    "function": v.function,
+                    "inputs": {name: _numbers(values) for name, values in v.inputs.items()},
+                    "outputs": {name: _numbers(values) for name, values in v.outputs.items()},
+                    "tolerance": v.tolerance,
+                }
+                for v in self.vectors
+            ],
+        }
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no inf and no nan; a result that is none is null."""
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _numbers(values: Sequence[float]) -> dict[str, list[Any]]:
+    return {"decimal": list(values), "hex": [value.hex() for value in values]}
+
+
+Run = Callable[[sampling.Values], list[float]]
+"""A target's function: flat outputs for values of its symbols."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A function, how it runs on each target, and how its arguments are drawn."""
+
+    function: SymbolicFunction
+    targets: Mapping[str, Run]
+    draw: Callable[[random.Random], sampling.Values]
+
+    @functools.cached_property
+    def rules(self) -> dict[Lowering, tuple[Reference, Tape]]:
+        """Truth and scale of the errors by each rule of lowering."""
+        lowerings: tuple[Lowering, ...] = ("exact", "smooth")
+        return {rule: (Reference(self.function, rule), Tape.of(self.function, rule)) for rule in lowerings}
+
+
+def verify(arm: Arm, samples: int = 20, seed: int = 0, effects: Iterable[Effect] | None = None) -> VerifyReport:
+    """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each.
+
+    Compiles what is not in the cache. ValueError or BuildError where the code cannot be made at all.
+    """
+    from symbolic.effects import LIBRARY
+
+    chosen = tuple(LIBRARY.values()) if effects is None else tuple(effects)
+    library = {**LIBRARY, **{effect.name: effect for effect in chosen}}
+    subjects = [*arm_subjects(arm), *controller_subjects(arm, library), *effect_subjects(chosen)]
+    cases: list[FunctionCheck] = []
+    vectors: list[Vector] = []
+    for subject in subjects:
+        rng = random.Random(f"{seed} {subject.function.name}")
+        points = [subject.draw(rng) for _ in range(samples)]
+        found, vector = compare(subject, points)
+        cases += found
+        vectors += vector
+    return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors))
+
+
+def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
+    """The worst point of each target, and the first two points as test vectors."""
+    function = subject.function
+    names = [f"{o.name}[{i}]" if o.shape else o.name for o in function.outputs for i in range(len(o.expressions))]
+    lowerings: dict[str, Lowering] = {t: "smooth" if t == "CasADi" else "exact" for t in subject.targets}
+    rules = subject.rules
+    truth = {
+        rule: [(rules[rule][0](v), rules[rule][1].magnitude(v)) for v in points] for rule in set(lowerings.values())
+    }
+    cases = []
+    for target, run in subject.targets.items():
+        worst: FunctionCheck | None = None
+        for values, (expected, scales) in zip(points, truth[lowerings[target]], strict=True):
+            for name, x, scale, y in zip(names, expected, scales, run(values), strict=True):
+                tolerance = TOLERANCE[target] * scale + FLOOR[target]
+                error = float(abs(x - y))
+                ratio = error / tolerance if error == error else float("inf")
+                if worst is None or ratio > worst.ratio:
+                    inputs = _inputs(function, values)
+                    worst = FunctionCheck(
+                        function.name, target, ratio <= 1, ratio, error, tolerance, name, float(x), y, inputs
+                    )
+        if worst is not None:
+            cases.append(worst)
+    vectors = [_vector(function, v, *truth["exact"][k]) for k, v in enumerate(points[:2])] if "exact" in truth else []
+    return cases, vectors
+
+
+def _inputs(function: SymbolicFunction, values: sampling.Values) -> dict[str, list[float]]:
+    groups = {} if function.struct is None else {function.struct.name: function.struct.symbols}
+    groups |= {a.name: a.symbols for a in function.inputs}
+    return {name: [values[s] for s in symbols] for name, symbols in groups.items()}
+
+
+def _vector(function: SymbolicFunction, values: sampling.Values, flat: list[Any], scales: list[float]) -> Vector:
+    outputs, rest = {}, [float(x) for x in flat]
+    for o in function.outputs:
+        outputs[o.name], rest = rest[: len(o.expressions)], rest[len(o.expressions) :]
+    tolerance = [TOLERANCE["C float"] * scale + FLOOR["C float"] for scale in scales]
+    return Vector(function.name, _inputs(function, values), outputs, tolerance)
+
+
+# How each target is run.
+
+_REAL: dict[str, Any] = {"f64": ctypes.c_double, "f32": ctypes.c_float}
+_TARGET = {"f64": "C double", "f32": "C float"}
+
+
+def libraries(files: Mapping[str, str], name: str) -> dict[str, ctypes.CDLL]:
+    """The per-call functions of both precisions, compiled."""
+
+    def library(suffix: str) -> ctypes.CDLL:
+        chosen = {path: text for path, text in files.items() if path.endswith((f"_{suffix}.c", f"_{suffix}.h"))}
+        return ctypes.CDLL(str(build.shared_library(chosen, f"{name}_{suffix}")))
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(_REAL, pool.map(library, _REAL), strict=True))
+
+
+def casadi_module(files: Mapping[str, str], name: str) -> Any:
+    """The generated CasADi module, imported from the cache."""
+    path = f"{name}_casadi.py"
+    text = files[path]
+
+    def fill(directory: Path) -> None:
+        (directory / path).write_text(text, encoding="utf-8")
+
+    spec = importlib.util.spec_from_file_location(
+        f"{name}_casadi", build.entry(f"casadi-{build.key(text)}", fill) / path
+    )
+    if spec is None or spec.loader is None:
+        raise ImportError(f"cannot import the generated {path}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def arm_subjects(arm: Arm) -> list[Subject]:
+    """Every function of the arm on every target."""
+    model = derive(arm)
+    files = render.arm_files(model)
+    compiled, module = libraries(files, arm.name), casadi_module(files, arm.name)
+    others = {f.name: f for f in model.functions}
+
+    def subject(function: SymbolicFunction) -> Subject:
+        targets = {_TARGET[s]: _arm_call(compiled[s], s, arm.name, function) for s in _REAL}
+        targets["CasADi"] = _casadi_call(getattr(module, function.name)(), function, widths=False)
+        return Subject(function, targets, lambda rng: sampling.arm_values(rng, arm, function, others))
+
+    return [subject(function) for function in model.functions]
+
+
+def _arm_call(library: ctypes.CDLL, suffix: str, arm: str, function: SymbolicFunction) -> Run:
+    real = _REAL[suffix]
+    kernel = getattr(library, f"{arm}_{function.name}_{suffix}")
+
+    def run(values: sampling.Values) -> list[float]:
+        arguments = []
+        if function.struct is not None:
+            arguments.append(_array(real, function.struct.symbols, values))
+        for a in function.inputs:
+            arguments.append(_array(real, a.symbols, values) if a.shape else real(values[a.symbols[0]]))
+        outputs = [(real * len(o.expressions))() for o in function.outputs]
+        kernel(*arguments, *outputs)
+        return [float(x) for output in outputs for x in output]
+
+    return run
+
+
+def _array(real: Any, symbols: Sequence[sp.Symbol], values: sampling.Values) -> Any:
+    return (real * max(len(symbols), 1))(*(values[s] for s in symbols))
+
+
+def controller_subjects(arm: Arm, library: Mapping[str, Effect]) -> list[Subject]:
+    """What the controller adds to the inverse dynamics, in C float."""
+    model = derive(arm)
+    found = compensation(model, library)
+    files = render.probe_files(model, library)
+    compiled = ctypes.CDLL(str(build.shared_library(files, f"{arm.name}_probe_f32")))
+
+    def subject(function: SymbolicFunction) -> Subject:
+        targets = {_TARGET["f32"]: _arm_call(compiled, "f32", arm.name, function)}
+        return Subject(function, targets, lambda rng: sampling.controller_values(rng, model, found))
+
+    return [subject(function) for function in found.functions]
+
+
+def _casadi_call(kernel: Any, function: SymbolicFunction, widths: bool) -> Run:
+    groups: list[tuple[tuple[sp.Symbol, ...], tuple[int, ...]]] = [(a.symbols, a.shape) for a in function.inputs]
+    if function.struct is not None:
+        groups.insert(0, (function.struct.symbols, (len(function.struct.symbols),)))
+    if widths:
+        groups.append((WIDTHS, (len(WIDTHS),)))
+
+    def run(values: sampling.Values) -> list[float]:
+        outputs = kernel.call([_matrix([values[s] for s in symbols], shape) for symbols, shape in groups])
+        # CasADi counts down the columns, the function along the rows.
+        return [float(x) for output in outputs for x in output.T.full().ravel("F")]
+
+    return run
+
+
+def _matrix(numbers: list[float], shape: tuple[int, ...]) -> Any:
+    import casadi
+
+    if len(shape) == 2:
+        return casadi.DM(numbers).reshape((shape[1], shape[0])).T
+    return casadi.DM(numbers)
+
+
+def effect_subjects(effects: Sequence[Effect]) -> list[Subject]:
+    """Torque, start and step of every effect on every target; the regressor in C double."""
+    files = render.effect_files(effects)
+    compiled, module = libraries(files, "effects"), casadi_module(files, "effects")
+    subjects = []
+    for effect in effects:
+        functions = [ef.torque(effect)] + ([ef.start(effect), ef.step(effect)] if effect.states else [])
+        for function in functions:
+            targets = {_TARGET[s]: _effect_call(compiled[s], s, effect, function) for s in _REAL}
+            targets["CasADi"] = _casadi_call(getattr(module, function.name)(), function, widths=True)
+            subjects.append(_effect_subject(effect, function, targets))
+        columns = {"C double": _columns_call(compiled["f64"], effect)}
+        subjects.append(_effect_subject(effect, ef.columns(effect), columns))
+    return subjects
+
+
+def _effect_subject(effect: Effect, function: SymbolicFunction, targets: Mapping[str, Run]) -> Subject:
+    start = Reference(ef.start(effect))
+    first = function.outputs[0].name == "columns"
+
+    def draw(rng: random.Random) -> sampling.Values:
+        values = sampling.effect_values(rng, effect)
+        if first:
+            # The batch begins in the initial state.
+            values |= {s.symbol: float(x) for s, x in zip(effect.states, start(values), strict=True)}
+        return values
+
+    return Subject(function, targets, draw)
+
+
+def _effect_call(library: ctypes.CDLL, suffix: str, effect: Effect, function: SymbolicFunction) -> Run:
+    real = _REAL[suffix]
+    kernel = getattr(library, f"tendon_{function.name}_{suffix}")
+    name = function.name.removeprefix(f"{effect.name}_")
+    kernel.restype = real if name == "torque" else None
+
+    def run(values: sampling.Values) -> list[float]:
+        sample = (real * len(SIGNALS))(*(values.get(s.symbol, 0.0) for s in SIGNALS))
+        p = _array(real, [parameter.symbol for parameter in effect.parameters], values)
+        x = _array(real, [s.symbol for s in effect.states], values)
+        if name == "torque":
+            return [float(kernel(sample, p, x))]
+        if name == "step":
+            kernel(sample, real(values[function.inputs[-3].symbols[0]]), p, x)
+        else:
+            kernel(sample, p, x)
+        return [float(value) for value in x]
+
+    return run
+
+
+def _columns_call(library: ctypes.CDLL, effect: Effect) -> Run:
+    kernel = getattr(library, f"tendon_{effect.name}_columns_batch_f64")
+    rows = 1 + len(effect.columns)
+
+    def run(values: sampling.Values) -> list[float]:
+        one = [ctypes.c_double(values.get(s.symbol, 0.0)) for s in SIGNALS]
+        pointers = (ctypes.c_void_p * len(one))(*(ctypes.addressof(x) for x in one))
+        p = _array(ctypes.c_double, [parameter.symbol for parameter in effect.parameters], values)
+        out = (ctypes.c_double * rows)()
+        kernel(ctypes.c_size_t(1), pointers, ctypes.c_double(1e-3), p, out)
+        return [float(x) for x in out]
+
+    return run

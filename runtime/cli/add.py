@@ -1,0 +1,42 @@
+"""The verb that puts an effect into a model file: add."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.output import emit
+from runtime.cli.rendered import render_all
+from runtime.workspace import Source
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon add drive.toml stribeck --joint 1")
+def add(
+    model: ModelFile,
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="As tendon effects lists it.")],
+    joint: Annotated[int | None, typer.Option(help="Counted from 1; not for effects of the arm or contact.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME.")] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Put an effect into the model file and regenerate."""
+    check_writable(json, model)
+    source = Source.read(model, effects)
+    text = source.add(source.text, effect, joint)
+    rendered = render_all(source, text, out)  # what cannot be generated is not written either
+    source.replace(text)
+    rendered.write()
+    added = effect if joint is None else f"{effect}@{joint}"
+    document = {"model": str(model), "added": added, **rendered.document()}
+
+    def show(_: Any) -> None:
+        from runtime.report.terminal.pages import say
+
+        say(f"{model}: {added} added; {rendered.directory} regenerated")
+
+    emit(json, document, show)

@@ -1,0 +1,43 @@
+"""The verb that shows the main job on a simulated drive: demo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.cli.loop import improved_model, name_page, origin_of, write_page
+from runtime.cli.options import Json, check_directory, check_writable, nearby
+from runtime.cli.output import emit
+from runtime.workspace import Source
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon demo")
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Recordings, improved model and report.")] = Path(
+        "demo-report"
+    ),
+    json: Json = None,
+) -> None:
+    """The main job on a simulated drive. Compare, diagnose, add the hidden effect, refit, report."""
+    from runtime import files
+    from runtime.report.terminal import loop_pages, pages
+    from runtime.simulation.demo import record_files
+
+    check_writable(json)
+    check_directory(out)
+    out.mkdir(parents=True, exist_ok=True)
+    shipped = Source.shipped("drive")
+    with pages.working("recording a drive with a hidden effect"):
+        paths = record_files(out)
+    source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
+    data = source.recordings(paths)
+    origin = origin_of(source, nearby(shipped.path), paths[:1], None, None, False, tuple(paths[1:]), source.path)
+    result, story = improved_model(source, data[:1], data[1:], origin)
+    page = write_page(out, story)
+    files.replace(source.path, result.model_text.encode())
+    emit(json, story.document, loop_pages.improvement)
+    name_page(page, json)

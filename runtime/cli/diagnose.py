@@ -1,0 +1,109 @@
+"""The verb that names the missing effect: diagnose."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from runtime.cli.loop import inputs, name_page, origin_of, write_page
+from runtime.cli.options import (
+    AllowGaps,
+    EffectsFile,
+    Json,
+    Map,
+    ModelFile,
+    Recordings,
+    Report,
+    check_directory,
+    check_writable,
+)
+from runtime.cli.output import NO, emit
+from runtime.workspace import UsageError
+
+if TYPE_CHECKING:
+    from runtime.diagnosis.diagnose import Diagnosis
+    from runtime.workspace import Source
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon diagnose drive.toml run1.csv --report report")
+def diagnose(
+    model: ModelFile,
+    recordings: Recordings,
+    report: Report = None,
+    draft: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.py", help="If unexplained: declare a guess at what is missing, for --effects."),
+    ] = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Which physical effect is missing? Exit 1 if the answer is "unexplained" or "refused"."""
+    from runtime.report.terminal import loop_pages, pages
+
+    check_writable(json)
+    check_directory(report)
+    check_draft(draft, effects)
+    source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
+    from runtime.diagnosis.diagnose import diagnose as diagnosed
+
+    with pages.working("looking for missing effects"):
+        result = diagnosed(loaded, data, wider=source.guesses)
+    from runtime.report.summary import ResultSummary
+
+    story = ResultSummary(
+        result, origin_of(source, model, recordings, effects, maps, allow_gaps), drafted=draft is not None
+    )
+    page = write_page(report, story)
+    document = story.document
+    if draft is not None:
+        reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
+        document = document | _drafted(source, result, draft, effects, recordings, reading)
+    emit(json, document, loop_pages.diagnosis)
+    name_page(page, json)
+    if result.verdict in ("unexplained", "refused"):
+        raise typer.Exit(NO)
+
+
+def _drafted(
+    source: Source, result: Diagnosis, target: Path, effects: Path | None, recordings: list[Path], reading: list[str]
+) -> dict[str, Any]:
+    """What a diagnosis says of the guess that was asked for; its file is written if there is one.
+
+    reading   the options with which the recordings were read
+    """
+    from runtime import files
+    from runtime.loop import law_proposal
+    from runtime.report.terminal import pages
+
+    if result.verdict != "unexplained":
+        return {"draft_reason": law_proposal.needless(result)}
+    with pages.working("trying guesses at what is missing"):
+        wider = source.drafting()
+        found = law_proposal.propose(result, *source.guesses())
+    if found is None:
+        return {"draft_reason": law_proposal.none_found(result)}
+    beside = None if effects is None else os.path.relpath(effects.resolve(), target.resolve().parent)
+    notes = law_proposal.notes(found, source.path.name, [path.name for path in recordings])
+    files.replace(target, wider.declaration(found.term.effect, notes, beside).encode())
+    following = law_proposal.next_steps(found, source.path, recordings, reading, target)
+    return {"draft": {**found.to_json(), "file": str(target), "next": following}}
+
+
+def check_draft(target: Path | None, effects_file: Path | None) -> None:
+    """Refuse a file for a guess that is there and was not written as one, or that the call itself reads."""
+    from symbolic.effects.source import BANNER
+
+    if target is None:
+        return
+    check_writable(target)
+    if effects_file is not None and target.resolve() == effects_file.resolve():
+        raise UsageError(f"{target}: is read by --effects; choose another name for --draft")
+    if target.exists() and not target.read_bytes().startswith(BANNER.encode()):
+        raise UsageError(f"{target}: is there already and is no draft; choose another name")

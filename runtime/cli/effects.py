@@ -1,0 +1,38 @@
+"""The verb that lists the library: effects."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.output import emit
+from runtime.workspace import UsageError, effects_library
+
+app = typer.Typer()
+
+
+@app.command("effects", epilog="Example: tendon effects stribeck")
+def show_effects(
+    name: Annotated[str | None, typer.Argument(help="One effect; without it, all of them.")] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """The library of physical effects. Equations, parameters, what they leave in a residual."""
+    from codegen import metadata
+    from runtime.report.terminal import pages
+
+    check_writable(json)
+    library = effects_library(effects)
+    document = metadata.library(tuple(library.values()))
+    if name is None:
+        emit(json, document, pages.effects)
+        return
+    if name not in library:
+        from symbolic.model_file.checks import nearest, quote
+
+        close = nearest(name, library)
+        hint = f'did you mean "{close}"? ' if close else ""
+        raise UsageError(f"unknown effect {quote(name)}; {hint}(tendon effects lists them all)")
+    emit(json, next(e for e in document["effects"] if e["name"] == name), pages.effect)

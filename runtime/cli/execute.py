@@ -1,0 +1,297 @@
+"""The verb that runs planned motions on an arm: execute."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from json import loads
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.output import NO, emit
+from runtime.plain_json import plain
+from runtime.workspace import Source, UsageError
+
+if TYPE_CHECKING:
+    from runtime.execution.execute import Execution
+    from runtime.execution.real import Setup
+    from runtime.execution.targets import ArmLine
+    from runtime.hardware.link import BoardLink
+    from runtime.model.loader import Model
+    from runtime.planning.trajectory import Trajectory
+
+app = typer.Typer()
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the command line says of an execution."""
+
+    on: str
+    trials: int | None
+    cycles: int
+    seed: int
+    noise: float
+    hide: Sequence[str]
+    change: Sequence[str]
+    friction: bool | None
+    tracking_limit: float | None
+    arm: bool
+    approach: bool
+    talks: bool
+
+
+@app.command(epilog="Example: tendon execute vishard4.toml case1D.json --on simulation --out run.csv.gz")
+def execute(
+    model: ModelFile,
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="JSON of tendon optimize --out.")],
+    on: Annotated[
+        str,
+        typer.Option(
+            "--on",
+            metavar="TARGET",
+            help="The simulated arm: simulation, unicorn, qemu; a real one: serial:///dev/ttyACM0, canopen://can0.",
+        ),
+    ],
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=100, help="Each from rest. 3 on the simulated arm, 1 on a real one.", show_default=False
+        ),
+    ] = None,
+    cycles: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Of a periodic motion, after one that runs it in.")
+    ] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is other noise.")] = 0,
+    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Of the torque sensor, part of the rms.")] = 0.03,
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="The simulated arm has an effect that MODEL has not."
+        ),
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="EFFECT@JOINT:KEY=VALUE,...", help="It has other values than MODEL."),
+    ] = None,
+    friction_compensation: Annotated[
+        bool | None,
+        typer.Option(
+            "--friction-compensation/--no-friction-compensation",
+            help="By the controller; if not given, where the motion was planned with friction.",
+            show_default=False,
+        ),
+    ] = None,
+    tracking_limit: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="rad or m; a larger error is a safe stop. 0.5 rad, 0.1 m.", show_default=False),
+    ] = None,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="Move a real arm; without it, only what it would do is shown.")
+    ] = False,
+    approach: Annotated[
+        bool, typer.Option("--approach", help="Drive a real arm slowly to the trajectory's start first.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording; compressed if it ends in .gz.")] = None,
+    model_out: Annotated[
+        Path | None,
+        typer.Option("--model-out", metavar="FILE", help="The model with the springs and contact of TRAJECTORY."),
+    ] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Run a planned motion on an arm. Cost, tracking and contact beside the plan's; exit 1 after a safe stop."""
+    from runtime import files
+    from runtime.recordings import recording
+    from runtime.report.terminal import execution_pages
+
+    asked = _Asked(
+        on,
+        trials,
+        cycles,
+        seed,
+        noise,
+        hide or (),
+        change or (),
+        friction_compensation,
+        tracking_limit,
+        arm,
+        approach,
+        json != "-",
+    )
+    is_real = _is_real(asked)
+    check_writable(json, out, model_out)
+    for path in (out, model_out):
+        if path is not None and path.resolve() in {model.resolve(), trajectory.resolve()}:
+            raise UsageError(f"{path}: is read here; choose another name to write to")
+    source = Source.read(model, effects)
+    source.arm()
+    result, more = (_real if is_real else _simulated)(source, trajectory, asked)
+    document = {**result.to_json(), **more}
+    plan = result.plan.trajectory
+    text = source.mounted(plan.springs, plan.contact)
+    if result.recording is None or document["status"] == "refused":
+        out = model_out = None
+    elif out is not None:
+        recording.write(out, result.recording)
+    if model_out is not None:
+        files.replace(model_out, text.encode())
+    same = model_out or (model if text == source.text else None)
+    paths = {"recording": out, "model_out": model_out, "next": _next(same, out, effects)}
+    emit(json, {"on": on, **document, **paths}, execution_pages.show)
+    if document["status"] != "done":
+        raise typer.Exit(NO)
+
+
+def _is_real(asked: _Asked) -> bool:
+    """Whether the target is a real arm. Raises UsageError for what is no target, or does not go with it."""
+    from runtime.execution import targets
+
+    if asked.on in targets.SIMULATED:
+        if asked.arm or asked.approach:
+            raise UsageError(f"--{'arm' if asked.arm else 'approach'} is for a real arm, and --on {asked.on} is none")
+        return False
+    line = targets.LINES.get(targets.scheme(asked.on))
+    if line is None:
+        meant = f"; did you mean serial://{asked.on}?" if asked.on.startswith("/dev/") else ""
+        raise UsageError(f"--on {asked.on}: no such target; there is: {', '.join(targets.KNOWN)}{meant}")
+    line.parse(asked.on)
+    if asked.hide or asked.change:
+        raise UsageError(
+            f"--{'hide' if asked.hide else 'set'} is for the simulated arm, and --on {asked.on} is a real one"
+        )
+    return True
+
+
+def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:
+    """On the simulated arm, by a board of this computer or an emulated one."""
+    from runtime.execution import targets
+    from runtime.planning.trajectory import read
+    from runtime.report.terminal import pages
+
+    target = targets.SIMULATED[asked.on]
+    with pages.working("deriving and compiling the model and its controller"):
+        model, controller = source.model(), source.controller(target.build)
+    plan = read(path, model)
+    return _run(model, controller, plan, asked, target.board), {"image": _image(controller)}
+
+
+def _image(controller: Path) -> dict[str, Any] | None:
+    """What an emulated board runs: for which processor, by which compiler, bytes of code and constants."""
+    facts = loads((controller / "image.json").read_text(encoding="utf-8"))
+    if "elf" not in facts:
+        return None
+    return {"target": facts["target"], "compiler": facts["toolchain"]["version"], "text": facts["text"]}
+
+
+def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board: Any, trials: int = 3) -> Execution:
+    from runtime.execution.execute import execute as executed
+    from runtime.execution.interrupt import listening
+    from runtime.report.terminal import pages
+    from runtime.simulation import simulate
+
+    hidden = [simulate.parse_hidden(item, model) for item in asked.hide]
+    changed = [simulate.parse_hidden(item, model, "--set") for item in asked.change]
+    with pages.working(f"executing {plan.scenario} on the simulated arm"), listening() as stop:
+        return executed(
+            model,
+            controller,
+            plan,
+            asked.trials or trials,
+            asked.cycles,
+            hidden,
+            changed,
+            asked.friction,
+            asked.tracking_limit,
+            asked.seed,
+            asked.noise,
+            board,
+            stop,
+        )
+
+
+def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:
+    """On a real arm: simulated first, and moved only if that went well and it is armed."""
+    from runtime.execution import expected, real, targets
+    from runtime.execution.interrupt import listening
+    from runtime.planning.trajectory import read
+    from runtime.report.terminal import execution_pages, pages
+
+    with pages.working("deriving and compiling the model and its controller"):
+        model, controller = source.model(), source.controller()
+    expected.check_limits(model)
+    line = targets.LINES[targets.scheme(asked.on)]
+    line.check(asked.on, model)
+    plan = read(path, model)
+    simulated = _run(model, controller, plan, replace(asked, trials=1), targets.SIMULATED["simulation"].board)
+    nothing = replace(simulated, trials=())
+    if not simulated.completed:
+        reason = f"the simulated arm did not get through it: {simulated.to_json()['reason']}"
+        return nothing, {"status": "refused", "reason": reason}
+    found = {"prediction": expected.ExpectedRun.of(simulated).to_json(model)}
+    connect = partial(_connect, line, controller, plan, simulated, asked)
+    if not asked.arm:
+        reason = "a real arm moves only with --arm, and nobody in its reach"
+        return nothing, {**found, "board": _look(connect), "status": "refused", "reason": reason}
+    link, setup = connect()
+
+    def ready() -> None:
+        if asked.talks:
+            execution_pages.prediction(plain(found["prediction"]))
+
+    with pages.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
+        done, frames = real.execute_on(link, setup, ready, stop)
+    # Something may have failed after the motion: drives that do not go off.
+    late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
+    return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}
+
+
+def _connect(
+    line: ArmLine, controller: Path, plan: Trajectory, simulated: Execution, asked: _Asked
+) -> tuple[BoardLink, Setup]:
+    """The line opened, and what is asked of the board behind it. Raises LinkError."""
+    from runtime.execution import real
+
+    model = simulated.plan.model
+    link = line.open(asked.on, model, controller)
+    return link, real.Setup(
+        directory=controller,
+        model=model,
+        trajectory=plan,
+        trials=asked.trials or 1,
+        cycles=asked.cycles,
+        compensated=simulated.compensated,
+        tracking_limit=asked.tracking_limit,
+        every=real.decimation(controller, model, link.baud),
+        late=link.late,
+        approach=asked.approach,
+    )
+
+
+def _look(connect: Callable[[], tuple[BoardLink, Setup]]) -> dict[str, Any]:
+    """What the board says of the arm while nothing moves: where each joint stands, or why that is not known."""
+    from runtime.execution import real
+    from runtime.hardware.link import LinkError, LinkLost
+    from runtime.hardware.lockstep import Fault
+
+    try:
+        return {"standing": real.standing(*connect()), "text": None}
+    except (LinkError, LinkLost, Fault) as error:
+        return {"standing": None, "text": str(error)}
+
+
+def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[dict[str, str]]:
+    """What follows from a recording, where model and recording of the same arm are there."""
+    if recording is None or model is None:
+        return []
+    own = [] if effects is None else ["--effects", str(effects)]
+    verbs = {"compare": "where the model fails on this recording", "diagnose": "which effect is missing in it"}
+    return [
+        {"what": what, "command": shlex.join(["tendon", verb, str(model), str(recording), *own])}
+        for verb, what in verbs.items()
+    ]

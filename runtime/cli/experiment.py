@@ -1,0 +1,52 @@
+"""The verb that proposes the deciding motion: experiment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.output import NO, emit
+from runtime.workspace import Source
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon experiment drive.toml --between linear_spring@1,gravity --out motion.csv")
+def experiment(
+    model: ModelFile,
+    between: Annotated[
+        str,
+        typer.Option(
+            metavar="EFFECT@JOINT[:KEY=VALUE,...],...",
+            help="Rivals to tell apart; one alone is told from the model as it is.",
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option(metavar="MOTION.csv", help="For your arm, or simulate --motion.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is other noise in what is simulated.")] = 0,
+    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Torque noise, part of the torque's rms.")] = 0.03,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Which motion tells these effects apart? Within the joints' limits, confirmed in simulation; exit 1 if none."""
+    from runtime.report.terminal import pages
+
+    check_writable(json, out)
+    source = Source.read(model, effects)
+    source.arm()
+    with pages.working("deriving and compiling the model"):
+        loaded = source.model()
+    from runtime.experiments import design as experiments
+    from runtime.report.terminal import experiment_pages
+
+    rivals = experiments.parse_rivals(between, loaded)
+    with pages.working("looking for a motion") as tell:
+        proposal = experiments.propose(loaded, rivals, seed, noise, tell)
+    document = proposal.to_json()
+    if out and proposal.separated:
+        experiments.write_motion(out, loaded, proposal.motion)
+    emit(json, {**document, "out": str(out) if out and proposal.separated else None}, experiment_pages.show)
+    if not proposal.separated:
+        raise typer.Exit(NO)

@@ -1,0 +1,65 @@
+"""The verb that adds what is missing, as long as it helps: improve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.cli.loop import improved_model, inputs, name_page, origin_of, write_page
+from runtime.cli.options import (
+    AllowGaps,
+    EffectsFile,
+    Json,
+    Map,
+    ModelFile,
+    Recordings,
+    Report,
+    check_directory,
+    check_writable,
+)
+from runtime.cli.output import emit
+from runtime.workspace import UsageError
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon improve drive.toml run1.csv --held-out run2.csv --out better.toml --report report")
+def improve(
+    model: ModelFile,
+    recordings: Recordings,
+    held_out: Annotated[
+        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted.")
+    ] = None,
+    write: Annotated[bool, typer.Option("--write", help="Replace the model file by the improved one.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the improved model there.")] = None,
+    report: Report = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Add what is missing, as long as it helps. Fits, diagnoses and adds; on a copy unless told to write."""
+    from runtime.report.terminal import loop_pages
+
+    if write and out:
+        raise UsageError("--write and --out exclude each other: the model is written to one place")
+    check_writable(json, out, model if write else None)
+    check_directory(report)
+    for path in held_out or ():
+        if path.resolve() in {p.resolve() for p in recordings}:
+            raise UsageError(f"{path}: is fitted and held out; give it once")
+    source, data, _ = inputs(model, [*recordings, *(held_out or ())], effects, maps, allow_gaps)
+    improved = model if write else out
+    origin = origin_of(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
+    result, story = improved_model(source, data[: len(recordings)], data[len(recordings) :], origin)
+    page = write_page(report, story)
+    if write:
+        source.replace(result.model_text)
+    elif out:
+        from runtime import files
+
+        files.replace(out, result.model_text.encode())
+    emit(json, story.document, loop_pages.improvement)
+    name_page(page, json)

@@ -1,0 +1,77 @@
+"""What the verbs on recordings share: their inputs read and checked, the origin of a result, its page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime.cli.options import mapping
+from runtime.workspace import Source
+
+if TYPE_CHECKING:
+    from runtime.loop.improve import Improvement
+    from runtime.model.loader import Model
+    from runtime.recordings.recording import Recording
+    from runtime.report.follow_up import Invocation
+    from runtime.report.summary import ResultSummary
+
+
+def inputs(
+    model: Path, recordings: list[Path], effects: Path | None, maps: list[str] | None, allow_gaps: bool
+) -> tuple[Source, list[Recording], Model]:
+    """Everything that a user can have wrong is checked before the first work that takes time."""
+    from runtime.report.terminal.pages import working
+
+    columns = mapping(maps)
+    source = Source.read(model, effects)
+    data = source.recordings(recordings, columns, allow_gaps)
+    with working("deriving and compiling the model"):
+        return source, data, source.model()
+
+
+def improved_model(
+    source: Source, fitted: list[Recording], held_out: list[Recording], origin: Invocation
+) -> tuple[Improvement, ResultSummary]:
+    from runtime.loop.held_out import floors
+    from runtime.loop.improve import improve as improved
+    from runtime.report.summary import ResultSummary
+    from runtime.report.terminal import pages
+
+    with pages.working("fitting and looking for missing effects") as tell:
+        result = improved(source.text, source.model, source.add, source.put, fitted, held_out, tell, source.guesses)
+        return result, ResultSummary(result, origin, floors(result.steps[-1].identification, held_out))
+
+
+def origin_of(
+    source: Source,
+    model: Path,
+    recordings: list[Path],
+    effects: Path | None,
+    maps: list[str] | None,
+    allow_gaps: bool,
+    held_out: tuple[Path, ...] = (),
+    improved: Path | None = None,
+) -> Invocation:
+    """What was typed, for the commands that follow from a result, and what the model file says of itself."""
+    from runtime.report.follow_up import Invocation, about
+
+    read = tuple(recordings), held_out, effects, tuple(maps or ()), allow_gaps
+    return Invocation(model, *read, improved, about(source.text))
+
+
+def write_page(directory: Path | None, story: ResultSummary) -> str | None:
+    """The page's path, if one was asked for."""
+    if directory is None:
+        return None
+    from runtime.report.page.html_page import write_report
+    from runtime.report.terminal.pages import working
+
+    with working("drawing the report"):
+        return str(write_report(directory, story))
+
+
+def name_page(page: str | None, json: str | None) -> None:
+    if page and json != "-":
+        from runtime.report.terminal.pages import say
+
+        say(f"Report: {page}")

@@ -1,0 +1,64 @@
+"""The command line: `tendon VERB ...`, a file a verb."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+# The matrices here are small: threads of the linear algebra library would only wait for each other. This
+# must be said before NumPy is imported; who says otherwise in the environment is heard.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from runtime.cli import (
+    add,
+    compare,
+    demo,
+    diagnose,
+    effects,
+    execute,
+    experiment,
+    firmware,
+    generate,
+    identify,
+    improve,
+    optimize,
+    output,
+    paper,
+    simulate,
+    sweep,
+    verify,
+)
+
+app = typer.Typer(
+    help="Models of robot arms: derive and generate code, compare with recordings, find the missing effect, add it.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+for _verb in (
+    generate,
+    verify,
+    effects,
+    add,
+    identify,
+    compare,
+    diagnose,
+    improve,
+    simulate,
+    experiment,
+    demo,
+    optimize,
+    execute,
+    sweep,
+    firmware,
+    paper,
+):
+    app.add_typer(_verb.app)
+
+
+def main() -> None:
+    """Entry point of the `tendon` command."""
+    sys.exit(output.run(app, sys.argv[1:]))

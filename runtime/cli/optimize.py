@@ -1,0 +1,86 @@
+"""The verb that plans motions: optimize."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.output import NO, emit
+from runtime.workspace import Source, UsageError
+
+if TYPE_CHECKING:
+    from runtime.planning.scenario import Scenario
+
+app = typer.Typer()
+
+
+def scenario_source(scenario: Scenario, path: Path, effects: Path | None) -> Source:
+    """The arm of a scenario: a model file beside it, or one that comes with the toolkit."""
+
+    beside = path.parent / scenario.model
+    return Source.read(beside, effects) if beside.exists() else Source.shipped(scenario.model, effects)
+
+
+@app.command(epilog="Example: tendon optimize runtime/study/scenario1.toml --out plan.json --plot plan.png")
+def optimize(
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML).")],
+    cycle_time: Annotated[float | None, typer.Option(min=0.01, help="s, in place of the file's.")] = None,
+    friction: Annotated[
+        bool | None, typer.Option("--friction/--no-friction", help="In place of the file's.", show_default=False)
+    ] = None,
+    springs: Annotated[bool, typer.Option("--springs/--no-springs", help="With the file's springs, or bare.")] = True,
+    starts: Annotated[int | None, typer.Option(min=1, max=10_000, help="Random first guesses; few by default.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is other guesses.")] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The trajectory, for tendon execute.")] = None,
+    model_out: Annotated[
+        Path | None, typer.Option("--model-out", metavar="FILE", help="The model with the plan's springs and contact.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf).")] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Plan motion and springs together. Exit 1 if no motion meets all constraints: which one, and by how much."""
+    from dataclasses import replace
+
+    from runtime import files
+    from runtime.planning import scenario_file
+    from runtime.report.terminal import pages, plan_pages
+
+    targets = [path for path in (out, model_out, plot) if path is not None]
+    check_writable(json, *targets)
+    asked = scenario_file.read(scenario)
+    source = scenario_source(asked, scenario, effects)
+    for path in targets:
+        if path.resolve() in {scenario.resolve(), source.path.resolve()}:
+            raise UsageError(f"{path}: is read here; choose another name to write to")
+    source.arm()
+    with pages.working("deriving and compiling the model"):
+        model = source.model()
+    case = scenario_file.fitted(asked, model, str(scenario))
+    case = replace(
+        case if springs else case.without_springs(),
+        cycle_time=case.cycle_time if cycle_time is None else cycle_time,
+        friction=case.friction if friction is None else friction,
+    )
+    from runtime.planning import optimize as optimizer
+    from runtime.planning import results
+
+    try:
+        with pages.working(f"optimizing {case.name}"):
+            plan = optimizer.optimize(model, case, starts, seed)
+    except optimizer.Infeasible as error:
+        emit(json, results.refusal(model, case, error), plan_pages.plan)
+        raise typer.Exit(NO) from error
+    document = results.document(model, plan)
+    if out is not None:
+        plan.trajectory.write(out)
+    if model_out is not None:
+        files.replace(model_out, source.mounted(plan.trajectory.springs, plan.trajectory.contact).encode())
+    if plot is not None:
+        from runtime.report.plots import plan_plots, style
+
+        style.save(plan_plots.plan(document), plot)
+    emit(json, document, plan_pages.plan)

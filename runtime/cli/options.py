@@ -1,0 +1,70 @@
+"""What several verbs are told in the same way: options, and the checks of what they name before any work is done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.workspace import UsageError
+
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file (TOML).")]
+Recordings = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECORDING...",
+        help="CSV, plain or gzip: t,q1,tau1,... and, if measured, temperature1,q1_link,tau1_link,tau1_rigid,fx,fy.",
+    ),
+]
+Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON; - for stdout.")]
+EffectsFile = Annotated[
+    Path | None, typer.Option("--effects", metavar="FILE.py", help="Your own effects: Python that is run, so trust it.")
+]
+Map = Annotated[
+    list[str] | None,
+    typer.Option("--map", metavar='q1="Position1 [deg]"', help="Read a signal from a column of another name."),
+]
+AllowGaps = Annotated[bool, typer.Option("--allow-gaps", help="Split at gaps and drop NaN rows instead of refusing.")]
+Report = Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write an HTML page with plots there.")]
+
+
+def check_writable(*targets: Path | str | None) -> None:
+    """Refuse before any work is done where a result could not be written after it."""
+    for target in targets:
+        if target in (None, "-"):
+            continue
+        path = Path(str(target))
+        if path.is_dir():
+            raise UsageError(f"{path}: is a directory; expected a file to write")
+        if not path.parent.is_dir():
+            raise UsageError(f"{path}: there is no directory {path.parent}; make it first")
+        if not os.access(path if path.exists() else path.parent, os.W_OK):
+            raise UsageError(f"{path}: cannot be written; check its permissions")
+
+
+def check_directory(target: Path | None) -> None:
+    """Refuse a directory to write into that is something else."""
+    if target is not None and target.exists() and not target.is_dir():
+        raise UsageError(f"{target}: is a file; expected a directory to write into")
+
+
+def nearby(path: Path) -> Path:
+    """The path as one would type it from here, where it lies below."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
+
+
+def mapping(entries: Sequence[str] | None) -> dict[str, str]:
+    """`--map name=column`, several times, as a dictionary."""
+    result: dict[str, str] = {}
+    for entry in entries or ():
+        name, equals, column = entry.partition("=")
+        if not equals or not name.strip() or not column.strip():
+            raise UsageError(f'--map {entry}: expected NAME=COLUMN, for example --map q1="Position1 [deg]"')
+        if name.strip() in result:
+            raise UsageError(f"--map {name.strip()}: given twice")
+        result[name.strip()] = column.strip()
+    return result

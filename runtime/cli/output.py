@@ -1,0 +1,69 @@
+"""What a verb leaves behind: its figures for a person or as JSON, an exit status, an error in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import typer
+
+from runtime.plain_json import plain
+
+NO, BAD_INPUT = 1, 2
+
+
+def run(app: typer.Typer, arguments: Sequence[str]) -> int:
+    """The exit status of `tendon ARGUMENTS`; whatever a user did wrong is one line on standard error."""
+    try:
+        return int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
+    except BrokenPipeError:
+        # The reader of our output has gone; do not complain again when Python flushes.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted", 130)
+    except OSError as error:
+        named = f"{error.filename}: " if error.filename else ""
+        return _complain(f"{named}{error.strerror or error}", BAD_INPUT)
+    except Exception as error:
+        # typer's usage errors come from one click or another; both can format themselves.
+        if show := getattr(error, "format_message", None):
+            return _complain(f"{_command(error)}: {show()} (see {_command(error)} --help)", BAD_INPUT)
+        if _is_for_people(error):
+            return _complain(str(error), BAD_INPUT)
+        raise
+
+
+def _is_for_people(error: Exception) -> bool:
+    """Our own errors (ModelError, RecordingError, BuildError...) and only those; a bug keeps its traceback."""
+    home = type(error).__module__.split(".")[0]
+    return home in ("runtime", "symbolic", "codegen")
+
+
+def _command(error: Exception) -> str:
+    context = getattr(error, "ctx", None)
+    return context.command_path if context else "tendon"
+
+
+def _complain(message: str, status: int) -> int:
+    line = " ".join(message.split())
+    print("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line), file=sys.stderr)
+    return status
+
+
+def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mapping[str, Any]], None]) -> None:
+    """Print `document` for a person, or as JSON alone (`-`), or both a file and the print."""
+    clean = plain(document)
+    if target is not None:
+        text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        if target == "-":
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            return
+        from runtime.files import replace
+
+        replace(target, text.encode())
+    show(clean)

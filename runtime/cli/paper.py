@@ -1,0 +1,58 @@
+"""The verb `paper`: the study, table by table and figure by figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from runtime.cli.options import Json, check_directory, check_writable
+from runtime.cli.output import NO, emit
+from runtime.workspace import Source, UsageError
+
+app = typer.Typer()
+ARM = "vishard4"
+
+
+@app.command(epilog="Example: tendon paper table2 --trials 0")
+def paper(
+    what: Annotated[str | None, typer.Argument(metavar="WHAT", help="table1 to table3, figure4 to figure8.")] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")] = Path("paper-study"),
+    trials: Annotated[
+        int, typer.Option(min=0, max=20, help="Of each case on the simulated arm; 0: only the optimizations.")
+    ] = 3,  # experiment.TRIALS, whose import takes a second
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Leave trajectories, recordings and models there, for tendon diagnose.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Reproduce the paper. Its tables beside ours, its claims, its figures; exit 1 if a claim does not hold."""
+    from runtime.report.terminal import pages
+    from runtime.study import study, write
+
+    everything = (*study.TABLES, *study.FIGURES)
+    if what is not None and what not in everything:
+        raise UsageError(f"{what}: there is no such part; expected one of {', '.join(everything)}")
+    if not trials and (what in study.EXECUTED or keep):
+        raise UsageError(f"{what or '--keep'} is nothing without the experiment; leave out --trials 0")
+    wanted = [name for name in everything if trials or name not in study.EXECUTED] if what is None else [what]
+    check_writable(json)
+    check_directory(out)
+    source = Source.shipped(ARM)
+    with pages.working("reproducing the study") as progress:
+        made = study.Study(source.model(), source.controller(), trials, progress)
+        document = {name: made.table(name) for name in wanted if name in study.TABLES}
+        drawn = write.figures(made, wanted, out)
+        kept = write.recordings(made, out, source.mounted) if keep else []
+    held = [claim["holds"] for page in document.values() for claim in page["claims"]]
+    spread = {"spread": made.spread} if "figure5" in wanted else {}
+    emit(json, {**document, **spread, "figures": drawn, "kept": kept, "holds": all(held)}, _show)
+    if not all(held):
+        raise typer.Exit(NO)
+
+
+def _show(document: Any) -> None:
+    from runtime.study import terminal
+
+    terminal.study(document)

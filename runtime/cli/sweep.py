@@ -1,0 +1,151 @@
+"""The verb that optimizes many variations of a scenario: sweep."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from runtime.cli.optimize import scenario_source
+from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.output import NO, emit
+from runtime.workspace import UsageError
+
+if TYPE_CHECKING:
+    from runtime.model.loader import Model
+    from runtime.planning.scenario import Scenario
+    from runtime.sweep.job import Code, Job, Result
+    from runtime.sweep.journal import Journal
+    from runtime.sweep.pools import Pool
+
+app = typer.Typer()
+
+_HELP = """Optimize many variations of a scenario. All that --over names, each with each; exit 1 if one has no plan.
+
+\b
+cycle_time=1.0:3.0:0.2       s; or cycle_time=1.0,1.2
+case=A,B,C,D                 A bare, B with springs, C with friction, D with both
+stiffness=5100,5900          N/m, of all springs; stiffness@4=5100,5900 of the one at joint 4
+offset=-0.5,0                rad or m, likewise
+plate.stiffness=600,1300     a parameter of the contact
+seed=0:99                    other first guesses
+
+Finished jobs are kept in FILE.journal: after Ctrl-C, or whatever else ended it, the same command goes on.
+
+Dask workers (--scheduler) need tendon installed and the same kind of machine; the arm's code is sent to them."""
+
+
+@app.command(
+    help=_HELP,
+    epilog="Example: tendon sweep scenario1.toml --over cycle_time=1.0:3.0:0.2 --over case=A,B,C,D --table sweep.csv",
+)
+def sweep(
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="As for tendon optimize (TOML).")],
+    over: Annotated[list[str], typer.Option("--over", metavar="NAME=VALUES", help="What varies; see above.")],
+    table: Annotated[Path, typer.Option(metavar="FILE", help="One row a job: .csv, or .parquet (needs pyarrow).")],
+    starts: Annotated[
+        int | None, typer.Option(min=1, max=10_000, help="Random first guesses in one job; few by default.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Processes here; by default one a processor.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler instead.")
+    ] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    from runtime.report.terminal import sweep_pages
+    from runtime.sweep import grid, journal
+    from runtime.sweep import table as tables
+    from runtime.sweep.job import Code
+
+    if workers is not None and scheduler is not None:
+        raise UsageError("--workers are processes here, --scheduler is elsewhere; give one of them")
+    check_writable(json, table)
+    tables.check(table)
+    diary = journal.beside(table)
+    if table.exists() and not diary.exists():
+        raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
+    axes = grid.parse(over)
+    case, model = _read(scenario, effects)
+    code = Code(model.directory, model.library.directory)
+    jobs = grid.jobs(case, axes, model, code, starts)
+    names = [axis.name for axis in axes]
+    began = time.monotonic()
+    with (
+        _pool(code, workers, scheduler) as pool,
+        journal.opened(diary, journal.heading(case, code, starts, names)) as kept,
+    ):
+        before = kept.finished(jobs)
+        results = _run(jobs, pool, kept)
+    tables.write(table, tables.columns(case, model.n, names), jobs, results)
+    variations = tables.summary(jobs, results)
+    document = {
+        "scenario": case.name,
+        "arm": model.name,
+        "goal": case.objective.goal,
+        "over": {axis.name: axis.values for axis in axes},
+        "jobs": len(jobs),
+        "found_finished": before,
+        "seconds": time.monotonic() - began,
+        "table": table,
+        "journal": diary,
+        "variations": variations,
+    }
+    emit(json, document, sweep_pages.show)
+    if not all(variation["feasible"] for variation in variations):
+        raise typer.Exit(NO)
+
+
+def _read(path: Path, effects: Path | None) -> tuple[Scenario, Model]:
+    """A scenario and its arm, compiled."""
+    from runtime.planning import scenario_file
+    from runtime.report.terminal import pages
+
+    asked = scenario_file.read(path)
+    source = scenario_source(asked, path, effects)
+    source.arm()
+    with pages.working("deriving and compiling the model"):
+        model = source.model()
+    return scenario_file.fitted(asked, model, str(path)), model
+
+
+@contextmanager
+def _pool(code: Code, workers: int | None, scheduler: str | None) -> Iterator[Pool]:
+    """Processes of this machine, or a cluster's."""
+    if scheduler is None:
+        from runtime.sweep.pools import Local
+
+        yield Local(code, workers or len(os.sched_getaffinity(0)))
+        return
+    try:
+        from runtime.sweep.cluster import connected
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"--scheduler needs Dask, the extra `cluster`; run: {sys.executable} -m pip install 'dask[distributed]'"
+        ) from error
+    with connected(scheduler, code) as cluster:
+        if not cluster.workers:
+            print(f"{scheduler} has no workers yet; start some: dask worker {scheduler} --nthreads 1", file=sys.stderr)
+        yield cluster
+
+
+def _run(jobs: Sequence[Job], pool: Pool, kept: Journal) -> dict[str, Result]:
+    """All results by key, with progress; says what is kept if it is interrupted."""
+    from runtime.report.terminal import sweep_pages
+    from runtime.sweep.run import run
+
+    try:
+        with sweep_pages.progress(len(jobs), kept.finished(jobs)) as tell:
+            return run(jobs, pool, kept, tell)
+    except BaseException:
+        done = kept.finished(jobs)
+        print(f"{done} of {len(jobs)} jobs are in {kept.path}; the same command goes on from there", file=sys.stderr)
+        raise

@@ -1,0 +1,36 @@
+"""The verb that holds generated code against SymPy: verify."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.output import NO, emit
+from runtime.workspace import Source
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon verify symbolic/arms/vishard4.toml --json vectors.json")
+def verify(
+    model: ModelFile,
+    samples: Annotated[int, typer.Option(min=1, max=100_000, help="Random inputs of each function.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is other inputs.")] = 0,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Is the generated code equal to SymPy? C double, C float and CasADi for this arm; exit 1 if not."""
+    from runtime.report.terminal import pages
+
+    check_writable(json)
+    source = Source.read(model, effects)
+    arm = source.arm()
+    from codegen.verify.verify import verify as verified
+
+    with pages.working(f"comparing SymPy, C and CasADi of {arm.name}"):
+        document = verified(arm, samples, seed, source.library.values()).to_json()
+    emit(json, document, pages.verify)
+    if not document["equal"]:
+        raise typer.Exit(NO)

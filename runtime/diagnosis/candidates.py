@@ -1,0 +1,301 @@
+"""Every effect of the library as a candidate for what a fitted model lacks.
+
+A candidate is a block of columns with a grid over its shape parameters. The base model's coefficients,
+the linearised shape parameters and the skew stay free beside it, so that a candidate gets credit only
+for torque that the base cannot produce. All joints' rows count together: what one joint's torque says of
+the inertia that joints share, another's may contradict. Shapes are searched on an excerpt of a long
+motion and judged on the whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
+from runtime.estimation import grids
+from runtime.estimation.covariance import shape_derivative, shape_steps
+from runtime.estimation.problem import Fit, Problem
+from runtime.estimation.regressors import Regressors
+from runtime.model.terms import Term, Values, joints_of
+
+Array = NDArray[np.float64]
+
+_EXCERPT = 60_000
+"""Samples on which shapes are searched, for one joint; fewer for more, as the root of their number."""
+_REFINE_STEPS = 14
+_TRIED = 4
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term at its best shape.
+
+    searched   number of shape parameters that were searched
+    gain       fall of the squared error on the excerpt
+    """
+
+    term: Term
+    shape: Values
+    searched: int
+    gain: float
+    at_edge: bool
+
+
+@dataclass
+class CandidateField:
+    """A fitted model as the ground on which candidates compete."""
+
+    problem: Problem
+    fit: Fit
+
+    def __post_init__(self) -> None:
+        self.model, self.motion = self.problem.model, self.problem.motion
+        self.regressors = Regressors(self.model, self.motion, self.fit.prediction)
+
+    def terms(self) -> list[Term]:
+        """What could be missing at any joint, in the arm or in the contact."""
+        active = set(self.problem.layout.terms)
+        covered = {replace(t, effect=g) for t in active for g in self.model.library.effects[t.effect].generalises}
+        found = []
+        for name, info in self.model.library.effects.items():
+            last = self.model.n - (info.scope == "joints")
+            places = range(1, last + 1) if info.scope in ("joint", "joints") else (None,)
+            if info.scope == "contact" and self.model.contact is None:
+                continue
+            terms = [Term(name, place) for place in places]
+            found += [t for t in terms if t not in active and t not in covered and self._possible(t)]
+        return found
+
+    def _possible(self, term: Term) -> bool:
+        signals = self.model.library.effects[term.effect].signals
+        if not any(self.motion.moving(i).any() for i in joints_of(self.model, term)[:1]):
+            return False
+        if "plate_y" in signals and Term("plate") not in self.problem.layout.terms:
+            return False
+        if "predicted_rate" in signals and self.fit.skew_free:
+            # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.
+            return False
+        if "level" in signals and term.joint is not None:
+            return bool(np.any(np.asarray(self.regressors.signals[0].get("level", term.joint - 1)) > 0))
+        return True
+
+    @cached_property
+    def ground(self) -> Ground:
+        """The fitted model's equations at all joints, each weighted by its own residual."""
+        layout = self.problem.layout
+        steps = shape_steps(self.problem, self.fit)
+        size = layout.size + len(steps) + self.fit.skew_free
+        lower = np.append(layout.lower, np.full(size - layout.size, -np.inf))
+        upper = np.append(layout.upper, np.full(size - layout.size, np.inf))
+        rows = tuple(self._rows(i, steps) for i in range(self.model.n))
+        return Ground.levelled(rows, lower, upper)
+
+    def _rows(self, joint: int, steps: list[tuple[Term, str, float]]) -> Rows:
+        x, fixed = self.problem.rows(joint, self.fit.shapes)
+        x_noise, fixed_noise = self.problem.noise_rows(joint, self.fit.shapes)
+        index = np.flatnonzero(np.any(x != 0, axis=1))
+        base, noise, size = [x[index]], [x_noise[index]], self.problem.layout.size
+        for k, (term, name, step) in enumerate(steps):
+            if joint in joints_of(self.model, term):
+                base.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
+                index = np.append(index, size + k)
+        if self.fit.skew_free:
+            base.append(-self.problem.regressors.skew(joint)[None])
+            index = np.append(index, size + len(steps))
+        columns = np.vstack(base)
+        silent = np.zeros((len(columns) - len(noise[0]), columns.shape[1]))
+        rms = self.rms(joint)
+        return Rows(
+            y=self.motion.torque(joint, self.fit.skew) - fixed,
+            base=columns,
+            noise=np.vstack([*noise, silent, -fixed_noise[None]]),
+            index=index,
+            use=self.motion.moving(joint),
+            piece=self.motion.row_piece,
+            weight=1 / rms if rms else 0.0,
+        )
+
+    def rms(self, joint: int) -> float:
+        """Of the fitted model's residual at a joint (0-based)."""
+        use = self.motion.moving(joint)
+        return float(np.sqrt(np.mean(self.fit.residual[joint][use] ** 2))) if use.any() else 0.0
+
+    @property
+    def _excerpt_samples(self) -> int:
+        return round(_EXCERPT / self.model.n**0.5)
+
+    @cached_property
+    def excerpt(self) -> tuple[Regressors, Ground]:
+        """Regressors and ground on the excerpt on which shapes are searched."""
+        motion, rows = self.motion.excerpt(self._excerpt_samples)
+        if motion is self.motion:
+            return self.regressors, self.ground
+        parts = tuple(
+            replace(
+                r, y=r.y[rows], base=r.base[:, rows], noise=r.noise[:, rows], use=r.use[rows], piece=motion.row_piece
+            )
+            for r in self.ground.rows
+        )
+        regressors = Regressors(self.model, motion, self.fit.prediction)
+        return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper)
+
+    def replaced(self, term: Term) -> tuple[Term, ...]:
+        """Active terms that the candidate contains as special cases."""
+        generalises = self.model.library.effects[term.effect].generalises
+        return tuple(t for t in self.problem.layout.terms if t.effect in generalises and t.joint == term.joint)
+
+    def without(self, ground: Ground, terms: tuple[Term, ...]) -> Ground:
+        """A ground of this field with all that belongs to these terms at zero."""
+        if not terms:
+            return ground
+        layout = self.problem.layout
+        gone = [k for t in terms for k in range(layout.slices[t].start, layout.slices[t].stop)]
+        steps = shape_steps(self.problem, self.fit)
+        gone += [layout.size + k for k, (t, _, __) in enumerate(steps) if t in terms]
+        return ground.without(gone)
+
+    def block(self, term: Term, shape: Values) -> CandidateBlock:
+        """The candidate's columns on all joints on which it acts, with their noise."""
+        parts = {}
+        for i in joints_of(self.model, term):
+            columns = self.regressors.columns(term, i, shape)
+            parts[i] = CandidateRows(columns, self.regressors.perturbed.columns(term, i, shape) - columns)
+        return self._bounded(term, parts)
+
+    def _bounded(self, term: Term, parts: dict[int, CandidateRows]) -> CandidateBlock:
+        coefficients = self.model.library.effects[term.effect].coefficients
+        bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
+        return CandidateBlock(parts, bounds[:, 0], bounds[:, 1])
+
+    def _gives_way(self, term: Term) -> bool:
+        return "coupling" in self.model.library.effects[term.effect].signals
+
+    def watched(self, term: Term) -> bool:
+        """Whether it is a transmission with an encoder on either side."""
+        return self._gives_way(term) and self.motion.has("twist", joints_of(self.model, term)[0])
+
+    def trial(self, term: Term, shape: Values) -> CandidateBlock:
+        """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
+        joints = joints_of(self.model, term)
+        if not self._gives_way(term):
+            return self._sampled(term, shape, joints, reread=False)
+        watched = self.watched(term)
+        # A transmission's torque is a further derivative of the same readings: their noise would speak against any
+        # stiffness. A gap meets its flanks elsewhere on another reading: that noise is no smaller error that adds up.
+        linear = not self.model.library.effects[term.effect].generalises
+        return self._sampled(term, shape, joints if watched else joints[:1], reread=watched or linear)
+
+    @cached_property
+    def _reread(self) -> Regressors:
+        """Regressors on the excerpt as the encoders might have read it another time."""
+        if self.excerpt[0] is self.regressors:
+            return self.regressors.perturbed
+        return Regressors(self.model, self.motion.perturbed.excerpt(self._excerpt_samples)[0], self.fit.prediction)
+
+    def sample(self, term: Term, shape: Values) -> CandidateBlock:
+        """As `block`, on the excerpt."""
+        return self._sampled(term, shape, joints_of(self.model, term), reread=True)
+
+    def _sampled(self, term: Term, shape: Values, joints: tuple[int, ...], reread: bool) -> CandidateBlock:
+        parts = {}
+        for i in joints:
+            columns = self.excerpt[0].columns(term, i, shape)
+            parts[i] = CandidateRows(columns, self._reread.columns(term, i, shape) - columns if reread else None)
+        return self._bounded(term, parts)
+
+    def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
+        block = self.trial(term, shape)
+        if not all(np.isfinite(part.columns).all() for part in block.parts.values()):
+            return float("-inf")
+        return ground.gain(block)
+
+    def search(self, term: Term, beside: Ground | None = None) -> Candidate | None:
+        """The candidate at the best point of its grid; None if the data give it no scale or no say.
+
+        beside: another ground of this field's excerpt on which to search.
+        """
+        regressors, ground = self.excerpt
+        whole = beside or ground
+        ground = self.without(whole, self.replaced(term))
+        choices = self.choices(term)
+        scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
+        if not scored or not np.isfinite(scored[0][0]):
+            return None
+        if len(scored) > 1:
+            # The quick gain lets the base's friction turn negative; of the best few, it is seen who needs that.
+            tried = [(self._exact(ground, term, choices[k]), k) for gain, k in scored[:_TRIED] if np.isfinite(gain)]
+            scored = [max(tried)]
+        gain, chosen = scored[0]
+        shape = choices[chosen]
+        searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
+        edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
+        # What it replaces would have explained something, too.
+        gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
+        return Candidate(term, shape, searched, gain, edge)
+
+    def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
+        """The fall of the squared error with every coefficient within its bounds."""
+        return ground.equations().sse - ground.equations(self.trial(term, shape)).sse
+
+    def choices(self, term: Term) -> list[Values]:
+        """Shapes at which the term is tried."""
+        choices = grids.points(self.excerpt[0], term)
+        signals = self.model.library.effects[term.effect].signals
+        if "warmth" in signals and all(bool(p.measured.all()) for p in self.motion.pieces):
+            # The measured temperature takes the place of the assumed warming: its time constant is idle.
+            return choices[:1]
+        return choices
+
+    def refine(self, candidate: Candidate) -> Candidate:
+        """The same candidate with its shape moved off the grid to the least error."""
+        if not candidate.searched:
+            return candidate
+        term, ground = candidate.term, self.without(self.excerpt[1], self.replaced(candidate.term))
+        moving = self.moving(term)
+        if not moving:
+            return candidate
+        start = np.array([candidate.shape[name] for name in moving])
+        scale = np.array([self.grid_step(candidate, name) for name in moving])
+        logarithmic = self.logarithmic(term)
+        best = (self._gain(ground, term, candidate.shape), candidate.shape)
+
+        def error(z: Array) -> float:
+            nonlocal best
+            moved = start * np.exp(z * scale) if logarithmic else start + z * scale
+            shape = {**candidate.shape, **dict(zip(moving, map(float, moved), strict=True))}
+            if np.any(np.abs(z) > 1.5) or not grids.within(self.excerpt[0], term, shape):
+                return float("inf")
+            gain = self._gain(ground, term, shape)
+            best = max(best, (gain, shape), key=lambda item: item[0])
+            return -gain
+
+        simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
+        options = {"maxfev": _REFINE_STEPS * len(moving), "initial_simplex": simplex, "xatol": 0.02, "fatol": 0.0}
+        minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
+        there, here = (self._exact(ground, term, shape) for shape in (best[1], candidate.shape))
+        if there <= here:
+            return candidate
+        edge = grids.at_edge(self.excerpt[0], term, best[1])
+        return replace(candidate, shape=best[1], gain=candidate.gain + there - here, at_edge=edge)
+
+    def moving(self, term: Term) -> list[str]:
+        """Shape parameters between whose grid values there are others."""
+        shape = self.model.library.effects[term.effect].shape
+        return [p.name for p in shape if p.grid and p.grid.continuous]
+
+    def logarithmic(self, term: Term) -> bool:
+        shape = self.model.library.effects[term.effect].shape
+        return all(p.grid is None or p.grid.spacing == "log" for p in shape)
+
+    def grid_step(self, candidate: Candidate, name: str) -> float:
+        """One grid step of a shape parameter: as a ratio's logarithm on logarithmic grids."""
+        parameter = self.model.library.effects[candidate.term.effect].parameter(name)
+        values = grids.axis(self.excerpt[0], candidate.term, parameter, candidate.shape)
+        if self.logarithmic(candidate.term):
+            return float(np.log(values[1] / values[0]))
+        return float(values[1] - values[0])

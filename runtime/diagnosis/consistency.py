@@ -1,0 +1,205 @@
+"""Parameter tables of several recordings, side by side: one arm has one inertia, whatever it was doing.
+
+The structure that was fitted to all recordings together is fitted to each of them alone, with the shapes, the shift
+between torque and motion and the weights of the common fit. What then differs by more than chance, and by enough
+torque to matter, says that the recordings are not of one arm, or that the base model is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.covariance import Estimate, Inference, infer
+from runtime.estimation.identify import Identification
+from runtime.estimation.problem import Fit, Problem, Skew
+from runtime.model.terms import Term
+from runtime.wording import quantity
+
+Array = NDArray[np.float64]
+
+_SIGNIFICANT = 5.0
+"""Standard deviations of a difference."""
+_MATERIAL = 0.1
+"""Part of the larger value."""
+_NOISE = 1.5
+"""Residual over the instruments' noise up to which a recording holds nothing else."""
+_OF_INTERVAL = 2 * 1.96
+
+
+@dataclass(frozen=True)
+class Table:
+    """What one recording alone says.
+
+    name   its file
+    fit    its coefficients are in the order of the common layout
+    left   residual over the instruments' noise, at the joint where it is largest
+    """
+
+    name: str
+    fit: Fit
+    inference: Inference
+    left: float
+
+    def to_json(self, identification: Identification) -> dict[str, Any]:
+        document = self.inference.to_json(identification.model)
+        return {"recording": self.name, "parameters": document["inertial"], "effects": document["effects"]}
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """A parameter that two recordings do not agree on. term: None for an inertial parameter; estimates a recording."""
+
+    name: str
+    unit: str
+    term: Term | None
+    names: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+
+    @property
+    def label(self) -> str:
+        return self.name if self.term is None else f"{self.term} {self.name}"
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "name": self.label,
+            "unit": self.unit,
+            "recordings": list(self.names),
+            "values": [e.value for e in self.estimates],
+            "intervals": [None if e.interval is None else list(e.interval) for e in self.estimates],
+        }
+
+    def __str__(self) -> str:
+        values = [
+            f"{quantity(e.value, self.unit, 3)} in {name}" for e, name in zip(self.estimates, self.names, strict=True)
+        ]
+        return f"{self.label} is {' and '.join(values)}"
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All recordings' tables, and where they contradict each other; empty with fewer than two recordings."""
+
+    identification: Identification
+    tables: tuple[Table, ...] = ()
+    inertial: tuple[Contradiction, ...] = ()
+    effects: tuple[Contradiction, ...] = ()
+
+    @property
+    def each_is_noise(self) -> bool:
+        """Whether every recording alone is fitted to the noise: then nothing but the arm differs."""
+        return all(table.left < _NOISE for table in self.tables)
+
+    @property
+    def refusal(self) -> str:
+        """Why nothing can be named from recordings whose arm is not the same; empty if it is."""
+        if not self.inertial:
+            return ""
+        return (
+            f"the recordings contradict each other: {'; '.join(map(str, self.inertial))}: another payload, another "
+            "arm, or a base model that is wrong; diagnose them one by one"
+        )
+
+    @property
+    def preface(self) -> str:
+        """What differs between the recordings without making them another arm's, as the beginning of a sentence."""
+        if self.inertial:
+            return f"{self.refusal}; "
+        if not self.effects:
+            return ""
+        return f"{'; '.join(map(str, self.effects))}: temperature, load or wear; "
+
+    def recordings_json(self) -> list[dict[str, Any]]:
+        return [table.to_json(self.identification) for table in self.tables]
+
+    def inconsistent_json(self) -> list[dict[str, Any]]:
+        return [c.to_json() for c in (*self.inertial, *self.effects)]
+
+
+def compare(identification: Identification, names: Sequence[str], floors: Sequence[float]) -> Tables:
+    """Tables of every recording in a fit of all; names: a file a recording; floors (n,) every joint's noise floor."""
+    numbers = sorted({piece.recording for piece in identification.motion.pieces})
+    if len(numbers) < 2:
+        return Tables(identification)
+    tables = tuple(_table(identification, number, _name(names, number), floors) for number in numbers)
+    model, layout = identification.model, identification.problem.layout
+    inertial = []
+    if not identification.motion.rigid_given:
+        for k, lump in enumerate(model.lumps):
+            estimates = [t.inference.lumps[k] for t in tables]
+            inertial += _apart(identification, tables, None, lump.name, estimates, slice(k, k + 1), floors)
+    effects = []
+    for term, part in layout.slices.items():
+        for parameter in model.library.effects[term.effect].linear:
+            estimates = [t.inference.values[term][parameter.name] for t in tables]
+            effects += _apart(identification, tables, term, parameter.name, estimates, part, floors)
+    return Tables(identification, tables, tuple(inertial), tuple(effects))
+
+
+def _name(names: Sequence[str], number: int) -> str:
+    if number < len(names) and names.count(names[number]) == 1:
+        return names[number]
+    return f"recording {number + 1}"
+
+
+def _table(identification: Identification, number: int, name: str, floors: Sequence[float]) -> Table:
+    """The common structure's linear unknowns from one recording."""
+    common, motion = identification.fit, identification.motion
+    own = replace(motion, pieces=tuple(p for p in motion.pieces if p.recording == number))
+    problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction)
+    problem.weights = common.weights
+    solved = problem.solve(common.shapes, Skew(common.skew))
+    theta = solved.coefficients
+    prediction = problem.prediction(theta, common.shapes)
+    fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights)
+    rms = [np.sqrt(r @ r / max(1, own.moving(i).sum())) for i, r in enumerate(solved.residual)]
+    left = max(float(r) / floor for r, floor in zip(rms, floors, strict=True))
+    return Table(name, fit, infer(problem, fit), left)
+
+
+def _apart(
+    identification: Identification,
+    tables: Sequence[Table],
+    term: Term | None,
+    name: str,
+    estimates: Sequence[Estimate],
+    part: slice,
+    floors: Sequence[float],
+) -> list[Contradiction]:
+    """The two recordings that contradict each other most clearly on one parameter, if any do."""
+    found = []
+    for (one, a), (two, b) in combinations(zip(tables, estimates, strict=True), 2):
+        spread = float(np.hypot(_deviation(a), _deviation(b)))
+        difference = abs(a.value - b.value)
+        material = difference > _MATERIAL * max(abs(a.value), abs(b.value))
+        if spread > 0 and difference > _SIGNIFICANT * spread and material:
+            apart = one.fit.coefficients[part] - two.fit.coefficients[part]
+            if _worth(identification, part, apart, floors):
+                found.append((difference / spread, (one.name, two.name), (a, b)))
+    if not found:
+        return []
+    _, names, pair = max(found, key=lambda item: item[0])
+    return [Contradiction(name, pair[0].unit, term, names, pair)]
+
+
+def _deviation(e: Estimate) -> float:
+    """Standard deviation; infinite where a recording alone does not tell the parameter."""
+    if e.interval is None or not np.all(np.isfinite([e.value, *e.interval])):
+        return float("inf")
+    return (e.interval[1] - e.interval[0]) / _OF_INTERVAL
+
+
+def _worth(identification: Identification, part: slice, apart: Array, floors: Sequence[float]) -> bool:
+    """Whether a difference of coefficients makes more torque than the noise, at some joint."""
+    problem, shapes, motion = identification.problem, identification.fit.shapes, identification.motion
+    for i, floor in enumerate(floors):
+        use = motion.moving(i)
+        torque = (apart @ problem.rows(i, shapes)[0][part])[use]
+        if use.any() and float(np.sqrt(np.mean(torque**2))) > floor:
+            return True
+    return False

@@ -1,0 +1,250 @@
+"""Detection limits: how large an effect would have had to be for these recordings to show it.
+
+Each effect's own torque along the recorded motion is put into the measured torque, and the gates through which
+every candidate must pass decide. The smallest amount that opens them all, and a margin for noise of another draw,
+is the limit. It holds for the shape that is stated with it. What is approximated: an effect would also have changed
+the motion a little, and that is left out; a long recording is represented by the excerpt on which shapes are
+searched, which shows less than the whole does, so that its limits are cautious; rivals of the effect are not asked,
+so that beyond its limit an effect is seen, by its name or by that of another that does the same along this motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.candidates import CandidateField
+from runtime.diagnosis.evidence import CandidateBlock, CandidateRows
+from runtime.diagnosis.gates import LEAST_EFFECT, Weighing, WhitenedGround
+from runtime.estimation import grids
+from runtime.model.loader import Model
+from runtime.model.terms import Term, Values, joints_of, unit_of
+from runtime.wording import quantity
+
+Array = NDArray[np.float64]
+
+_FINE = 1.2
+"""Ratio of an amount that is seen to one that is not, at which a search for the limit ends."""
+_SIGMAS = 1.645
+"""With noise of another draw, 95 % of recordings would still show the effect."""
+_DOUBLINGS = 11
+_NOTHING = 1e-9
+_ITS_OWN = 1.5
+"""Torque over that with the parameter at its weakest: below, others of the shape make it, as the flanks of a gap do."""
+_OF_A_SPRING = ("stiffness", "damping")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A parameter above (or below) which the effect would have been seen, its other parameters as assumed."""
+
+    term: Term
+    parameter: str
+    side: Literal["above", "below"]
+    value: float
+    unit: str
+    assumed: Values = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "effect": self.term.effect,
+            "joint": self.term.joint,
+            "parameter": self.parameter,
+            self.side: self.value,
+            "unit": self.unit,
+            "with": self.assumed,
+        }
+
+    def words(self, model: Model) -> str:
+        """What would have been seen, without the effect's name: `torque more than 0.05 N m, with speed 0.2 rad/s`."""
+        than = "more than" if self.side == "above" else "less than"
+        others = [
+            f"{name.replace('_', ' ')} {quantity(value, unit_of(model, self.term, name), 2)}"
+            for name, value in self.assumed.items()
+        ]
+        text = f"{self.parameter.replace('_', ' ')} {than} {quantity(self.value, self.unit, 3)}"
+        return text + (f", with {', '.join(others)}" if others else "")
+
+
+def of(ground: CandidateField, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
+    """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any.
+
+    floors   (n,) every joint's noise floor
+    """
+    bench = WhitenedGround(ground, ground.excerpt[1], floors, None)
+    own = [term for term in ground.terms() if joints_of(ground.model, term)[0] in joints]
+    found = (_limit(bench, term) for term in own)
+    return [limit for limit in found if limit is not None]
+
+
+def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
+    shapes = bench.field.choices(term)
+    if not shapes:
+        return None
+    shape = _typical(shapes)
+    neutral = _neutral(bench.field.trial(term, shape))
+    return _of_shape(bench, term, shapes) if neutral is None else _of_amount(bench, term, shape, len(shapes), neutral)
+
+
+def _neutral(block: CandidateBlock) -> Array | None:
+    """(k,) coefficients with which a block has no torque: 0 for most, 1 for a scale; None if it always has one."""
+    columns = np.concatenate([part.columns for part in block.parts.values()], axis=1)
+    if not columns[0].any():
+        return np.zeros(len(columns) - 1)
+    found = np.linalg.lstsq(columns[1:].T, -columns[0], rcond=None)[0]
+    return found if np.allclose(found @ columns[1:], -columns[0], atol=_NOTHING * np.abs(columns[0]).max()) else None
+
+
+def _typical(shapes: Sequence[Values]) -> Values:
+    """The choice in the middle of all, by rank of each parameter."""
+    ranks = np.array([np.unique([s[name] for s in shapes], return_inverse=True)[1] for name in shapes[0]], dtype=float)
+    if not len(ranks):
+        return shapes[0]
+    spread = np.maximum(np.ptp(ranks, axis=1, keepdims=True), 1.0)
+    away = np.sum(((ranks - ranks.mean(axis=1, keepdims=True)) / spread) ** 2, axis=0)
+    return shapes[int(np.argmin(away))]
+
+
+def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
+    return all(ok for ok, _ in weighing.figures(added).gates(weighing.floor, at_edge))
+
+
+def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
+    """By the first of the effect's coefficients, the others as without it."""
+    field, library = bench.field, bench.field.model.library
+    weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, field.sample(term, shape))
+    one = np.zeros(1 + len(weighing.block.lower))
+    one[1] = 1.0
+    own = weighing.own(one)
+    if own == 0.0 or weighing.doubts(one):
+        return None
+    start = 0.5 * LEAST_EFFECT * weighing.floor / own
+    # What the noise holds of the torque by chance may only make it harder to see.
+    held, spread = weighing.luck(one)
+    if weighing.block.lower[0] < 0 < held:
+        one, held = -one, -held
+    least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one), start)
+    if least is None:
+        return None
+    values = library.recover(term.effect, neutral + (least + _SIGMAS * spread) * np.abs(one[1:]), shape)
+    name = library.effects[term.effect].linear[0].name
+    rest = {k: v for k, v in values.items() if k != name and np.isfinite(v)}
+    return Limit(term, name, "above", values[name], unit_of(field.model, term, name), rest)
+
+
+def _least(seen: Callable[[float], bool], start: float) -> float | None:
+    """The smallest amount that is seen, to a factor of _FINE; None if none is."""
+    high = next((a for a in start * 2.0 ** np.arange(_DOUBLINGS) if seen(float(a))), None)
+    if high is None:
+        return None
+    low, high = 0.5 * float(high), float(high)
+    while high > _FINE * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if seen(middle) else (middle, high)
+    return high
+
+
+def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Limit | None:
+    """For an effect whose torque grows or vanishes with its first shape parameter: by that parameter."""
+    field = bench.field
+    name, freed = next(iter(shapes[0])), _freed(field, term)
+    by_value = {v: _typical([s for s in shapes if s[name] == v]) for v in sorted({s[name] for s in shapes})}
+    sizes = freed * np.array([_size(bench, term, shape) for shape in by_value.values()])
+    finite = np.flatnonzero(np.isfinite(sizes))
+    if len(finite) < 2:
+        return None
+    rising = bool(sizes[finite[-1]] > sizes[finite[0]])
+    weakest_first = list(zip(by_value.values(), sizes, strict=True))
+    weakest_first = weakest_first if rising else weakest_first[::-1]
+    least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
+
+    def seen(shape: Values) -> bool:
+        weighing = Weighing(bench, term, len(shape), _along_its_own_motion(field, term, shape, freed))
+        whole = np.zeros(1 + len(weighing.block.lower))
+        whole[0] = 1.0
+        if weighing.doubts(whole):
+            return False
+        held, spread = weighing.luck(whole)
+        whole[0] -= max(held, 0.0) + _SIGMAS * spread
+        return _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
+
+    strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
+    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0]))
+    if place is None:
+        return None
+    first = strong[place]
+    shape = weakest_first[first][0]
+    if first > 0:
+        shape = _between(seen, weakest_first[first - 1][0], shape, name)
+    if len(shape) > 1 and freed * _size(bench, term, shape) < _ITS_OWN * np.nanmin(sizes):
+        return None
+    shape = _softened(shape, freed)
+    rest = {k: v for k, v in shape.items() if k != name}
+    side: Literal["above", "below"] = "above" if rising else "below"
+    return Limit(term, name, side, shape[name], unit_of(field.model, term, name), rest)
+
+
+def _first(count: int, seen: Callable[[int], bool]) -> int | None:
+    """The first of `count` places from which on an effect is seen, in strides that double, then halved back."""
+    unseen, place, stride = -1, 0, 1
+    while place < count and not seen(place):
+        unseen, place, stride = place, place + stride, 2 * stride
+    if place >= count:
+        return None
+    while place - unseen > 1:
+        middle = (place + unseen) // 2
+        unseen, place = (unseen, middle) if seen(middle) else (middle, place)
+    return place
+
+
+def _freed(field: CandidateField, term: Term) -> float:
+    """By how much stiffer a transmission has to be for the torque along the recorded motion to be, times the same
+    factor, that along the motion which the motor would have made with it.
+
+    A link on a spring shakes its motor, too: seen from the torque, motor and link resonate against each other, at
+    (J/J_m)^½ times the frequency of the link alone behind a motor that is held. With r the square of a frequency
+    over that of the link alone, the torque J_l r/(1 − r J_m/J) along the motion of the rigid joint.
+    """
+    if "coupling" not in field.model.library.effects[term.effect].signals:
+        return 1.0
+    own = joints_of(field.model, term)[0]
+    rotor = field.model.joints[own].rotor_inertia
+    link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in field.excerpt[0].signals])))
+    return (rotor + link) / rotor if rotor > 0 < link else 1.0
+
+
+def _softened(shape: Values, freed: float) -> Values:
+    return {k: v / freed if k in _OF_A_SPRING else v for k, v in shape.items()}
+
+
+def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, freed: float) -> CandidateBlock:
+    """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
+    block = field.sample(term, shape)
+    if freed == 1.0:
+        return block
+    noisy = field.sample(term, _softened(shape, freed)).parts
+    parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in block.parts.items()}
+    return replace(block, parts=parts)
+
+
+def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
+    """The weakest shape that is seen between one that is not and one that is, to a factor of _FINE."""
+    while max(shape[name], unseen[name]) > _FINE * min(shape[name], unseen[name]):
+        middle = {k: float(np.sqrt(shape[k] * unseen[k])) for k in shape}
+        shape, unseen = (middle, unseen) if seen(middle) else (shape, middle)
+    return shape
+
+
+def _size(bench: WhitenedGround, term: Term, shape: Values) -> float:
+    """RMS at its own joint of what the base cannot take over of an effect's torque without free coefficients."""
+    field, ground = bench.field, bench.ground
+    own = joints_of(field.model, term)[0]
+    parts = {i: part.columns[0] for i, part in field.trial(term, shape).parts.items()}
+    if not all(np.isfinite(torque).all() for torque in parts.values()):
+        return float("nan")
+    kept, _ = field.without(ground, field.replaced(term)).own(parts)
+    return field.rms(own) * float(np.sqrt(kept / max(1, ground.rows[own].count)))

@@ -1,0 +1,268 @@
+"""Which physical effect is missing? From a fitted model's residual to named, ranked findings, or to silence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from runtime.diagnosis import consistency, detection_limits, telling_signals
+from runtime.diagnosis.gates import Verdict
+from runtime.diagnosis.grammar_search import Wider, best
+from runtime.diagnosis.remainder import after_effect, physics, remainder
+from runtime.diagnosis.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
+from runtime.estimation.compare import warnings
+from runtime.estimation.covariance import Inference
+from runtime.estimation.identify import prepared
+from runtime.model.loader import Model
+from runtime.model.terms import structure
+from runtime.motion.motion import Motion, prepare
+from runtime.recordings.recording import Recording, RecordingError
+
+_LEAST_EXPLAINED = 0.5
+"""Part of what is above the noise floor that findings must explain where physics is left after them."""
+_DISAGREES = 0.05
+_FAR_MORE = 1.8
+"""Evidence (fall of BIC) of a guess over that of the findings from which these are taken to stand for it."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict on a model and recordings. `steps`: the model as given, then with each finding added."""
+
+    verdict: Literal["effect", "clean", "unexplained", "refused"]
+    reason: str
+    steps: tuple[Step, ...]
+    findings: tuple[Finding, ...]
+    last: Verdict
+    seen: tuple[detection_limits.Limit, ...]
+    recordings: consistency.Tables | None = None
+
+    @property
+    def model(self) -> Model:
+        return self.steps[0].identification.model
+
+    def to_json(self) -> dict[str, Any]:
+        """As `tendon diagnose --json`."""
+        band = self.steps[0].identification.motion.band
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
+            "skew": self.steps[-1].identification.inference.skew_json(),
+            "joints": [s.to_json() for s in self.steps[0].joints],
+            "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
+            "findings": [finding_json(self, k) for k in range(len(self.findings))],
+            "ruled_out": _ranking(self.last),
+            "would_have_seen": [limit.to_json() for limit in self.seen],
+            "recordings": [] if self.recordings is None else self.recordings.recordings_json(),
+            "inconsistent": [] if self.recordings is None else self.recordings.inconsistent_json(),
+            "warnings": warnings(self.steps[-1].identification),
+        }
+
+
+def inertial_json(model: Model, inference: Inference) -> list[dict[str, Any]]:
+    return inference.to_json(model)["inertial"]
+
+
+def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
+    finding = diagnosis.findings[number]
+    i = finding.joint_index
+    info = diagnosis.model.library.effects[finding.term.effect]
+    later = {f.joint_index for f in diagnosis.findings[number + 1 :]}
+    values = diagnosis.steps[-1].identification.inference.values.get(finding.term, {})
+    held = [None if s.held_out is None else s.held_out.rms[i] for s in (finding.before, finding.after)]
+    return {
+        "effect": finding.term.effect,
+        "joint": finding.term.joint,
+        "share": finding.share(),
+        "rms_before": finding.before.fitted.rms[i],
+        "rms_after": finding.after.fitted.rms[i],
+        "held_out_before": held[0],
+        "held_out_after": held[1],
+        "evidence": finding.evidence.to_json(),
+        "parameters": {name: e.to_json() for name, e in values.items()},
+        "rivals": [{"effect": t.effect, "joint": t.joint} for t in finding.rivals],
+        "missing_signals": telling_signals.to_json(absent(diagnosis, number)),
+        "ranking": _ranking(finding.verdict),
+        "experiment": info.experiment,
+        "remainder": after_effect(diagnosis.steps[-1], i, info) if i not in later else None,
+    }
+
+
+def absent(diagnosis: Diagnosis, number: int) -> tuple[telling_signals.Missing, ...]:
+    """The signals that are not in the recordings and would tell a finding from its rivals."""
+    finding, motion = diagnosis.findings[number], diagnosis.steps[0].identification.motion
+    return telling_signals.missing(diagnosis.model, motion, finding.term, finding.rivals)
+
+
+def _ranking(verdict: Verdict) -> list[dict[str, Any]]:
+    """Every finalist with what speaks for it and which gates it failed."""
+    return [{"effect": e.term.effect, "joint": e.term.joint, "evidence": e.to_json()} for e in verdict.ranked]
+
+
+def diagnose(
+    model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = (), wider: Wider | None = None
+) -> Diagnosis:
+    """Fit the model file's structure, then name what is missing, the first first, or say why nothing can be named.
+
+    wider   asked for where findings leave something: a guess that explains far more says that physics is missing
+            which the library does not have, and that the effects that came nearest only stand for it
+    """
+    search = begin(model, recordings, held_out)
+    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
+        pass
+    return conclude(search, wider)
+
+
+def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
+    """A search on recordings; the held-out ones are judged in the same band and never fitted."""
+    motion = prepared(model, recordings)
+    search = Search(model, motion, _held_out(motion, held_out, model) if held_out else None)
+    search.names = tuple(r.path.name for r in recordings)
+    search.start(structure(model))
+    return search
+
+
+def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
+    motion = prepare(recordings, fitted.band, model.library)
+    if motion.rigid_given != fitted.rigid_given:
+        has, lacks = ("has", "do not") if motion.rigid_given else ("has no", "do")
+        raise RecordingError(
+            f"{recordings[0].path}: {has} tau1_rigid and the recordings that are fitted {lacks}; "
+            "give the rigid-body torque in all of them or in none"
+        )
+    return motion
+
+
+def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
+    """The verdict, once nothing more passes the gates; `wider` as for `diagnose`."""
+    step = search.steps[-1]
+    compared = consistency.compare(step.identification, search.names, [s.floor.spectrum for s in step.joints])
+    verdict, reason = _verdict(search, compared)
+    outdone = _outdone(search, wider) if verdict == "effect" and wider else None
+    if outdone:
+        verdict, reason = "unexplained", compared.preface + outdone
+    ground = search.ground()
+    able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
+    seen = tuple(detection_limits.of(ground, step.floors, able))
+    named = {f.term for f in search.findings}
+    findings = tuple(
+        replace(f, rivals=tuple(t for t in f.rivals if t not in named))
+        for f in (search.findings if verdict == "effect" else ())
+    )
+    steps = tuple(search.steps if findings else search.steps[:1])
+    return Diagnosis(verdict, reason, steps, findings, _withheld(search, verdict), seen, compared)
+
+
+def _withheld(search: Search, verdict: str) -> Verdict:
+    """The last comparison; findings that recordings of different arms made are in it as ruled out."""
+    if verdict != "refused" or not search.findings:
+        return search.last
+    named = {f.term for f in search.findings}
+    why = "the recordings contradict each other, so that what is missing in which of them is not known"
+    mine = tuple(replace(f.evidence, failed=(*f.evidence.failed, why)) for f in search.findings)
+    return Verdict((*mine, *(e for e in search.last.ranked if e.term not in named)), ())
+
+
+def _verdict(
+    search: Search, compared: consistency.Tables
+) -> tuple[Literal["effect", "clean", "unexplained", "refused"], str]:
+    first, last = search.steps[0], search.steps[-1]
+    disagreement = _disagreement(search.model, last.identification.inference)
+    preface = compared.preface + disagreement
+    if compared.refusal and (compared.each_is_noise or not any(physics(last, i) for i in range(search.model.n))):
+        return "refused", disagreement + compared.refusal
+    for i in {f.joint_index for f in search.findings}:
+        rest = physics(last, i)
+        if rest and _explained(first, last, i) < _LEAST_EXPLAINED:
+            near = ", ".join(str(f.term) for f in search.findings if f.joint_index == i)
+            share = 100 * _explained(first, last, i)
+            return "unexplained", (
+                f"{preface}joint {i + 1}: {near} comes nearest, but explains only {share:.0f} % of what is above the "
+                f"noise: {rest}"
+            )
+    if search.findings:
+        found = "; ".join(_sentence(f) for f in search.findings)
+        return "effect", f"{preface}the model lacks {found}"
+    refusal = _refusal(first)
+    if refusal:
+        return "refused", preface + refusal
+    for i in range(search.model.n):
+        rest = remainder(first, i)
+        if rest:
+            return "unexplained", f"{preface}joint {i + 1}: no effect of the library explains the residual: {rest}"
+    text = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in last.joints)
+    return "clean", f"{preface}the residual is noise ({text}): the recordings show no missing effect"
+
+
+def _outdone(search: Search, wider: Wider) -> str | None:
+    """That a guess explains far more than the findings at its joint, which leave something; None if none does."""
+    first, last = search.steps[0], search.steps[-1]
+    for i in sorted({f.joint_index for f in search.findings}):
+        here = [f for f in search.findings if f.joint_index == i]
+        if not after_effect(last, i, search.model.library.effects[here[-1].term.effect]):
+            continue
+        found = best(first, *wider(), (i,))
+        named = sum(f.evidence.delta_bic for f in here)
+        if found is None or found.finding.evidence.delta_bic < _FAR_MORE * named:
+            continue
+        if found.finding.after.fitted.rms[i] < last.fitted.rms[i]:
+            info = found.finding.after.identification.model.library.effects[found.term.effect]
+            return (
+                f"joint {i + 1}: {', '.join(str(f.term) for f in here)} came nearest, but a term that no effect of the "
+                f"library has explains far more, {info.equation}: physics is missing that is not in the library"
+            )
+    return None
+
+
+def _explained(first: Step, last: Step, joint: int) -> float:
+    """Part of a joint's squared error above the noise floor that is gone."""
+    before, after, floor = first.fitted.rms[joint], last.fitted.rms[joint], first.joints[joint].floor.value
+    return (before**2 - after**2) / max(before**2 - floor**2, before**2 - after**2, 1e-300)
+
+
+def _sentence(finding: Finding) -> str:
+    i = finding.joint_index
+    where = f" at joint {finding.term.joint}" if finding.term.joint is not None else ""
+    before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
+    text = f"{finding.term.effect}{where} (error {100 * before:.2f} % to {100 * after:.2f} %)"
+    if finding.rivals:
+        text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
+    return text
+
+
+def _refusal(step: Step) -> str | None:
+    """Why the data cannot decide; None if they can."""
+    motion, inference = step.identification.motion, step.identification.inference
+    seconds = [seconds_moving(motion, i) for i in range(motion.n)]
+    if max(seconds) < LEAST_MOVING_S:
+        return f"the joints move for {max(seconds):.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
+    able = [s >= LEAST_MOVING_S for s in seconds]
+    tangled = [
+        f"{term} {name}"
+        for term, values in inference.values.items()
+        for name, e in values.items()
+        if e.with_others and (term.joint is None or able[term.joint - 1])
+    ]
+    # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
+    tangled += [
+        lump.name
+        for lump, e in zip(step.identification.model.lumps, inference.lumps, strict=True)
+        if e.with_others and all(able)
+    ]
+    if tangled:
+        return f"the motion does not separate {', '.join(tangled)}; move over more speeds, accelerations and positions"
+    return None
+
+
+def _disagreement(model: Model, inference: Inference) -> str:
+    """Inertial parameters of the file that the data contradict, as the beginning of a sentence."""
+    wrong = []
+    for lump, e in zip(model.lumps, inference.lumps, strict=True):
+        if e.interval is None:
+            continue
+        outside = not e.interval[0] <= lump.value <= e.interval[1]
+        if outside and abs(e.value - lump.value) > _DISAGREES * abs(lump.value):
+            wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
+    return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""

@@ -1,0 +1,370 @@
+"""Statistics of nested linear models on autocorrelated rows: cross-validation, whitening, BIC, Vuong.
+
+A `Ground` holds the torques of all joints and the base model's regressors, with unknowns that joints share
+(the base inertial parameters) standing once; a candidate adds a block of columns on the joints on which it
+acts. Regressors are computed from measured positions and so carry noise. Every Gram matrix is compensated
+for it (bias-compensated least squares, Stoica & Söderström 1982): the Gram matrix of a realisation of that
+noise is subtracted. Without this, any candidate that can switch the inertia off where the motion is slow
+"explains" the encoder's noise. The noise that the base model lets through is then added to every error
+as a constant, so that errors stay those of real residuals and their ratios are not exaggerated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.folds import FOLDS, NormalEquations
+from runtime.estimation.least_squares import bounded, inverse
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MOST_LAGS = 12
+LEAST_OWN = 1e-4
+"""Part of a column's square that the base must leave of it for the column to count as the candidate's own."""
+
+
+@dataclass(frozen=True)
+class CandidateRows:
+    """A candidate's rows at one joint: its torque without free coefficients and its columns, (1 + k, M).
+
+    noise: what encoder noise adds to them; None as long as it is not asked for.
+    """
+
+    columns: Array
+    noise: Array | None = None
+
+
+@dataclass(frozen=True)
+class CandidateBlock:
+    """A candidate at one choice of its shape: its parts by joint (0-based) and bounds (k,) of its coefficients."""
+
+    parts: Mapping[int, CandidateRows]
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Least squares of base and candidate.
+
+    sse           over the used rows, weighted
+    coefficients  (B + k,), the base's first
+    residual      per joint (M,), unweighted, zero in rows that do not count
+    """
+
+    sse: float
+    coefficients: Array
+    residual: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One joint's equations.
+
+    y (M,), base (b, M), noise (b + 1, M) of base and y; index (b,): which unknowns of the ground the base's
+    columns belong to; use (M,): rows that count, at least some; piece (M,): the stretch of time of a row;
+    weight: 1/σ of the joint.
+    """
+
+    y: Array
+    base: Array
+    noise: Array
+    index: NDArray[np.intp]
+    use: Mask
+    piece: NDArray[np.intp]
+    weight: float
+
+    @cached_property
+    def count(self) -> int:
+        return int(self.use.sum())
+
+    @cached_property
+    def folds(self) -> list[slice]:
+        """FOLDS contiguous stretches of time with equally many used rows, in places of the used rows."""
+        edges = np.linspace(0, self.count, FOLDS + 1).astype(int)
+        return [slice(int(lo), int(hi)) for lo, hi in pairwise(edges)]
+
+    def used(self, x: Array) -> Array:
+        """Weighted used rows of x (..., M)."""
+        return np.ascontiguousarray(x[..., self.use]) * self.weight
+
+    @cached_property
+    def stack(self) -> Array:
+        """Base and torque, (b + 1, count), weighted."""
+        return self.used(np.vstack([self.base, self.y]))
+
+    @cached_property
+    def stack_noise(self) -> Array:
+        return self.used(self.noise)
+
+    def whiten(self, x: Array, ar: Array) -> Array:
+        """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
+        x = np.where(self.use, x, 0.0)
+        out = ar[0] * x
+        edges = [0, *(np.flatnonzero(np.diff(self.piece)) + 1), len(self.piece)]
+        for start, stop in pairwise(edges):
+            for lag in range(1, len(ar)):
+                out[..., start + lag : stop] += ar[lag] * x[..., start : max(start, stop - lag)]
+        return np.where(self.use, out, 0.0)
+
+    def autoregression(self, residual: Array) -> Array:
+        """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
+        covariance = np.zeros(_MOST_LAGS + 1)
+        r = np.where(self.use, residual, 0.0)
+        for lag in range(min(_MOST_LAGS, len(r) - 1) + 1):
+            pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
+            covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
+        return _levinson(covariance, self.count)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The base model's equations at all joints; lower and upper (B,) bound its unknowns.
+
+    level (FOLDS,): squared error that the regressors' noise makes under the base model, a constant of all candidates.
+    """
+
+    rows: tuple[Rows, ...]
+    lower: Array
+    upper: Array
+    level: Array = field(default_factory=lambda: np.zeros(FOLDS))
+
+    @classmethod
+    def levelled(cls, rows: tuple[Rows, ...], lower: Array, upper: Array) -> Ground:
+        """A ground with the noise level that follows from its own base model."""
+        plain = cls(rows, lower, upper)
+        theta = plain.solve().coefficients
+        level = np.zeros(FOLDS)
+        for row in rows:
+            through = np.append(theta[row.index], -1.0) @ row.stack_noise
+            level += [float(through[part] @ through[part]) for part in row.folds]
+        return replace(plain, level=level)
+
+    @property
+    def size(self) -> int:
+        return len(self.lower)
+
+    @cached_property
+    def fold_sizes(self) -> Array:
+        return np.array([sum(r.folds[f].stop - r.folds[f].start for r in self.rows) for f in range(FOLDS)], dtype=float)
+
+    @cached_property
+    def _base_grams(self) -> Array:
+        """(FOLDS, B + 1, B + 1) of base and torque, compensated."""
+        out = np.zeros((FOLDS, self.size + 1, self.size + 1))
+        for row in self.rows:
+            at = np.ix_(np.append(row.index, self.size), np.append(row.index, self.size))
+            for f, part in enumerate(row.folds):
+                s, n = row.stack[:, part], row.stack_noise[:, part]
+                out[f][at] += s @ s.T - n @ n.T
+        return out
+
+    def moments(self, block: CandidateBlock) -> Array:
+        """(FOLDS, B + k + 2, B + k + 2) of base, the block's fixed part, its columns and the torque."""
+        b, k = self.size, len(block.lower)
+        own, order = slice(b, b + k + 1), [*range(b), b + k + 1]
+        out = np.zeros((FOLDS, b + k + 2, b + k + 2))
+        out[np.ix_(range(FOLDS), order, order)] = self._base_grams
+        for joint, part in block.parts.items():
+            row = self.rows[joint]
+            x = row.used(part.columns)
+            noise = None if part.noise is None else row.used(part.noise)
+            index = np.append(row.index, b + k + 1)
+            for f, where in enumerate(row.folds):
+                o = x[:, where]
+                cross, square = o @ row.stack[:, where].T, o @ o.T
+                if noise is not None:
+                    cross -= noise[:, where] @ row.stack_noise[:, where].T
+                    square -= noise[:, where] @ noise[:, where].T
+                out[f][own, index] += cross
+                out[f][own, own] += square
+        out[:, :b, own] = np.swapaxes(out[:, own, :b], 1, 2)
+        out[:, -1, own] = out[:, own, -1]
+        return out
+
+    def posed(self, moments: Array, block: CandidateBlock | None, added: Array | None = None) -> NormalEquations:
+        """Equations of the base with a block (None: without it) out of the moments of a block.
+
+        added   (1 + k,) parts of the block's torque and columns that are put into the measured torque first
+        """
+        b, k = self.size, moments.shape[1] - self.size - 2
+        kept = b if block is None else b + k
+        into = np.zeros((b + k + 2, kept + 1))
+        into[range(b), range(b)] = into[-1, -1] = 1.0
+        if added is not None:
+            into[b:-1, -1] += added
+        if block is not None:
+            into[range(b + 1, b + k + 1), range(b, b + k)] = 1.0
+            into[b, -1] -= 1.0
+        lower = self.lower if block is None else np.append(self.lower, block.lower)
+        upper = self.upper if block is None else np.append(self.upper, block.upper)
+        return NormalEquations(into.T @ moments @ into, lower, upper, self.level, self.fold_sizes)
+
+    def equations(self, block: CandidateBlock | None = None) -> NormalEquations:
+        """Of the base with a block, or without one."""
+        if block is None:
+            return self._base_equations
+        return self.posed(self.moments(block), block)
+
+    @cached_property
+    def _base_equations(self) -> NormalEquations:
+        return NormalEquations(self._base_grams, self.lower, self.upper, self.level, self.fold_sizes)
+
+    def solve(self, block: CandidateBlock | None = None) -> Solution:
+        """Least squares on the used rows, every coefficient within its bounds."""
+        found = self.equations(block)
+        return Solution(found.sse, found.coefficients, self.residual(found.coefficients, block))
+
+    def residual(self, theta: Array, block: CandidateBlock | None) -> tuple[Array, ...]:
+        """Per joint (M,), unweighted, zero in rows that do not count."""
+        found = []
+        for joint, row in enumerate(self.rows):
+            r = row.y - theta[row.index] @ row.base
+            if block is not None and joint in block.parts:
+                r = r - np.append(1.0, theta[self.size :]) @ block.parts[joint].columns
+            found.append(np.where(row.use, r, 0.0))
+        return tuple(found)
+
+    def whitened(self, ar: Sequence[Array]) -> Ground:
+        """The same ground through an autoregressive filter (1, a1, ...) a joint."""
+        rows = tuple(
+            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a))
+            for r, a in zip(self.rows, ar, strict=True)
+        )
+        return Ground.levelled(rows, self.lower, self.upper)
+
+    def whiten_block(self, block: CandidateBlock, ar: Sequence[Array]) -> CandidateBlock:
+        parts = {
+            j: CandidateRows(
+                self.rows[j].whiten(p.columns, ar[j]),
+                None if p.noise is None else self.rows[j].whiten(p.noise, ar[j]),
+            )
+            for j, p in block.parts.items()
+        }
+        return replace(block, parts=parts)
+
+    def without(self, unknowns: Sequence[int]) -> Ground:
+        """The same ground with these unknowns of the base at zero; its noise level stays."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[list(unknowns)] = upper[list(unknowns)] = 0.0
+        return replace(self, lower=lower, upper=upper)
+
+    @cached_property
+    def _projection(self) -> tuple[Array, tuple[tuple[Array, Array], ...]]:
+        """Pseudo-inverse (B, B) of the base's Gram matrix over unknowns that are free, and per joint the base's
+        residual and what noise adds to it."""
+        gram = self._base_grams.sum(axis=0)[:-1, :-1]
+        theta = self.solve().coefficients
+        free = np.flatnonzero((theta > self.lower) & (theta < self.upper))
+        projection = np.zeros_like(gram)
+        projection[np.ix_(free, free)] = inverse(gram[np.ix_(free, free)])
+        left = (np.append(-theta[r.index], 1.0) for r in self.rows)
+        return projection, tuple((d @ r.stack, d @ r.stack_noise) for d, r in zip(left, self.rows, strict=True))
+
+    def gain(self, block: CandidateBlock) -> float:
+        """By how much the block lowers the squared error, quickly: for grids. Its noise counts where it is given."""
+        projection, left = self._projection
+        k = len(block.lower)
+        moment, square = np.zeros(k + 1), np.zeros((k + 1, k + 1))
+        cross = np.zeros((k + 1, self.size))
+        for joint, part in block.parts.items():
+            row = self.rows[joint]
+            x = row.used(part.columns)
+            moment += x @ left[joint][0]
+            square += x @ x.T
+            cross[:, row.index] += x @ row.stack[:-1].T
+            if part.noise is not None:
+                noise = row.used(part.noise)
+                moment -= noise @ left[joint][1]
+                square -= noise @ noise.T
+                cross[:, row.index] -= noise @ row.stack_noise[:-1].T
+        own = square - cross @ projection @ cross.T
+        seen = np.diagonal(own) > LEAST_OWN * np.diagonal(square)
+        if not seen[0]:
+            moment[0] = own[0] = own[:, 0] = 0.0
+        fall = 2 * moment[0] - own[0, 0]
+        columns = np.flatnonzero(seen[1:]) + 1
+        if len(columns):
+            target = moment[columns] - own[columns, 0]
+            inner = own[np.ix_(columns, columns)]
+            theta = bounded(inner, target, block.lower[columns - 1], block.upper[columns - 1])
+            fall += float(theta @ (2 * target - inner @ theta))
+        return float(fall)
+
+    def beyond(self, torques: Mapping[int, Array]) -> Array:
+        """(count,) weighted rows of all joints: what the base cannot take over of torques (M,) by joint."""
+        projection, _ = self._projection
+        used = {joint: self.rows[joint].used(torque) for joint, torque in torques.items()}
+        cross = np.zeros(self.size)
+        for joint, x in used.items():
+            cross[self.rows[joint].index] += self.rows[joint].stack[:-1] @ x
+        taken = projection @ cross
+        return np.concatenate(
+            [used.get(joint, 0.0) - taken[row.index] @ row.stack[:-1] for joint, row in enumerate(self.rows)]
+        )
+
+    def own(self, torques: Mapping[int, Array]) -> tuple[float, float]:
+        """Weighted squares of what the base cannot take over of torques (M,) by joint, and of them whole."""
+        projection, _ = self._projection
+        square, cross = 0.0, np.zeros(self.size)
+        for joint, torque in torques.items():
+            row = self.rows[joint]
+            x = row.used(torque)
+            square += float(x @ x)
+            cross[row.index] += row.stack[:-1] @ x
+        return max(square - float(cross @ projection @ cross), 0.0), square
+
+    def held(self, moments: Array, theta: Array) -> tuple[float, float]:
+        """How much of a torque the measurement holds beside the base, and its standard deviation if rows are white.
+
+        moments of a block; theta (1 + k,) parts of its fixed part and columns in that torque
+        """
+        whole, b = moments.sum(axis=0), self.size
+        projection, _ = self._projection
+        left = whole[b:-1] - whole[b:-1, :b] @ projection @ whole[:b]
+        kept, cross = float(theta @ left[:, b:-1] @ theta), float(theta @ left[:, -1])
+        if kept <= 0:
+            return 0.0, float("inf")
+        equations = self.equations()
+        return cross / kept, float(np.sqrt(max(equations.sse, 0.0) / equations.count / kept))
+
+
+def _levinson(covariance: Array, count: int) -> Array:
+    """Autoregressive filter of the order that BIC chooses."""
+    ar: Array = np.array([1.0])
+    error = float(covariance[0])
+    best, best_score = ar, count * np.log(max(error, 1e-300))
+    for order in range(1, len(covariance)):
+        if error <= 0:
+            break
+        reflection = -float(ar @ covariance[order:0:-1]) / error
+        ar = np.append(ar, 0.0) + reflection * np.append(ar, 0.0)[::-1]
+        error *= 1 - reflection**2
+        if error <= 0:
+            break
+        score = count * np.log(error) + order * np.log(count)
+        if score < best_score:
+            best, best_score = ar, score
+    return best
+
+
+def vuong(better: Array, worse: Array) -> float:
+    """Vuong's statistic of two residuals (N,) with a variance robust to autocorrelation.
+
+    Source: Vuong 1989; Newey & West 1987 for the variance.
+    """
+    variance = float(better @ better) / len(better)
+    gain = (worse**2 - better**2) / (2 * variance)
+    centred = gain - gain.mean()
+    lags = int(4 * (len(gain) / 100) ** (2 / 9)) + 1
+    spread = float(centred @ centred)
+    for lag in range(1, lags + 1):
+        spread += 2 * (1 - lag / (lags + 1)) * float(centred[lag:] @ centred[:-lag])
+    return float(gain.sum() / np.sqrt(max(spread, 1e-300)))

@@ -1,0 +1,238 @@
+"""What further sensors say of a candidate: a link-side encoder and a torque sensor at a joint's output.
+
+The torque by which a link lags behind its motor is -D (qdd - qdd_link), D the inertia on the link side: with an
+encoder on both sides it is measured, whatever the law of the transmission. A torque sensor at the output feels
+what acts on the link and nothing of what acts on the motor. Both are kept out of the fit, so that what they say is
+independent evidence: a candidate's torque, as the motor torque asks for it, is sought in what they measure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.candidates import Candidate, CandidateField
+from runtime.diagnosis.evidence import FOLDS, LEAST_OWN, CandidateBlock, Ground
+from runtime.estimation.regressors import Regressors, Signals
+from runtime.model.terms import Term, joints_of
+from runtime.motion.motion import Piece
+
+Array = NDArray[np.float64]
+
+HALF = 0.5
+"""Between all of a candidate's torque and none of it."""
+LEAST_LAG = 0.3
+"""Part of its torque below which the lag contradicts a transmission: inertia that is not well known scales the lag."""
+_SIGMAS = 3.0
+_LOADED = 0.25
+"""Part of the largest transmitted torque above which both flanks of a gap are surely touched."""
+_OF_TWIST = 0.2
+"""Part of the twist's spread below which a wrong gap is a matter of its value and not of its being there."""
+
+
+@dataclass(frozen=True)
+class Echo:
+    """How much of a candidate's torque another sensor shows: 1 all of it, 0 nothing; with its standard error."""
+
+    part: float
+    spread: float
+
+    def above(self, part: float) -> bool:
+        return self.part - _SIGMAS * self.spread > part
+
+    def below(self, part: float) -> bool:
+        return self.part + _SIGMAS * self.spread < part
+
+    def __str__(self) -> str:
+        return f"{100 * self.part:.0f} ± {100 * _SIGMAS * self.spread:.0f} % of its torque".replace("-", "−")
+
+
+def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -> Echo | None:
+    """Of a torque (N,) in what was measured (N,), both beyond what a base explains; None without any torque.
+
+    noise   what encoder noise adds to each of them: it is compensated for as in `evidence`
+    The standard error holds for autocorrelated residuals (scores summed over stretches; Liang & Zeger 1986).
+    """
+    square, cross = float(torque @ torque), float(torque @ seen)
+    if noise is not None:
+        square, cross = square - float(noise[0] @ noise[0]), cross - float(noise[0] @ noise[1])
+    if square <= 0:
+        return None
+    part = cross / square
+    score = torque * (seen - part * torque)
+    sums = np.array([fold.sum() for fold in np.array_split(score, FOLDS)])
+    return Echo(part, float(np.sqrt(FOLDS / (FOLDS - 1) * (sums @ sums))) / square)
+
+
+@dataclass
+class FurtherSensors:
+    """The further sensors of a field's motion, asked about its candidates."""
+
+    field: CandidateField
+
+    def __post_init__(self) -> None:
+        self._lags: dict[tuple[int, bool], dict[int, Array]] = {}
+
+    def doubts(self, ground: Ground, candidate: Candidate, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
+        """What the sensors hold against a candidate with coefficients (1 + k,) `theta`, in words and figures."""
+        term = candidate.term
+        lag = self._transmission(ground, term, block, theta)
+        return (*lag, *self._play(candidate), *self._output(ground, term, block, theta))
+
+    # the link-side encoder -------------------------------------------------------------------------------------------
+
+    def _transmission(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
+        model, motion = self.field.model, self.field.motion
+        gives_way = self._gives_way(term)
+        places = joints_of(model, term)[:1] if gives_way else range(model.n)
+        sensed = [i for i in places if motion.has("twist", i)]
+        if not sensed:
+            return ()
+        torque = ground.beyond({i: theta @ p.columns for i, p in block.parts.items()})
+        noise = ground.beyond({i: theta @ p.noise for i, p in block.parts.items() if p.noise is not None})
+        lag, lag_noise = (ground.beyond(self._lag(sensed, noisy)) for noisy in (False, True))
+        found = echo(torque, lag, (noise, lag_noise))
+        if found is None:
+            return ()
+        if gives_way and found.below(LEAST_LAG):
+            return (f"the link-side encoder does not show it: the link lags by {found}",)
+        if not gives_way and found.above(HALF):
+            return (f"the link-side encoder shows that the transmission gives way instead: the lag makes up {found}",)
+        return ()
+
+    def _play(self, candidate: Candidate) -> tuple[str, ...]:
+        """Whether the measured twist and the candidate's are a gap apart: a step between the two directions of the
+        transmitted torque, beside all that a spring, linear or hardening, makes of that torque."""
+        model, motion, own = self.field.model, self.field.motion, (candidate.term.joint or 1) - 1
+        if not self._gives_way(candidate.term) or not motion.has("twist", own):
+            return ()
+        twists, loads = [], []
+        for signals, piece in zip(self.field.regressors.signals, motion.pieces, strict=True):
+            deflection = signals.deflection(candidate.term, candidate.shape)
+            if deflection is None or piece.sensors.twist is None:
+                return ()
+            twists.append(piece.in_band(np.array([piece.sensors.twist[own], deflection])))
+            loads.append(piece.in_band(np.asarray(signals.get("load", own))))
+        both = np.concatenate(twists, axis=1)
+        carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
+        largest = float(np.quantile(np.abs(carried), 0.99))
+        use = motion.moving(own) & (np.abs(carried) > _LOADED * largest)
+        torque = carried[use] / largest
+        base = np.array([np.ones_like(torque), torque, torque**3])
+        step = _beyond(base, np.sign(torque))
+        there, has = (echo(step, _beyond(base, x[use])) for x in both)
+        if there is None or has is None:
+            return ()
+        # No gap is negative; what comes out below zero is how far a spring's curve departs from a cubic.
+        shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
+        apart, spread = shown - modelled, _SIGMAS * float(np.hypot(there.spread, has.spread))
+        alike = min(shown, modelled) > HALF * max(shown, modelled)
+        if apart > 0 and model.library.effects[candidate.term.effect].generalises:
+            # It is more than a spring: a wider gap is a matter of its values.
+            return ()
+        if alike or abs(apart) < max(spread, _OF_TWIST * float(np.std(both[0, use]))):
+            return ()
+        unit = model.joints[own].position_unit
+        play = f"{abs(2 * apart):.2g} ± {2 * spread:.1g} {unit}"
+        return (f"the link-side encoder shows {play} {'more' if apart > 0 else 'less'} play than it has",)
+
+    def _lag(self, joints: list[int], noise: bool) -> dict[int, Array]:
+        """(M,) by joint: torque that the links of some joints (0-based) do not take because they lag behind, beyond
+        what the fitted model holds of it; or what encoder noise adds to it."""
+        total = {i: np.zeros(len(self.field.motion.row_piece)) for i in range(self.field.model.n)}
+        for own in joints:
+            if (own, noise) not in self._lags:
+                self._lags[own, noise] = self._lag_of(own, noise)
+            for i, torque in self._lags[own, noise].items():
+                total[i] += torque
+        return total
+
+    def _lag_of(self, own: int, noise: bool) -> dict[int, Array]:
+        regressors = self.field.regressors
+        plain = self._measured_lag(regressors, own)
+        if noise:
+            read_again = self._measured_lag(regressors.perturbed, own)
+            return {i: read_again[i] - plain[i] for i in plain}
+        known = self.field.problem.layout.terms
+        for term in (t for t in known if t.joint == own + 1 and self._gives_way(t)):
+            for i in plain:
+                plain[i] = plain[i] - self._torque(regressors, term, i)
+        return plain
+
+    def _measured_lag(self, regressors: Regressors, own: int) -> dict[int, Array]:
+        def torque(signals: Signals, piece: Piece, joint: int) -> Array:
+            assert piece.sensors.twist_qdd is not None
+            return piece.in_band(-signals.coupling(joint, own) * piece.sensors.twist_qdd[own])
+
+        pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
+        return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
+
+    def _gives_way(self, term: Term) -> bool:
+        return "coupling" in self.field.model.library.effects[term.effect].signals
+
+    def _torque(self, regressors: Regressors, term: Term, joint: int) -> Array:
+        """(M,) of a term of the fitted model, in the band."""
+        columns = regressors.columns(term, joint, self.field.fit.shapes[term])
+        return np.append(1.0, self.field.fit.coefficients[self.field.problem.layout.slices[term]]) @ columns
+
+    # the torque sensor at the output ---------------------------------------------------------------------------------
+
+    def _output(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
+        side = self.field.model.library.effects[term.effect].side
+        sensed = [i for i in block.parts if self.field.motion.has("tau_link", i)]
+        if side is None or not sensed:
+            return ()
+        torques, seen = [], []
+        for i in sensed:
+            base, measured = self._sensed(i)
+            use = ground.rows[i].use
+            # What the model of the motor torque takes over of the candidate says nothing of it here either.
+            base = np.vstack([ground.rows[i].base, base])[:, use]
+            torque = (theta @ block.parts[i].columns)[use]
+            own = _beyond(base, torque)
+            if float(own @ own) > LEAST_OWN * float(torque @ torque):
+                torques.append(own)
+                seen.append(_beyond(base, measured[use]))
+        found = echo(np.concatenate(torques), np.concatenate(seen)) if torques else None
+        if found is None:
+            return ()
+        if side == "link" and found.below(HALF):
+            return (f"the torque sensor at the output does not feel it, as it would on the link: {found}",)
+        if side == "motor" and found.above(HALF):
+            return (f"the torque sensor at the output feels it, as it would not on the motor: {found}",)
+        return ()
+
+    def _sensed(self, joint: int) -> tuple[Array, Array]:
+        """What the arm's own parameters may explain of a torque at the link, (b, M), and the sensor's torque (M,) less
+        what has no free coefficient.
+
+        An unknown part of the rotor's inertia and an offset of the sensor are free; what the fitted model holds on
+        the link side is, too, but for its shapes.
+        """
+        field, motion = self.field, self.field.motion
+        link = np.concatenate([p.in_band(_output_torque(p)[joint]) for p in motion.pieces])
+        link = link - field.regressors.measured(joint)
+        qdd = np.concatenate([p.in_band(p.qdd[joint]) for p in motion.pieces])
+        free = [*field.regressors.rigid(joint), qdd, np.ones(len(link))]
+        for term in field.problem.layout.terms:
+            info = field.model.library.effects[term.effect]
+            if joint in joints_of(field.model, term) and info.side == "link":
+                columns = field.regressors.columns(term, joint, field.fit.shapes[term])
+                link = link - columns[0]
+                free += [*columns[1:]]
+        return np.array(free), link
+
+
+def _output_torque(piece: Piece) -> Array:
+    assert piece.sensors.tau_link is not None
+    return piece.sensors.tau_link
+
+
+def _beyond(base: Array, x: Array) -> Array:
+    """What of x (m,) the rows of a base (b, m) do not explain."""
+    size = np.linalg.norm(base, axis=1, keepdims=True)
+    scaled = base[size[:, 0] > 0] / size[size[:, 0] > 0]
+    left: Array = x - np.linalg.lstsq(scaled.T, x, rcond=1e-9)[0] @ scaled
+    return left

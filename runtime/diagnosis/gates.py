@@ -1,0 +1,339 @@
+"""The gates through which a candidate must pass, and the comparison of those that do.
+
+First ranking by cross-validated error; then the autoregressive model of the winner's residual whitens
+all rows, and BIC ranks. Every gate must open: on clean recordings a difference in BIC alone names an
+effect more often than not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.candidates import Candidate, CandidateField
+from runtime.diagnosis.evidence import LEAST_OWN, CandidateBlock, Ground, vuong
+from runtime.diagnosis.further_sensors import FurtherSensors
+from runtime.estimation.folds import NormalEquations
+from runtime.model.terms import Term, joints_of
+from runtime.wording import whole
+
+Array = NDArray[np.float64]
+
+LEAST_DELTA_BIC = 30.0
+LEAST_LIKELIHOOD_GAIN = 15.0
+LEAST_ERROR_FALL = 0.01
+LEAST_EFFECT = 0.15
+LEAST_SHARE = 0.2
+MOST_NOISE = 0.4
+"""Part of its own torque (of the square) that a second reading of the encoders may change."""
+VUONG_APART = 2.33
+BIC_APART = 10.0
+_EXPLAINS = "it explains"
+_FINALISTS = 8
+_OF_WHAT_IS_LEFT = 0.3
+_OF_A_JOINT = 3
+_WORTH = 0.004
+"""Fall of the squared error on the excerpt from which a candidate is looked at on the whole; of one joint."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for one candidate.
+
+    eff               torque that only this candidate explains, RMS
+    share             eff² over the variance that the base leaves above the noise floor
+    delta_bic         fall of BIC on whitened rows
+    likelihood_gain   cross-validated log-likelihood, whitened
+    cv_gain           fall of the cross-validated squared error, relative
+    parameters        number of unknowns of base and candidate
+    residual          whitened, all joints' rows that count
+    """
+
+    candidate: Candidate
+    eff: float
+    share: float
+    delta_bic: float
+    likelihood_gain: float
+    cv_gain: float
+    failed: tuple[str, ...]
+    parameters: int
+    residual: Array
+
+    @property
+    def term(self) -> Term:
+        return self.candidate.term
+
+    @property
+    def passes(self) -> bool:
+        return not self.failed
+
+    @property
+    def small(self) -> bool:
+        """Whether all that speaks against it is that it explains a small part of what is left."""
+        return bool(self.failed) and all(why.startswith(_EXPLAINS) for why in self.failed)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "eff": self.eff,
+            "share_of_excess": self.share,
+            "delta_bic": self.delta_bic,
+            "cv_gain": self.cv_gain,
+            "cv_log_likelihood_gain": self.likelihood_gain if np.isfinite(self.likelihood_gain) else None,
+            "failed_gates": list(self.failed),
+        }
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All finalists, the best first; rivals: terms that the data cannot tell from the best."""
+
+    ranked: tuple[Evidence, ...]
+    rivals: tuple[Term, ...]
+
+    @property
+    def best(self) -> Evidence | None:
+        return self.ranked[0] if self.ranked and self.ranked[0].passes else None
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the gates look at: equations without and with a candidate, plain and whitened.
+
+    searched   number of shape parameters that were searched
+    unit       N m (N): RMS at the candidate's own joint of a torque whose weighted square is 1
+    excess     variance above the noise floors, in units of the residual's at the own joint, before anything was added
+    measured   squared error of the model on the measured torque, before anything was added
+    count      rows of the own joint
+    """
+
+    before: NormalEquations
+    after: NormalEquations
+    white_before: NormalEquations
+    white_after: NormalEquations
+    searched: int
+    unit: float
+    excess: float
+    measured: float
+    count: int
+
+    @property
+    def eff(self) -> float:
+        return self.unit * float(np.sqrt(max(self.before.sse - self.after.sse, 0.0)))
+
+    @property
+    def share(self) -> float:
+        more = (self.before.sse - self.measured) / max(1, self.count)
+        return self.eff**2 / max(self.unit**2 * self.count * (self.excess + more), self.eff**2, 1e-300)
+
+    @property
+    def delta_bic(self) -> float:
+        searched = self.searched * float(np.log(self.white_after.count))
+        return self.white_before.bic - self.white_after.bic - searched
+
+    @property
+    def likelihood_gain(self) -> float:
+        return self.white_after.log_likelihood - self.white_before.log_likelihood
+
+    @property
+    def cv_gain(self) -> float:
+        return 1 - float(self.after.held_out[0].sum()) / float(self.before.held_out[0].sum())
+
+    def gates(self, floor: float, at_edge: bool) -> Iterator[tuple[bool, str]]:
+        """Whether each is open and what is to be said if not, those first that cost least to know."""
+        delta, size = self.delta_bic, self.eff / floor
+        yield delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"
+        yield size > LEAST_EFFECT, f"its own torque is {size:.2f} of the noise floor, not {LEAST_EFFECT:g}"
+        part = 100 * self.share
+        yield part > 100 * LEAST_SHARE, f"{_EXPLAINS} {part:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"
+        yield not at_edge, "its shape lies at the edge of what was searched"
+        gain = self.likelihood_gain
+        least = LEAST_LIKELIHOOD_GAIN
+        yield gain > least, f"held-out log-likelihood gains {whole(gain)}, not {least:g}"
+        fall = 1 - np.sqrt(max(1 - self.cv_gain, 0.0))
+        yield bool(fall > LEAST_ERROR_FALL), "held-out error does not fall by 1 %"
+
+
+@dataclass
+class WhitenedGround:
+    """A ground of a field before and after whitening by the noise model of its best candidate.
+
+    ground: the field's own, or that of its excerpt; floors (n,): every joint's noise floor
+    """
+
+    field: CandidateField
+    ground: Ground
+    floors: Sequence[float]
+    best: CandidateBlock | None
+
+    @cached_property
+    def witness(self) -> FurtherSensors:
+        return FurtherSensors(self.field)
+
+    @cached_property
+    def autoregression(self) -> list[Array]:
+        residual = self.ground.solve(self.best).residual
+        return [row.autoregression(r) for row, r in zip(self.ground.rows, residual, strict=True)]
+
+    @cached_property
+    def white(self) -> Ground:
+        return self.ground.whitened(self.autoregression)
+
+    def weigh(self, candidate: Candidate, block: CandidateBlock) -> Evidence:
+        """All evidence for a candidate with its columns on the bench's ground."""
+        weighing = Weighing(self, candidate.term, candidate.searched, block)
+        figures = weighing.figures()
+        failed = tuple(text for ok, text in figures.gates(weighing.floor, candidate.at_edge) if not ok)
+        theta = np.append(1.0, figures.after.coefficients[self.ground.size :])
+        failed += weighing.doubts(theta) + self.witness.doubts(weighing.plain, candidate, block, theta)
+        return Evidence(
+            candidate,
+            figures.eff,
+            figures.share,
+            figures.delta_bic,
+            figures.likelihood_gain,
+            figures.cv_gain,
+            failed,
+            figures.white_after.rank + candidate.searched,
+            weighing.residual(figures),
+        )
+
+
+@dataclass
+class Weighing:
+    """A term's block on a bench, weighed as things are or with a torque of the term put into what was measured.
+
+    searched: number of shape parameters that were searched
+    """
+
+    bench: WhitenedGround
+    term: Term
+    searched: int
+    block: CandidateBlock
+
+    def __post_init__(self) -> None:
+        field, ground = self.bench.field, self.bench.ground
+        replaced = field.replaced(self.term)
+        self.plain, self.white = field.without(ground, replaced), field.without(self.bench.white, replaced)
+        self.whitened = self.white.whiten_block(self.block, self.bench.autoregression)
+        self.joints = joints_of(field.model, self.term)
+        self.floor = self.bench.floors[self.joints[0]]
+
+    @cached_property
+    def _moments(self) -> tuple[Array, Array]:
+        return self.plain.moments(self.block), self.white.moments(self.whitened)
+
+    def figures(self, added: Array | None = None) -> Figures:
+        """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
+        bench, (plain, white) = self.bench, self._moments
+        count = max(1, bench.ground.rows[self.joints[0]].count)
+        rms = [bench.field.rms(i) for i in self.joints]
+        floors = [bench.floors[i] for i in self.joints]
+        as_measured = added is None
+        return Figures(
+            bench.ground.equations() if as_measured else bench.ground.posed(plain, None, added),
+            self.plain.posed(plain, self.block, added),
+            bench.white.equations() if as_measured else bench.white.posed(white, None, added),
+            self.white.posed(white, self.whitened, added),
+            self.searched,
+            rms[0] / float(np.sqrt(count)),
+            sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
+            bench.ground.equations().sse,
+            count,
+        )
+
+    def own(self, theta: Array) -> float:
+        """RMS at its own joint of what the model cannot take over of a torque, (1 + k,) `theta` of the columns."""
+        kept, _ = self.bench.ground.own({i: theta @ p.columns for i, p in self.block.parts.items()})
+        row = self.bench.ground.rows[self.joints[0]]
+        return float(np.sqrt(kept / max(1, row.count))) * self.bench.field.rms(self.joints[0])
+
+    def luck(self, theta: Array) -> tuple[float, float]:
+        """How much of a torque, (1 + k,) `theta` of the columns, the noise alone holds, and its standard deviation."""
+        plain, white = self._moments
+        return self.bench.ground.held(plain, theta)[0], self.bench.white.held(white, theta)[1]
+
+    def residual(self, figures: Figures) -> Array:
+        """Whitened, all joints' rows that count, one after another."""
+        found = self.white.residual(figures.white_after.coefficients, self.whitened)
+        return np.concatenate([row.used(r) for row, r in zip(self.white.rows, found, strict=True)])
+
+    def doubts(self, theta: Array) -> tuple[str, ...]:
+        """What speaks against a candidate's torque itself, (1 + k,) `theta` of its columns."""
+        parts = self.block.parts
+        own, whole = self.plain.own({i: theta @ p.columns for i, p in parts.items()})
+        noise, _ = self.plain.own({i: theta @ p.noise for i, p in parts.items() if p.noise is not None})
+        found = []
+        if own < LEAST_OWN * whole:
+            found.append(f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque")
+        if noise > MOST_NOISE * own:
+            found.append("another reading of the encoders would give another torque")
+        return tuple(found)
+
+
+def judge(field: CandidateField, floors: Sequence[float]) -> Verdict:
+    """Rank every candidate against the field; `floors` are all joints' noise floors."""
+    return rank(field, field.terms(), floors)
+
+
+def rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
+    """Rank these candidates against the field; `floors` are all joints' noise floors."""
+    finalists, blocks, held = [], [], []
+    for candidate in map(field.refine, _finalists(field, terms)):
+        block = field.block(candidate.term, candidate.shape)
+        ground = field.without(field.ground, field.replaced(candidate.term))
+        equations = ground.equations(block)
+        error, left = float(equations.held_out[0].sum()), ground.residual(equations.coefficients, block)
+        # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
+        if error > _OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.rows, left, strict=True)):
+            finalists.append(candidate)
+            blocks.append(block)
+            held.append(error)
+    if not finalists:
+        return Verdict((), ())
+    bench = WhitenedGround(field, field.ground, floors, blocks[int(np.argmin(held))])
+    evidence = [bench.weigh(c, b) for c, b in zip(finalists, blocks, strict=True)]
+    evidence.sort(key=lambda e: (not e.passes, -e.delta_bic))
+    return Verdict(tuple(evidence), _rivals(evidence))
+
+
+def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
+    """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
+    transmission that an encoder watches."""
+    ground = field.excerpt[1]
+    found = [c for c in map(field.search, terms) if c is not None]
+
+    def held(c: Candidate) -> float:
+        block = field.trial(c.term, c.shape)
+        return float(field.without(ground, field.replaced(c.term)).equations(block).held_out[0].sum())
+
+    errors = {c.term: held(c) for c in found}
+    scored = sorted(found, key=lambda c: errors[c.term])
+    # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
+    least = (1 - _WORTH / field.model.n) * float(ground.equations(None).held_out[0].sum())
+    hopeful = [c for c in scored if errors[c.term] < least] or scored[:_OF_A_JOINT]
+    chosen = hopeful[:_FINALISTS]
+    for joint in {c.term.joint for c in hopeful}:
+        of_joint = [c for c in hopeful if c.term.joint == joint][:_OF_A_JOINT]
+        chosen += [c for c in of_joint if c not in chosen]
+    chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
+    return chosen
+
+
+def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:
+    """Those that pass, too, and that neither Vuong's test nor BIC sets apart from the first."""
+    first = evidence[0]
+    if not first.passes:
+        return ()
+    found = []
+    for other in evidence[1:]:
+        apart = vuong(first.residual, other.residual) >= VUONG_APART and (
+            first.delta_bic - other.delta_bic >= BIC_APART
+        )
+        if other.passes and not apart:
+            found.append(other.term)
+    return tuple(found)

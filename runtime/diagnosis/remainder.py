@@ -1,0 +1,105 @@
+"""What a residual holds beyond noise: physics that comes back with the motion, or a disturbance from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.diagnosis.search import Step
+from runtime.estimation.compare import structure_shares
+from runtime.model.loader import EffectInfo
+from runtime.motion import spectrum
+
+_ABOVE_NOISE = 1.15
+_FORM = 0.1
+_FORM_ABOVE_NOISE = 1.03
+"""Part of the variance that comes back, and level over the instruments' noise, from which a named effect leaves
+something that its law should have explained."""
+_SLOW = 3.2
+_BURST = 5.0
+_BOTH = (2.3, 3.0)
+"""Slow parts and bursts that together are no chance, though neither would be enough."""
+_MOST_TIMES = 5
+
+
+def remainder(step: Step, joint: int) -> str | None:
+    """What a joint's residual (0-based) holds beyond noise, in words; None if it is noise, white or evenly coloured."""
+    return physics(step, joint) or outside(step, joint)
+
+
+def physics(step: Step, joint: int) -> str | None:
+    """That something comes back with the motion, in words."""
+    s = step.joints[joint]
+    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
+    if s.floor.repeatable(s.rms) and s.rms > _ABOVE_NOISE * s.floor.spectrum:
+        part = min(1.0, ((s.floor.repeating or 0.0) / s.rms) ** 2)
+        return (
+            f"{100 * part:.0f} % of its variance comes back with the motion, so physics is left: "
+            "an effect that is not in the library, or one in another form"
+        )
+    return None
+
+
+_SEEN_OVER = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "load": "load",
+    "predicted": "load",
+    "predicted_rate": "acceleration",
+    "level": "velocity",
+    "coupling": "acceleration",
+    "link_inertia": "acceleration",
+    "t": "time",
+    "warmth": "temperature",
+    "tip_load": "load",
+    "moment_x": "position",
+}
+"""Over which of `compare`'s signals an effect shows that reads a signal of the declarations."""
+
+
+def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
+    """What is left at a joint (0-based) once an effect was named and added, in words; None if it is noise."""
+    s = step.joints[joint]
+    part = (s.floor.repeating or 0.0) ** 2 / s.rms**2 if s.rms else 0.0
+    if part < _FORM or s.rms < _FORM_ABOVE_NOISE * s.floor.spectrum:
+        return outside(step, joint)
+    shares = structure_shares(s)
+    strongest = max(shares, key=lambda name: shares[name])
+    own = {_SEEN_OVER[name] for name in effect.signals if name in _SEEN_OVER}
+    share = f"{100 * min(part, 1.0):.0f} % of what is left comes back with the motion, most of it over {strongest}"
+    if strongest in own or (strongest == "direction" and "velocity" in own):
+        return f"{share}: {effect.name} is the right effect in another form than the library's law"
+    return f"{share}: something else is missing beside {effect.name}, or it has another form than the library's law"
+
+
+def outside(step: Step, joint: int) -> str | None:
+    """That a line, a slow part or bursts stand out of the noise, in words."""
+    found = step.identification
+    motion, residual, use = found.motion, found.fit.residual[joint], found.motion.moving(joint)
+    s = step.joints[joint]
+    signs = []
+    noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
+    read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
+    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
+    worst, rows = spectrum.bursts(residual, use, white + _smooth(read**2, motion.row_rate), motion.row_rate)
+    slow = spectrum.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
+    both = slow > _BOTH[0] and worst > _BOTH[1]
+    line = spectrum.strongest_line(residual, motion.row_rate)
+    if line is not None:
+        signs.append(f"{100 * line.share:.0f} % of it is at {line.frequency:.2f} Hz")
+    if (slow > _SLOW or both) and line is None:
+        signs.append(f"it is {slow:.1f} times as dense at low frequencies as in the rest of the band")
+    if worst > _BURST or both:
+        times = ", ".join(f"{t:.0f}" for t in motion.row_time[rows][:_MOST_TIMES])
+        signs.append(f"it comes in bursts, at {times} s")
+    if not signs:
+        return None
+    back = "does not come back with the motion" + (
+        "" if s.floor.repeating is not None else " as far as these data tell, which repeat none"
+    )
+    return f"{'; '.join(signs)}, and it {back}: a disturbance from outside, or noise that is not white"
+
+
+def _smooth(x: np.ndarray, rate: float) -> np.ndarray:
+    width = max(1, round(rate))
+    return np.convolve(x, np.full(width, 1 / width), "same")

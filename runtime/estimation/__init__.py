@@ -1,0 +1,1 @@
+"""Regressors, least squares and intervals: identification and comparison."""

@@ -1,0 +1,306 @@
+"""Where does the model fail? The residual of every joint, its share of the torque, and where it sits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.identify import Identification, identify
+from runtime.estimation.regressors import Regressors, Signals
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, joints_of, structure
+from runtime.motion import repeats
+from runtime.motion.motion import Motion
+from runtime.motion.noise_floor import Floor, floor
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+_BINS = 24
+_LEAST_SHARE = 0.02
+_CONFIGURATIONS = 60
+_HARDLY = 0.01
+"""Of the smallest eigenvalue of the file's own D: a fit that has less stopped at the bound."""
+
+
+@dataclass(frozen=True)
+class JointSeries:
+    """One joint (1-based) in the band, for figures: rows that count only, each array (M,).
+
+    residual = tau − predicted; load and temperature's rise are None where there is none.
+    """
+
+    joint: int
+    force_unit: str
+    position_unit: str
+    t: Array
+    piece: NDArray[np.intp]
+    q: Array
+    qd: Array
+    qdd: Array
+    load: Array
+    warmth: Array | None
+    tau: Array
+    predicted: Array
+    floor: Floor
+
+    @property
+    def residual(self) -> Array:
+        return self.tau - self.predicted
+
+    @property
+    def rms(self) -> float:
+        return errors(self.residual, self.tau)[0]
+
+    @property
+    def relative(self) -> float:
+        """‖τ − τ̂‖ / ‖τ‖."""
+        return errors(self.residual, self.tau)[1]
+
+    def signals(self) -> dict[str, Array]:
+        """What a residual may be structured over, by the names that `compare --json` uses."""
+        found = {
+            "position": self.q,
+            "velocity": self.qd,
+            "direction": np.sign(self.qd),
+            "acceleration": self.qdd,
+            "load": self.load,
+            "time": self.t,
+        }
+        if self.warmth is not None:
+            found["temperature"] = self.warmth
+        return found
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "joint": self.joint,
+            "unit": self.force_unit,
+            "rms": self.rms,
+            "relative": self.relative,
+            "floor": self.floor.value,
+            "floor_source": self.floor.source,
+            "repeatable": self.floor.repeatable(self.rms),
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model's structure, fitted, against recordings; `written`: (rms, relative) with the file's own values."""
+
+    identification: Identification
+    joints: tuple[JointSeries, ...]
+    written: tuple[tuple[float, float], ...] | None
+
+    def to_json(self) -> dict[str, Any]:
+        band = self.identification.motion.band
+        joints = []
+        for number, series in enumerate(self.joints):
+            entry = {**series.to_json(), "structure": structure_json(series)}
+            entry["as_written"] = (
+                None if self.written is None else dict(zip(("rms", "relative"), self.written[number], strict=True))
+            )
+            joints.append(entry)
+        return {
+            "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
+            "skew": self.identification.inference.skew_json(),
+            "joints": joints,
+            "warnings": warnings(self.identification),
+        }
+
+
+def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
+    """Fit the model file's structure to the recordings and lay its residual open."""
+    identification = identify(model, recordings)
+    return Comparison(identification, series(identification), as_written(identification))
+
+
+def series(identification: Identification) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction on the rows that count."""
+    model, motion, fit = identification.model, identification.motion, identification.fit
+    regressors = Regressors(model, motion, fit.prediction)
+    found = repeats.find(motion)
+    loads = np.concatenate(
+        [np.stack([s.get("load", i) for i in range(model.n)])[:, p.centres] for s, p in _pairs(regressors)], axis=1
+    )
+    out = []
+    for i, joint in enumerate(model.joints):
+        use = motion.moving(i)
+        tau = motion.torque(i, fit.skew)
+        noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
+        warm = all(bool(p.measured[i]) for p in motion.pieces)
+        out.append(
+            JointSeries(
+                i + 1,
+                joint.force_unit,
+                joint.position_unit,
+                motion.row_time[use],
+                motion.row_piece[use],
+                motion.rows("q")[i, use],
+                motion.rows("qd")[i, use],
+                motion.rows("qdd")[i, use],
+                loads[i, use],
+                motion.rows("warmth")[i, use] if warm else None,
+                tau[use],
+                (tau - fit.residual[i])[use],
+                floor(motion, found, i, fit.residual[i], fit.coefficients @ noise + fixed_noise),
+            )
+        )
+    return tuple(out)
+
+
+def _pairs(regressors: Regressors) -> list[tuple[Signals, Any]]:
+    return list(zip(regressors.signals, regressors.motion.pieces, strict=True))
+
+
+def structure_json(series: JointSeries) -> list[dict[str, Any]]:
+    """Signals over which the residual is structured, the first first, as `tendon compare --json` has them."""
+    shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
+    return [{"signal": signal, "share": share} for signal, share in shares if share > _LEAST_SHARE]
+
+
+def structure_shares(series: JointSeries) -> dict[str, float]:
+    """Share of the residual's variance that curves over each signal explain, one for each direction of motion.
+
+    Friction leaves opposite residuals in the two directions, which a single curve would miss; so the
+    difference between the directions counts as "direction" and in every other signal.
+    """
+    r = series.residual
+    total = float(np.sum((r - r.mean()) ** 2)) if len(r) else 0.0
+    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * _BINS]
+    if total == 0 or not sides:
+        return dict.fromkeys(series.signals(), 0.0)
+    between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
+    found = dict.fromkeys(series.signals(), between)
+    for use in sides:
+        part = r[use] - r[use].mean()
+        weight = float(part @ part)
+        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, 0.999)) if weight else 0.0
+        independent = max(2.0, len(part) * (1 - lag) / (1 + lag))
+        for name, values in series.signals().items():
+            if name != "direction" and weight:
+                found[name] += weight / total * _share(part, weight, values[use], independent)
+    return {name: min(share, 1.0) for name, share in found.items()}
+
+
+def _share(r: Array, total: float, values: Array, independent: float) -> float:
+    """Share of r's variance that its means over quantile bins explain, corrected for what chance would.
+
+    Chance is the number of bins over the number of independent samples, from the correlation time.
+    """
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, _BINS + 1)[1:-1]))
+    index = np.searchsorted(edges, values)
+    count = np.bincount(index)
+    explained = float(np.sum(np.bincount(index, weights=r) ** 2 / np.maximum(count, 1))) / total
+    bins = int(np.count_nonzero(count))
+    by_chance = (bins - 1) / max(independent - 1, bins)
+    return float(np.clip((explained - by_chance) / (1 - min(by_chance, 0.99)), 0.0, 1.0))
+
+
+def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
+    """(rms, relative) a joint with the file's own values; None where the file leaves values open."""
+    model, motion = identification.model, identification.motion
+    known = structure(model)
+    for term, values in known.items():
+        info = model.library.effects[term.effect]
+        if any(p.name not in values and p.role != "given" for p in info.parameters):
+            return None
+    prediction = Prediction(model.lump_values, known)
+    out = []
+    for i in range(model.n):
+        predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces])
+        use = motion.moving(i)
+        tau = motion.torque(i, identification.fit.skew)[use]
+        out.append(errors(tau - predicted[use], tau))
+    return tuple(out)
+
+
+def errors(residual: Array, tau: Array) -> tuple[float, float]:
+    """RMS and ‖τ − τ̂‖/‖τ‖ of a joint's rows; zeros where there are none."""
+    total = float(np.linalg.norm(tau))
+    if not total:
+        return 0.0, 0.0
+    return float(np.sqrt(np.mean(residual**2))), float(np.linalg.norm(residual)) / total
+
+
+def _torque(signals: Signals, joint: int) -> Array:
+    total = signals.rigid[joint].copy()
+    if signals.prediction is not None:
+        for term in signals.prediction.values:
+            if joint in joints_of(signals.model, term):
+                total += signals.torque(term, joint)
+    return signals.piece.in_band(total)
+
+
+def warnings(identification: Identification) -> list[str]:
+    """What a user should know before trusting the fitted model."""
+    return idle_terms(identification) + improper_inertia(identification) + range_warnings(identification)
+
+
+def idle_terms(identification: Identification) -> list[str]:
+    """Effects whose coefficients have all come to zero, at the bound of what is physical."""
+    problem, fit = identification.problem, identification.fit
+    found = []
+    for term in problem.layout.terms:
+        own = fit.coefficients[problem.layout.slices[term]]
+        if len(own) and not own.any():
+            found.append(f"{term} has come to 0: the other effects do without it; leave it out if you agree")
+    return found
+
+
+def improper_inertia(identification: Identification) -> list[str]:
+    """That the fit wants an inertia that no arm has, and stopped at the bound of what is physical."""
+    model, motion = identification.model, identification.motion
+    if motion.rigid_given:
+        return []
+    q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in motion.pieces], axis=1)
+    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
+    fitted, given = (
+        float(np.linalg.eigvalsh(np.moveaxis(model.inertia(q, x), 2, 0)).min()) for x in (lumps, model.lump_values)
+    )
+    if fitted > _HARDLY * given:
+        return []
+    return [
+        "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
+        "or the data is wrong"
+    ]
+
+
+def range_warnings(identification: Identification) -> list[str]:
+    """Speeds within a joint's limits at which its identified friction would drive it: outside the data's range."""
+    model, motion = identification.model, identification.motion
+    found = []
+    for i, joint in enumerate(model.joints):
+        fastest = _fastest(motion, i)
+        turn = active_from(identification, i, 4 * fastest)
+        if turn is not None:
+            found.append(
+                f"joint {i + 1}: the friction found drives the joint from {turn:.3g} {joint.position_unit}/s on; "
+                f"the data reach {fastest:.3g}: use the model within them only"
+            )
+    return found
+
+
+def _fastest(motion: Motion, joint: int) -> float:
+    return max(float(np.abs(p.qd[joint]).max()) for p in motion.pieces)
+
+
+def active_from(identification: Identification, joint: int, up_to: float) -> float | None:
+    """Smallest speed up to which the joint's summed static friction stops dissipating; None if it never does."""
+    model, prediction = identification.model, identification.fit.prediction
+    speeds = np.linspace(up_to / 400, up_to, 400)
+    worst: float | None = None
+    for direction in (1.0, -1.0):
+        total = np.zeros_like(speeds)
+        for term, values in prediction.values.items():
+            info = model.library.effects[term.effect]
+            if term.joint == joint + 1 and info.family == "friction" and set(info.signals) <= {"q", "qd"}:
+                signals = {"qd": direction * speeds, "q": np.zeros_like(speeds)}
+                total += model.library.torque(term.effect, signals, values, 1.0)
+        driving = np.flatnonzero(direction * total < 0)
+        if len(driving):
+            worst = float(speeds[driving[0]]) if worst is None else min(worst, float(speeds[driving[0]]))
+    return worst

@@ -1,0 +1,106 @@
+"""Where the shape parameters of effects are looked for, given what a motion covers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.regressors import Regressors
+from runtime.model.loader import ParameterInfo
+from runtime.model.terms import Term, Values, joints_of
+
+Array = NDArray[np.float64]
+
+_EDGE = 0.02
+
+
+def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[float, float]:
+    """Offset and scale by which a grid's low and high are read for this term; `known`: values chosen so far."""
+    if of == "one":
+        return 0.0, 1.0
+    joints = joints_of(regressors.model, term)
+    if "coupling" in regressors.model.library.effects[term.effect].signals:
+        joints = joints[:1]
+    if of == "critical":
+        inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
+        return 0.0, 2 * float(np.sqrt(known["stiffness"] * inertia))
+    if of == "end":
+        start, span = _span(regressors, term, "position", known)
+        return (start + span, -span) if known["side"] > 0 else (start, span)
+    key = (of, joints)
+    if key not in regressors.extents:
+        regressors.extents[key] = _extent(regressors, of, joints)
+    return regressors.extents[key]
+
+
+def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[float, float]:
+    pieces = regressors.motion.pieces
+    if of == "duration":
+        return 0.0, max(float(p.t[-1]) for p in pieces)
+    if of == "rate":
+        return 0.0, max(float(np.abs(p.qd[list(joints)]).max()) for p in pieces)
+    if of in ("position", "tip"):
+        values = _everywhere(regressors, "q" if of == "position" else "tip_y", joints)
+        return float(values.min()), float(np.ptp(values))
+    if of == "range":
+        return 0.0, float(np.ptp(_everywhere(regressors, "q", joints)))
+    if of == "link_inertia":
+        return 0.0, float(np.median(_everywhere(regressors, of, joints)))
+    if of == "level_per_range":
+        level = float(np.max(_everywhere(regressors, "level", joints)))
+        return 0.0, level / float(np.ptp(_everywhere(regressors, "q", joints)))
+    return 0.0, float(np.max(np.abs(_everywhere(regressors, of, joints))))
+
+
+def _everywhere(regressors: Regressors, signal: str, joints: tuple[int, ...]) -> Array:
+    return np.concatenate([np.atleast_1d(s.get(signal, i)) for s in regressors.signals for i in joints])
+
+
+def axis(regressors: Regressors, term: Term, parameter: ParameterInfo, known: Values) -> Array:
+    """Grid values of one shape parameter, ascending; `known` holds the shape parameters declared before it."""
+    grid = parameter.grid
+    if grid is None:
+        raise ValueError(f'{term}: shape parameter "{parameter.name}" has no grid')
+    offset, scale = _span(regressors, term, grid.of, known)
+    spaced = np.geomspace if grid.spacing == "log" else np.linspace
+    return np.sort(offset + scale * spaced(grid.low, grid.high, grid.count))
+
+
+def points(regressors: Regressors, term: Term) -> list[Values]:
+    """All combinations of the shape parameters' grid values; one empty choice for a term without shape.
+
+    Empty if the data give the grid no scale (no link inertia for an elasticity, no friction for bristles).
+    """
+    found: list[Values] = [{}]
+    # Sides first: where a place is looked for depends on them.
+    shape = regressors.model.library.effects[term.effect].shape
+    for parameter in sorted(shape, key=lambda p: p.grid is not None and p.grid.continuous):
+        found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
+    usable = [v for v in found if all(np.isfinite(x) for x in v.values())]
+    return [v for v in usable if v.get("start", 0.0) <= v.get("end", np.inf) and v.get("stiffness", 1.0) > 0]
+
+
+def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
+    """Whether the shape sits at an end of what was searched, where a search proves nothing.
+
+    Only the first that is no choice of sides counts: it places the effect; the others round it off, and an end of
+    their grid (a damping too small to matter) is as good an answer as any.
+    """
+    places = (p for p in regressors.model.library.effects[term.effect].shape if p.grid and p.grid.continuous)
+    parameter = next(places, None)
+    if parameter is None or parameter.grid is None:
+        return False
+    values = axis(regressors, term, parameter, shape)
+    ends = np.array([values[0], shape[parameter.name], values[-1]])
+    x = np.log(np.maximum(ends, 1e-300)) if parameter.grid.spacing == "log" else ends
+    return bool(x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]))
+
+
+def within(regressors: Regressors, term: Term, shape: Values) -> bool:
+    """Whether every shape parameter lies on its grid's stretch."""
+    for parameter in regressors.model.library.effects[term.effect].shape:
+        values = axis(regressors, term, parameter, shape)
+        slack = 1e-9 * abs(float(values[-1] - values[0]))
+        if not values[0] - slack <= shape[parameter.name] <= values[-1] + slack:
+            return False
+    return True

@@ -1,0 +1,246 @@
+"""Identification: base inertial parameters and effects of all joints at once, from recordings.
+
+Linear coefficients are solved exactly for every trial of the shape parameters and of the skew between
+torque and encoder (variable projection, Golub & Pereyra 1973). The inertia matrix stays positive
+definite over the recorded motion, and effects stay within their physical bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from runtime.estimation import grids
+from runtime.estimation.covariance import Inference, infer
+from runtime.estimation.least_squares import inverse
+from runtime.estimation.problem import Fit, Problem, Skew
+from runtime.estimation.regressors import PREDICTED, Regressors
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, Structure, Term, Values, structure
+from runtime.motion.band import choose_band, rigid_inertia
+from runtime.motion.motion import Motion, prepare
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+HOLD = (-0.25, 1.0)
+"""Samples between a torque and the encoder reading beside it that a hold can explain."""
+NOMINAL_SKEW = 0.5
+_SKEW_RANGE = (-3.5, 3.5)
+_SKEWS_APART = 0.25
+_SKEW_SIGMAS = 4.0
+_PASSES = 3
+
+
+def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
+    """Shape values from the file where it states them, else the best of the grid, one term after another."""
+    shapes: dict[Term, Values] = {}
+    open_terms: list[tuple[Term, list[Values]]] = []
+    for term in problem.layout.terms:
+        names = [p.name for p in problem.model.library.effects[term.effect].shape]
+        given = {k: v for k, v in known.get(term, {}).items() if k in names}
+        choices = grids.points(problem.regressors, term)
+        choices = list({tuple({**c, **given}.items()): {**c, **given} for c in choices}.values())
+        shapes[term] = choices[len(choices) // 2]
+        if len(choices) > 1:
+            open_terms.append((term, choices))
+    for term, choices in open_terms:
+        errors = [_error(problem.solve({**shapes, term: c}, skew).residual, problem.weights) for c in choices]
+        shapes[term] = choices[int(np.argmin(errors))]
+    return shapes
+
+
+def _error(residual: Sequence[Array], weights: Array) -> float:
+    return float(sum(w**2 * (r @ r) for r, w in zip(residual, weights, strict=True)))
+
+
+def solve(
+    model: Model, motion: Motion, known: Structure, skew: float | None, start: Fit | None = None
+) -> tuple[Problem, Fit]:
+    """Fit all of a structure's parameters.
+
+    known   active terms with the values from which the search starts (shapes; linear ones need none)
+    skew    samples, or None to estimate it
+    start   an earlier fit with at least some of the terms, for its shapes and prediction
+    """
+    terms = tuple(known)
+    needs = [t for t in terms if _needs_prediction(model, t)]
+    prediction = start.prediction if start else None
+    shapes: dict[Term, Values] = dict(start.shapes) if start else {}
+    if prediction is None and needs:
+        _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
+        prediction, shapes = plain.prediction, dict(plain.shapes)
+        start = plain
+    at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
+    free = skew is None
+    if free and any("predicted_rate" in model.library.effects[t.effect].signals for t in terms):
+        # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
+        free = False
+        at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
+    problem, fit = _refine(model, motion, known, shapes, at, free, prediction)
+    for _ in range(_PASSES - 1 if needs else 0):
+        before = fit.prediction.lumps
+        if not _drivable(model, motion, needs, fit.prediction):
+            break
+        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction)
+        if np.allclose(before, fit.prediction.lumps, rtol=1e-3):
+            break
+    return problem, fit
+
+
+def _drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
+    """Whether what hangs on every transmission has an inertia, without which its motion has no meaning."""
+    regressors = Regressors(model, motion, prediction)
+    own = [t.joint - 1 for t in terms if t.joint and "coupling" in model.library.effects[t.effect].signals]
+    return all(float(np.min(s.get("link_inertia", i))) > 0 for s in regressors.signals for i in own)
+
+
+def _needs_prediction(model: Model, term: Term) -> bool:
+    return bool(PREDICTED & set(model.library.effects[term.effect].signals))
+
+
+def _refine(
+    model: Model,
+    motion: Motion,
+    known: Structure,
+    shapes: dict[Term, Values],
+    skew: float,
+    free_skew: bool,
+    prediction: Prediction | None,
+) -> tuple[Problem, Fit]:
+    problem = Problem(model, motion, tuple(known), prediction)
+    missing = {t: v for t, v in known.items() if t not in shapes}
+    at = Skew(skew, "shared" if free_skew else "no")
+    found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, at) if missing else shapes
+    shapes = {t: found[t] for t in known}
+    hold = free_skew
+    for _ in range(2):
+        shapes = _search(problem, shapes, at)
+        if free_skew:
+            at, hold = _settled(problem, shapes, at)
+        solved = problem.solve(shapes, at)
+        count = np.array([max(1, motion.moving(i).sum()) for i in range(model.n)])
+        rms = np.sqrt([r @ r for r in solved.residual] / count)
+        problem.weights = 1 / np.maximum(rms, 1e-12)
+        if model.n == 1:
+            break
+    solved = problem.solve(shapes, Skew(at.at))
+    theta = solved.coefficients
+    return problem, Fit(problem.prediction(theta, shapes), theta, shapes, at.at, hold, solved.residual, problem.weights)
+
+
+def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Skew, bool]:
+    """The shift that all joints share, and whether a hold explains it.
+
+    Torque and encoders of all joints are sampled together. Where their shifts differ, or no hold explains them,
+    something delays a torque: then the shift stays as near to that of a hold as a joint's is, and the delays
+    are left to be found.
+    """
+    common = skew
+    for _ in range(2):
+        shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
+        common = Skew(float(np.clip(common.at + shift, *_SKEW_RANGE)), "shared")
+    solved = problem.solve(shapes, Skew(common.at, "each"))
+    spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
+    seen = spread > 0
+    own, margin = (common.at + solved.shifts)[seen], _SKEW_SIGMAS * spread[seen]
+    low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
+    if low - high < _SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]:
+        return replace(common, at=float(np.clip(common.at, *HOLD))), True
+    nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
+    held = problem.model.n > 1 and HOLD[0] <= nearest <= HOLD[1]
+    return Skew(nearest if held else NOMINAL_SKEW), False
+
+
+def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Term, Values]:
+    """Shape parameters that minimise the weighted residual, from a start that a grid gave."""
+    names, x0, lower, upper = [], [], [], []
+    for term, shape in shapes.items():
+        for parameter in problem.model.library.effects[term.effect].shape:
+            if parameter.grid is not None and parameter.grid.continuous:
+                values = grids.axis(problem.regressors, term, parameter, shape)
+                low, high = float(values[0]), float(values[-1])
+                if not low < high:  # at a joint that is held
+                    continue
+                names.append((term, parameter.name))
+                lower.append(low)
+                upper.append(high)
+                x0.append(float(np.clip(shape[parameter.name], low, high)))
+    if not x0:
+        return shapes
+    lo, scale = np.array(lower), np.array(upper) - np.array(lower)
+
+    def unpack(z: Array) -> dict[Term, Values]:
+        changed = {t: dict(s) for t, s in shapes.items()}
+        for (term, name), value in zip(names, lo + z * scale, strict=True):
+            changed[term][name] = float(value)
+        return changed
+
+    def residual(z: Array) -> Array:
+        parts = problem.solve(unpack(z), skew).residual
+        return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
+
+    z0 = np.clip((np.array(x0) - lo) / scale, 1e-6, 1 - 1e-6)
+    found = least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=1e-4, xtol=1e-4, ftol=1e-6, max_nfev=12)
+    return unpack(found.x)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A fit with its uncertainty."""
+
+    model: Model
+    motion: Motion
+    problem: Problem
+    fit: Fit
+
+    @cached_property
+    def inference(self) -> Inference:
+        return infer(self.problem, self.fit)
+
+    @cached_property
+    def uncorrected(self) -> Inference | None:
+        """The same fit with no skew correction and no row left out; None where no skew was estimated."""
+        if not self.fit.skew_free:
+            return None
+        every = replace(self.motion, standstill=np.zeros(self.model.n))
+        return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
+
+    def to_json(self) -> dict[str, Any]:
+        """As `tendon identify --json`; intervals are 95 %."""
+        document: dict[str, Any] = {
+            "band": {"cutoff_hz": self.motion.band.cutoff, "reason": self.motion.band.reason},
+            "skew": self.inference.skew_json(),
+            **self.inference.to_json(self.model),
+        }
+        document["uncorrected"] = None if self.uncorrected is None else self.uncorrected.to_json(self.model)
+        return document
+
+
+def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Identification:
+    """Fit the model file's structure to recordings; `skew` in samples, None to estimate it."""
+    return identify_motion(model, prepared(model, recordings), structure(model), skew)
+
+
+def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
+    """Recordings in the band that suits their noise and the model's inertia."""
+    given = rigid_inertia(recordings)
+    return prepare(recordings, choose_band(recordings, _diagonal(model) if given is None else given), model.library)
+
+
+def identify_motion(
+    model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
+) -> Identification:
+    """As `identify`, on a motion that is already prepared and for any structure."""
+    return Identification(model, motion, *solve(model, motion, known, skew, start))
+
+
+def _diagonal(model: Model) -> Array:
+    """(n,) D_ii of the model file at q = 0."""
+    return np.diagonal(model.inertia(np.zeros((model.n, 1)))[:, :, 0]).copy()

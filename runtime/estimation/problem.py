@@ -1,0 +1,229 @@
+"""The least-squares problem of one structure on one motion: everything that is linear, solved exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.least_squares import minimise
+from runtime.estimation.regressors import Regressors
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, Term, Values, joints_of, structure
+from runtime.motion.motion import Motion
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_CONFIGURATIONS = 60
+_KEPT_SYSTEMS = 8
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The solution of one least-squares problem.
+
+    prediction    inertial parameters and effects' values
+    coefficients  (K,) linear unknowns in the order of `LinearUnknowns.names`
+    shapes        shape parameters by term
+    skew          samples by which the torque is taken later
+    skew_free     whether it was estimated, and is what a hold explains
+    residual      per joint (M,), unweighted, zero in rows that do not count
+    weights       (n,) 1/σ by which joints were weighted
+    """
+
+    prediction: Prediction
+    coefficients: Array
+    shapes: dict[Term, Values]
+    skew: float
+    skew_free: bool
+    residual: list[Array]
+    weights: Array
+
+
+@dataclass(frozen=True)
+class LinearUnknowns:
+    """Order of the linear unknowns: base inertial parameters, then each term's coefficients.
+
+    lower, upper  (K,) bounds     stated  (K,) what the model file says, 0 where nothing: what no row tells stays there
+    """
+
+    terms: tuple[Term, ...]
+    slices: dict[Term, slice]
+    lumps: slice
+    lower: Array
+    upper: Array
+    stated: Array
+
+    @property
+    def size(self) -> int:
+        return len(self.lower)
+
+    @classmethod
+    def of(cls, model: Model, terms: Sequence[Term], rigid_given: bool) -> LinearUnknowns:
+        """rigid_given: the inertial parameters act on no torque and stay at the file's values."""
+        start, slices, known = len(model.lumps), {}, structure(model)
+        stated = [*model.lump_values]
+        lower = [*model.lump_values] if rigid_given else [-np.inf] * start
+        upper = [*model.lump_values] if rigid_given else [np.inf] * start
+        for term in terms:
+            info = model.library.effects[term.effect]
+            slices[term] = slice(start, start + len(info.coefficients))
+            start += len(info.coefficients)
+            lower += [c.bounds[0] for c in info.coefficients]
+            upper += [c.bounds[1] for c in info.coefficients]
+            # The coefficients of a form are others than the file's parameters.
+            values = known.get(term, {}) if info.recover is None else {}
+            stated += [values.get(c.name, 0.0) for c in info.coefficients]
+        return cls(tuple(terms), slices, slice(0, len(model.lumps)), *map(np.array, (lower, upper, stated)))
+
+
+@dataclass(frozen=True)
+class _System:
+    """A joint's rows that count: regressor (K, m), fixed part (m,), compensated Gram matrix, noise's moment."""
+
+    x: Array
+    fixed: Array
+    gram: Array
+    noise_moment: Array
+
+
+@dataclass(frozen=True)
+class _SkewColumns:
+    """Unknown shifts of the torque: none, one for all joints, or one a joint."""
+
+    size: int
+    shared: bool
+
+    def of(self, joint: int) -> int:
+        return 0 if self.shared else joint
+
+
+@dataclass(frozen=True)
+class Skew:
+    """Samples `at` which the torque is taken; further shifts from there are unknown: "no", "shared" or "each"."""
+
+    at: float
+    unknown: Literal["no", "shared", "each"] = "no"
+
+    def columns(self, n: int) -> _SkewColumns:
+        return _SkewColumns({"no": 0, "shared": 1, "each": n}[self.unknown], self.unknown == "shared")
+
+
+@dataclass(frozen=True)
+class Solved:
+    """coefficients (K,); shifts of the torque from where it was taken, samples; Gram matrix of both; residuals (M,)."""
+
+    coefficients: Array
+    shifts: Array
+    gram: Array
+    residual: list[Array]
+
+
+def _spread(values: Array, use: Mask) -> Array:
+    out = np.zeros(len(use))
+    out[use] = values
+    return out
+
+
+class Problem:
+    """Least squares of one structure on one motion, for any shapes and skew."""
+
+    def __init__(self, model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction | None) -> None:
+        self.model, self.motion = model, motion
+        self.layout = LinearUnknowns.of(model, terms, motion.rigid_given)
+        self.regressors = Regressors(model, motion, prediction)
+        self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
+        self._systems: dict[tuple[Any, ...], _System] = {}
+
+    def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
+        """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
+        return self._rows(self.regressors, joint, shapes)
+
+    def noise_rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
+        """What a realisation of the encoders' noise adds to `rows`."""
+        (x, fixed), (noisy, noisy_fixed) = (
+            self._rows(r, joint, shapes) for r in (self.regressors, self.regressors.perturbed)
+        )
+        return noisy - x, noisy_fixed - fixed
+
+    def _rows(self, regressors: Regressors, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
+        rigid = regressors.rigid(joint)
+        x = np.zeros((self.layout.size, rigid.shape[1]))
+        x[self.layout.lumps] = rigid
+        fixed = regressors.measured(joint).copy()
+        for term in self.layout.terms:
+            if joint in joints_of(self.model, term):
+                columns = regressors.columns(term, joint, shapes[term])
+                fixed += columns[0]
+                x[self.layout.slices[term]] = columns[1:]
+        return x, fixed
+
+    def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
+        """Everything that is linear, compensated for the encoders' noise, for these shapes."""
+        size, columns = self.layout.size, skew.columns(self.model.n)
+        gram = np.zeros((size + columns.size, size + columns.size))
+        moment = np.zeros(len(gram))
+        parts = []
+        for i in range(self.model.n):
+            use = self.motion.moving(i)
+            system = self._system(i, shapes)
+            y = self.motion.torque(i, skew.at)[use] - system.fixed
+            x, g, m = system.x, system.gram, system.noise_moment
+            index = np.arange(size)
+            if columns.size:
+                late = -self.regressors.skew(i)[use]
+                cross = system.x @ late
+                x = np.vstack([x, late])
+                g = np.block([[g, cross[:, None]], [cross[None], np.array([[late @ late]])]])
+                m, index = np.append(m, 0.0), np.append(index, size + columns.of(i))
+            gram[np.ix_(index, index)] += self.weights[i] ** 2 * g
+            moment[index] += self.weights[i] ** 2 * (x @ y + m)
+            parts.append((x, y, use, index))
+        free = np.full(columns.size, np.inf)
+        lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
+        stated = np.append(self.layout.stated, np.zeros(columns.size))
+        theta = minimise(gram, moment, lower, upper, self._inertia_cuts, stated)
+        residual = [_spread(y - theta[index] @ x, use) for x, y, use, index in parts]
+        return Solved(theta[:size], theta[size:], gram, residual)
+
+    def _system(self, joint: int, shapes: Mapping[Term, Values]) -> _System:
+        """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are."""
+        here = [t for t in self.layout.terms if joint in joints_of(self.model, t)]
+        key = (joint, tuple((t, *shapes[t].values()) for t in here))
+        if key not in self._systems:
+            if len(self._systems) > _KEPT_SYSTEMS * self.model.n:
+                self._systems.clear()
+            use = self.motion.moving(joint)
+            x, fixed = self.rows(joint, shapes)
+            noise, fixed_noise = self.noise_rows(joint, shapes)
+            x, noise = x[:, use], noise[:, use]
+            self._systems[key] = _System(x, fixed[use], x @ x.T - noise @ noise.T, noise @ fixed_noise[use])
+        return self._systems[key]
+
+    def _inertia_cuts(self, theta: Array) -> Array | None:
+        """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
+        if self.motion.rigid_given:
+            return None
+        q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in self.motion.pieces], axis=1)
+        value, vector = np.linalg.eigh(np.moveaxis(self.model.inertia(q, theta[self.layout.lumps]), 2, 0))
+        worst = int(np.argmin(value[:, 0]))
+        if value[worst, 0] > 0:
+            return None
+        v, at = vector[worst, :, 0], q[:, worst : worst + 1]
+        cut = np.zeros(len(theta))
+        for k in range(len(self.model.lumps)):
+            unit = np.zeros(len(self.model.lumps))
+            unit[k] = 1.0
+            cut[k] = v @ self.model.inertia(at, unit)[:, :, 0] @ v
+        return cut
+
+    def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:
+        values = {t: self._values(t, theta, shapes[t]) for t in self.layout.terms}
+        return Prediction(theta[self.layout.lumps], values)
+
+    def _values(self, term: Term, theta: Array, shape: Values) -> Values:
+        return self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)

@@ -1,0 +1,1 @@
+"""Motions that make rival effects distinguishable."""

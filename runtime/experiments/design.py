@@ -1,0 +1,323 @@
+"""The motion that makes rival effects distinguishable, found within a joint's limits and confirmed by simulation.
+
+Rivals are effects that a recording could not tell apart. Pieces of motion (pieces.py) are judged by
+how badly each rival explains the torque of the other along them (separation.py); the shortest choice that
+comes near the best is recorded in simulation, once with each rival hidden in it, and diagnosed like any other
+recording. Only that diagnosis decides whether the motion separates them.
+"""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime import files
+from runtime.diagnosis.diagnose import diagnose
+from runtime.experiments.pieces import Envelope
+from runtime.experiments.selection import WIDER, Freedom, Repertoire, TorqueLimit, peaks, plans
+from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
+from runtime.model.loader import Model
+from runtime.model.terms import Term, structure
+from runtime.simulation.simulate import MARGIN, NOISE, RATE, Hidden, SimulationError, parse_hidden
+
+Array = NDArray[np.float64]
+Tell = Callable[[str], None]
+
+_SEEDS = (1, 2)
+
+
+class ExperimentError(ValueError):
+    """What was asked is no experiment; the message says why and what to do."""
+
+
+def parse_rivals(text: str, model: Model) -> list[Hidden]:
+    """`EFFECT@JOINT[:KEY=VALUE,...]`, several separated by commas. Raises ExperimentError."""
+    parts: list[str] = []
+    for cell in text.split(","):
+        continues = "=" in cell.partition(":")[0] and parts
+        if continues:
+            parts[-1] += f",{cell}"
+        else:
+            parts.append(cell.strip())
+    try:
+        rivals = [parse_hidden(part, model) for part in parts]
+    except SimulationError as error:
+        raise ExperimentError(str(error).replace("--hide", "--between", 1)) from error
+    for rival in rivals:
+        if sum(rival.term == other.term for other in rivals) > 1:
+            raise ExperimentError(f"--between {text}: {rival.term} is named twice; name different rivals")
+        if rival.term in structure(model):
+            raise ExperimentError(
+                f"--between {text}: {model.name} has {rival.term} already; name effects that it lacks, or take it out"
+            )
+    return rivals
+
+
+@dataclass(frozen=True)
+class SimulatedDiagnosis:
+    """One diagnosis of a simulated recording.
+
+    hidden    what was in it, None for nothing         others  its rivals, which the diagnosis must rule out
+    named     findings, the first first                rivals  what the diagnosis could not tell from the first
+    """
+
+    hidden: Term | None
+    others: tuple[Term, ...]
+    seed: int
+    verdict: str
+    named: tuple[Term, ...]
+    rivals: tuple[Term, ...]
+
+    @property
+    def right(self) -> bool:
+        return self.problem is None
+
+    @property
+    def problem(self) -> str | None:
+        """What is wrong with the answer, in words; None if nothing is."""
+        if self.hidden is None:
+            return f"with nothing hidden, {self.named[0]} is named" if self.named else None
+        if not self.named:
+            return f"with {self.hidden} hidden, nothing is named ({self.verdict})"
+        if self.named[0] != self.hidden:
+            return f"with {self.hidden} hidden, {self.named[0]} is named"
+        open_rivals = [str(t) for t in (*self.rivals, *self.named[1:]) if t in self.others]
+        return f"{self.hidden} is named, but not told from {', '.join(open_rivals)}" if open_rivals else None
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "hidden": None if self.hidden is None else _place(self.hidden),
+            "seed": self.seed,
+            "verdict": self.verdict,
+            "named": [_place(t) for t in self.named],
+            "rivals": [_place(t) for t in self.rivals],
+            "right": self.right,
+            "problem": self.problem,
+        }
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Diagnoses of recordings of one motion, one for each rival and seed. True if every one of them is right."""
+
+    trials: tuple[SimulatedDiagnosis, ...]
+
+    def __bool__(self) -> bool:
+        return all(trial.right for trial in self.trials)
+
+    @property
+    def problem(self) -> str | None:
+        return next((trial.problem for trial in self.trials if trial.problem), None)
+
+
+def separates(model: Model, motion: Array, a: Hidden, b: Hidden, seed: int = 0, noise: float = NOISE) -> Confirmation:
+    """Whether a diagnosis of the motion (n, N; rad, m; at 1 kHz) names a and b, each without the other as a rival.
+
+    Each is hidden in a recording of `model` with noise as a part of the ordinary excitation's torque; parameters
+    without a value get a moderate one. Raises SimulationError.
+    """
+    return confirm(TrialArm.of(model, [a, b], seed, noise), motion, [seed])
+
+
+def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
+    """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); stops at a wrong answer."""
+    trials: list[SimulatedDiagnosis] = []
+    for seed in seeds:
+        for truth in [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]:
+            trials.append(_trial(bench, motion, truth, seed))
+        if not all(trial.right for trial in trials):
+            break
+    return Confirmation(tuple(trials))
+
+
+def _trial(bench: TrialArm, motion: Array, truth: int | None, seed: int) -> SimulatedDiagnosis:
+    hidden = None if truth is None else bench.rivals[truth]
+    # Recordings of different rivals get different noise.
+    own = len(bench.rivals) * seed + (0 if truth is None else truth)
+    result = diagnose(bench.model, [bench.record(motion, hidden, own)])
+    term = None if hidden is None else hidden.term
+    others = tuple(r.term for r in bench.rivals if r.term != term)
+    named = tuple(f.term for f in result.findings)
+    rivals = result.findings[0].rivals if result.findings else ()
+    return SimulatedDiagnosis(term, others, seed, result.verdict, named, tuple(rivals))
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A motion (n, N) at 1 kHz, what it consists of, what it separates, and what the diagnosis made of it.
+
+    before, after   separations on the ordinary excitation and on this motion
+    ordinary        the confirmation on the ordinary excitation, for comparison
+    relief          what would separate the rivals where this motion does not: (what, smallest strength, enough)
+    """
+
+    bench: TrialArm
+    motion: Array
+    names: tuple[str, ...]
+    times: int
+    limit: TorqueLimit
+    before: dict[Pair, Separation]
+    after: dict[Pair, Separation]
+    ordinary: Confirmation
+    confirmation: Confirmation
+    relief: tuple[tuple[str, float, bool], ...]
+
+    @property
+    def separated(self) -> bool:
+        return bool(self.confirmation)
+
+    @property
+    def seconds(self) -> float:
+        return self.motion.shape[1] / RATE
+
+    @property
+    def reason(self) -> str:
+        rivals = [str(r.term) for r in self.bench.rivals]
+        if self.separated and len(rivals) == 1:
+            return f"hidden in this motion, {rivals[0]} is named; without it, nothing is"
+        if self.separated:
+            return f"hidden in this motion, each of {', '.join(rivals)} is named without the others as rivals"
+        helpful = [name for name, _, enough in self.relief if enough]
+        if helpful:
+            rest = f"with {', or with '.join(helpful)}, there could be one"
+        elif self.relief:
+            tried = ", ".join(name for name, _, _ in self.relief)
+            rest = f"none of {tried} changes that: {self._least}"
+        else:
+            rest = f"the torques differ by enough ({self._least}), but the diagnosis does not see it"
+        return f"no motion within the limits was found: {self.confirmation.problem}; {rest}"
+
+    @property
+    def _least(self) -> str:
+        """The pair that is least apart, in words."""
+        terms = [str(r.term) for r in self.bench.rivals]
+        (truth, other), s = min(
+            ((pair, self.after[pair]) for pair in self.bench.pairs), key=lambda item: item[1].strength
+        )
+        what = "the base model" if other is None else terms[other]
+        return f"{what} explains {terms[truth]} to within {s.rms:.2g} noise floors"
+
+    def to_json(self) -> dict[str, Any]:
+        """As `tendon experiment --json`."""
+        rivals = self.bench.rivals
+        return {
+            "separated": self.separated,
+            "reason": self.reason,
+            "rivals": [{**_place(r.term), "values": dict(r.values)} for r in rivals],
+            "motion": {
+                "pieces": list(self.names),
+                "times": self.times,
+                "seconds": self.seconds,
+                "joints": [self._joint(i, t) for i, t in enumerate(peaks(self.bench, self.motion).T)],
+            },
+            "noise": [
+                {"joint": i + 1, "torque": noise, "floor": floor}
+                for i, (noise, floor) in enumerate(zip(self.bench.noise, self.bench.floor, strict=True))
+            ],
+            "band": {"cutoff_hz": self.bench.band.cutoff, "reason": self.bench.band.reason},
+            "separations": [self._pair(*pair) for pair in self.after],
+            "trials": [t.to_json() for t in self.confirmation.trials],
+            "ordinary_trials": [t.to_json() for t in self.ordinary.trials],
+            "relief": [{"change": name, "sigmas": s, "enough": enough} for name, s, enough in self.relief],
+        }
+
+    def _joint(self, i: int, torque: Array) -> dict[str, Any]:
+        joint, q = self.bench.model.joints[i], self.motion[i]
+        allowed = Envelope.of(joint)
+        return {
+            "joint": i + 1,
+            "position": [float(q.min()), float(q.max())],
+            "position_limits": [allowed.middle - allowed.reach / MARGIN, allowed.middle + allowed.reach / MARGIN],
+            "position_stated": joint.position_limits is not None,
+            "position_unit": joint.position_unit,
+            "speed": float(np.abs(np.diff(q)).max() * RATE),
+            "speed_limit": allowed.speed / MARGIN,
+            "speed_stated": joint.speed_limit is not None,
+            "torque": float(torque[0]),
+            "torque_with_rivals": float(torque.max()),
+            "torque_limit": float(self.limit.largest[0, i] if joint.torque_limit is None else joint.torque_limit),
+            "torque_stated": joint.torque_limit is not None,
+            "force_unit": joint.force_unit,
+        }
+
+    def _pair(self, truth: int, other: int | None) -> dict[str, Any]:
+        rivals, pair = self.bench.rivals, (truth, other)
+        return {
+            "hidden": _place(rivals[truth].term),
+            "explained_by": None if other is None else _place(rivals[other].term),
+            "before": self.before[pair].rms,
+            "after": self.after[pair].rms,
+            "sigmas_before": self.before[pair].strength,
+            "sigmas_after": self.after[pair].strength,
+        }
+
+
+def _place(term: Term) -> dict[str, Any]:
+    return {"effect": term.effect, "joint": term.joint}
+
+
+def propose(
+    model: Model, rivals: Sequence[Hidden], seed: int = 0, noise: float = NOISE, tell: Tell | None = None
+) -> Proposal:
+    """The motion within the model file's limits that separates the rivals, or comes nearest to it.
+
+    rivals   one (against the base model) or more; parameters without a value get a moderate one
+    noise    standard deviation of the torque's noise as a part of the ordinary excitation's torque
+    tell     hears what is going on
+    Raises SimulationError, ExperimentError.
+    """
+    say = tell or (lambda _: None)
+    if noise <= 0:
+        raise ExperimentError("without noise every difference would count; give a noise above 0")
+    bench = TrialArm.of(model, rivals, seed, noise)
+    limit = TorqueLimit.of(bench)
+    say("judging the pieces of motion")
+    repertoire = Repertoire.of(bench, limit, Freedom())
+    seeds = [seed + s for s in _SEEDS]
+    choices = repertoire.choices()
+    for choice in plans(choices):
+        motion = repertoire.motion(choice)
+        say(f"diagnosing {motion.shape[1] / RATE:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}")
+        confirmation = confirm(bench, motion, seeds)
+        if confirmation:
+            break
+    say("diagnosing the ordinary excitation")
+    ordinary = confirm(bench, bench.ordinary_path, seeds[:1])
+    relief: tuple[tuple[str, float, bool], ...] = ()
+    if not confirmation and not choice.enough:
+        relief = tuple(_relief(bench, limit, freedom, say) for freedom in WIDER)
+    return Proposal(
+        bench,
+        motion,
+        tuple(repertoire.names[k] for k in choice.numbers),
+        choice.times,
+        limit,
+        MotionGround.of(bench, bench.ordinary_path).weigh(),
+        MotionGround.of(bench, motion).weigh(),
+        ordinary,
+        confirmation,
+        relief,
+    )
+
+
+def _relief(bench: TrialArm, limit: TorqueLimit, freedom: Freedom, say: Tell) -> tuple[str, float, bool]:
+    say(f"judging the motion with {freedom.name}")
+    quieter = replace(bench, quiet=freedom.noise)
+    best = max(Repertoire.of(quieter, limit, freedom).choices(), key=lambda c: (c.visible, c.strength))
+    return freedom.name, best.strength, best.enough
+
+
+def write_motion(path: Path, model: Model, motion: Array) -> None:
+    """Write positions (n, N) as `tendon simulate --motion` reads them; gzip if the name ends in .gz."""
+    units = [joint.position_unit for joint in model.joints]
+    lines = [",".join(["t [s]", *(f"q{i} [{unit}]" for i, unit in enumerate(units, 1))])]
+    row = ",".join(["%.3f", *["%.10f"] * model.n])
+    lines += [row % (k / RATE, *q) for k, q in enumerate(motion.T.tolist())]
+    data = ("\n".join(lines) + "\n").encode()
+    files.replace(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)

@@ -1,0 +1,226 @@
+"""Which pieces of motion, one after another, separate rival effects best in the shortest time within the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.experiments.pieces import BROAD, PAUSE, Envelope, MotionPiece, in_sequence, pieces
+from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
+from runtime.model.terms import joints_of
+from runtime.simulation.simulate import MARGIN, RATE, SimulationError, excitation
+
+Array = NDArray[np.float64]
+
+_LEAST_SECONDS = 24.0
+"""A shorter motion is repeated: below, cross-validation has too little to hold out."""
+_SURE = 8.0
+"""Standard deviations by which a rival must miss the truth: a likelihood ratio well beyond chance."""
+_VISIBLE = 0.3
+"""Noise floors that a rival must leave of its own beside the base model: twice what a diagnosis asks for."""
+_NEAR_BEST = 0.7
+_MOST_PIECES = 4
+_MORE = 2.0
+_SMALLER = (1.0, 0.75, 0.5, 0.3)
+_SLOWER = 0.8
+_SLOWINGS = 8
+_ORDINARY_SECONDS = 16.0
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """By which factors limits are widened, to learn which of them stands in the way."""
+
+    name: str = "the limits"
+    range: float = 1.0
+    speed: float = 1.0
+    torque: float = 1.0
+    noise: float = 1.0
+
+
+WIDER = (
+    Freedom("twice the range", range=2.0),
+    Freedom("twice the speed and torque", speed=2.0, torque=2.0),
+    Freedom("twice the torque", torque=2.0),
+    Freedom("a quarter of the noise", noise=0.25),
+)
+
+
+@dataclass(frozen=True)
+class PieceChoice:
+    """Pieces by number, how often they are gone through, and what that separates."""
+
+    numbers: tuple[int, ...]
+    times: int
+    seconds: float
+    separations: dict[Pair, Separation]
+
+    @property
+    def rms(self) -> float:
+        """The smallest separation in noise floors, nothing if a rival is not visible at all."""
+        return self._least("rms") if self.visible else 0.0
+
+    @property
+    def strength(self) -> float:
+        return self._least("strength")
+
+    @property
+    def visible(self) -> bool:
+        return min(s.rms for (_, other), s in self.separations.items() if other is None) > _VISIBLE
+
+    @property
+    def enough(self) -> bool:
+        return self.visible and self.strength > _SURE
+
+    def _least(self, figure: str) -> float:
+        against = [s for (_, other), s in self.separations.items() if other is not None]
+        return float(min(getattr(s, figure) for s in against or self.separations.values()))
+
+
+@dataclass(frozen=True)
+class Repertoire:
+    """Pieces that keep to the limits, and the ground on which they were judged together."""
+
+    envelopes: tuple[Envelope, ...]
+    names: tuple[str, ...]
+    parts: tuple[Array, ...]
+    ground: MotionGround
+
+    @classmethod
+    def of(cls, bench: TrialArm, limit: TorqueLimit, freedom: Freedom) -> Repertoire:
+        """Raises SimulationError if nothing keeps to the limits."""
+        joints = tuple(Envelope.of(joint, freedom.range, freedom.speed) for joint in bench.model.joints)
+        found = _within(bench, joints, limit, freedom.torque)
+        if not found:
+            raise SimulationError(
+                f"{bench.model.name}: no motion keeps to the torque limits; its friction and weight alone exceed them"
+            )
+        names, parts = tuple(found), tuple(found.values())
+        # Twice over, so that friction that changes with time is seen at both ends.
+        path, spans = in_sequence([*parts, *parts], joints)
+        return cls(joints, names, parts, MotionGround.of(bench, path, spans))
+
+    def choice(self, numbers: tuple[int, ...]) -> PieceChoice:
+        once = sum(self.parts[k].shape[1] / RATE + PAUSE for k in numbers)
+        times = max(2, ceil(_LEAST_SECONDS / once))
+        both = [k + half for half in (0, len(self.parts)) for k in numbers]
+        return PieceChoice(numbers, times, times * once, self.ground.weigh(both, times / 2))
+
+    def choices(self) -> list[PieceChoice]:
+        """All single pieces and pairs, and larger choices that grow from the best; the base model is fitted on the
+        same motion, so each holds a piece that allows it."""
+        count = range(len(self.parts))
+        broad = {k for k in count if self.names[k] in BROAD} or set(count)
+        chosen = [c for size in (1, 2) for c in combinations(count, size) if not broad.isdisjoint(c)]
+        found = [self.choice(numbers) for numbers in chosen]
+        for key in ("rms", "strength"):
+            best = max(found, key=lambda c: (getattr(c, key), -c.seconds))
+            while len(best.numbers) < min(_MOST_PIECES, len(self.parts)):
+                grown = [self.choice(tuple(sorted((*best.numbers, k)))) for k in count if k not in best.numbers]
+                best = max(grown, key=lambda c: getattr(c, key))
+                found.append(best)
+        return found
+
+    def motion(self, choice: PieceChoice) -> Array:
+        return in_sequence([self.parts[k] for k in choice.numbers] * choice.times, self.envelopes)[0]
+
+
+def _subject(bench: TrialArm) -> list[int]:
+    """Joints (0-based) in question: those of the rivals, all for an effect of the arm."""
+    found: set[int] = set()
+    for rival in bench.rivals:
+        own = rival.term.joint
+        found |= set(joints_of(bench.model, rival.term)) if own is None else {own - 1}
+    return sorted(found)
+
+
+def _ordinary(bench: TrialArm) -> Array:
+    """The ordinary excitation as a piece: displacements from the middle (n, N)."""
+    path = excitation(bench.model, np.random.default_rng(0), _ORDINARY_SECONDS, 1)
+    return path - np.array([[Envelope.of(joint).middle] for joint in bench.model.joints])
+
+
+def peaks(bench: TrialArm, path: Array) -> Array:
+    """(1 + rivals, n) largest torques along a motion: of the base model, then with each rival in it."""
+    return np.array([np.abs(bench.record(path, r, None).tau).max(axis=1) for r in (None, *bench.rivals)])
+
+
+@dataclass(frozen=True)
+class TorqueLimit:
+    """(1 + rivals, n) largest torques of the base model and with each rival in it.
+
+    Where the file states no limit, the base model may ask for what it does in the ordinary excitation. A rival with
+    a memory may ask for twice what it does there, so that it is not driven into resonance; what others ask for
+    then follows from the speeds and the range.
+    """
+
+    largest: Array
+
+    @classmethod
+    def of(cls, bench: TrialArm) -> TorqueLimit:
+        largest = peaks(bench, bench.ordinary_path)
+        for row, rival in zip(largest[1:], bench.rivals, strict=True):
+            row *= _MORE if bench.model.library.effects[rival.term.effect].states else np.inf
+        for i, joint in enumerate(bench.model.joints):
+            if joint.torque_limit is not None:
+                largest[:, i] = MARGIN * joint.torque_limit
+        return cls(largest)
+
+    def allows(self, bench: TrialArm, path: Array, factor: float) -> bool:
+        return bool(np.all(peaks(bench, path) <= factor * self.largest))
+
+
+def _within(bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, factor: float) -> dict[str, Array]:
+    """Every piece as large and then as fast as the torques allow, without those that they do not allow at all."""
+    subject = _subject(bench)
+    found: dict[str, Array] = {}
+    for part in _SMALLER:
+        envelopes = [replace(joint, reach=part * joint.reach) for joint in joints]
+        for piece in pieces(envelopes, subject, lambda: _ordinary(bench)):
+            made = _slowed(bench, joints, piece, limit, factor) if piece.name not in found else None
+            if made is not None:
+                found[piece.name] = made
+    return found
+
+
+def _slowed(
+    bench: TrialArm, joints: Sequence[Envelope], piece: MotionPiece, limit: TorqueLimit, factor: float
+) -> Array | None:
+    """The piece as fast as the torques allow; None if they do not allow even the slowest."""
+    # The slowest comes second: if it asks for too much, those between need not be tried.
+    for k in (0, _SLOWINGS, *range(1, _SLOWINGS)):
+        made = piece.make(_SLOWER**k)
+        allowed = limit.allows(bench, in_sequence([made], joints)[0], factor)
+        if k == _SLOWINGS:
+            slowest = made
+            if not allowed:
+                return None
+        elif allowed:
+            return made
+    return slowest
+
+
+def plans(choices: Sequence[PieceChoice]) -> Iterator[PieceChoice]:
+    """What to try, in this order: the shortest that comes near the best, the plainest, the best, the surest.
+
+    If none promises to be enough, only the shortest that comes near the surest.
+    """
+    able = [c for c in choices if c.enough]
+    if not able:
+        surest = max((c.visible, c.strength) for c in choices)
+        near = [c for c in choices if (c.visible, c.strength) >= (surest[0], _NEAR_BEST * surest[1])]
+        yield min(near, key=lambda c: c.seconds)
+        return
+    best = max(able, key=lambda c: (c.rms, -c.seconds))
+    near = [c for c in able if c.rms >= _NEAR_BEST * best.rms]
+    plainest = max(able, key=lambda c: (-len(c.numbers), c.rms))
+    tried: list[tuple[int, ...]] = []
+    for choice in (min(near, key=lambda c: c.seconds), plainest, best, max(able, key=lambda c: c.strength)):
+        if choice.numbers not in tried:
+            tried.append(choice.numbers)
+            yield choice

@@ -1,0 +1,248 @@
+"""How badly each of several rival effects explains another along a motion, before anything is recorded.
+
+The torque of one rival is taken as the truth; what is left of it when the base model and the other rival, at
+the best of its shapes, have taken their share is the separation, in units of the noise inside the band. All
+that is needed are Gram matrices, one for each piece of a motion: they add, so any choice of pieces can be
+judged without looking at the samples again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation import grids
+from runtime.estimation.identify import prepared
+from runtime.estimation.least_squares import bounded
+from runtime.estimation.problem import Problem
+from runtime.estimation.regressors import Regressors
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, Structure, Term, joints_of
+from runtime.motion.band import Band
+from runtime.motion.motion import Motion, prepare
+from runtime.recordings.recording import Recording
+from runtime.simulation.simulate import NOISE, Hidden, excitation, simulate
+
+Array = NDArray[np.float64]
+
+_SECONDS, _REPEATS = 40.0, 2  # of the ordinary excitation
+
+_EXACT = 1e-4  # of a torque: no law is known better, and sums of squares are hardly
+
+Pair = tuple[int, int | None]
+"""Numbers of the rival that is true and of the one that tries to explain it; None: nothing but the base model."""
+
+
+@dataclass(frozen=True)
+class TrialArm:
+    """An arm on which experiments are tried: all its parameters known, its instruments as on an ordinary recording.
+
+    model    as the file has it              known   the same with values for all its effects
+    base     the values of its effects       rivals  with all their values
+    noise    (n,) standard deviation of the recorded torque's noise, N m (N)
+    band     as chosen on the ordinary recording       ordinary_path  (n, N) the ordinary excitation
+    quiet    factor on the floor, to ask what less noise would do
+    """
+
+    model: Model
+    known: Model
+    base: Structure
+    rivals: tuple[Hidden, ...]
+    noise: Array
+    band: Band
+    ordinary_path: Array
+    quiet: float = 1.0
+
+    @classmethod
+    def of(cls, model: Model, rivals: Sequence[Hidden], seed: int = 0, noise: float = NOISE) -> TrialArm:
+        """`noise` as simulate() takes it, of the ordinary excitation's torque. Raises SimulationError."""
+        path = excitation(model, np.random.default_rng(seed), _SECONDS / _REPEATS, _REPEATS)
+        plain, base = simulate(model, motion=path, noise=0.0)
+        known = stated(model, base)
+        complete = tuple(Hidden(r.term, simulate(known, [r], motion=path, noise=0.0)[1][r.term]) for r in rivals)
+        level = noise * np.sqrt(np.mean(plain.tau**2, axis=1))
+        ordinary = noisy(plain, level, seed)
+        return cls(model, known, base, complete, level, prepared(model, [ordinary]).band, path)
+
+    @cached_property
+    def floor(self) -> Array:
+        """(n,) RMS inside the band of the torque's noise and of the encoder's as an inertial torque."""
+        inertia = np.diagonal(self.model.inertia(np.zeros((self.model.n, 1)))[:, :, 0])
+        encoder = inertia**2 * self.band.position_density * (2 * np.pi) ** 4 * self.band.cutoff**5 / 5
+        return self.quiet * np.sqrt(self.band.torque_floor() ** 2 + encoder)
+
+    def record(self, path: Array, rival: Hidden | None, seed: int | None) -> Recording:
+        """A recording of this motion (n, N) with the rival hidden in it; no noise without a seed."""
+        made, _ = simulate(self.known, [] if rival is None else [rival], motion=path, noise=0.0)
+        return made if seed is None else noisy(made, self.noise, seed)
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """Every rival as the truth against every other; a single one against nothing."""
+        if len(self.rivals) == 1:
+            return [(0, None)]
+        return list(permutations(range(len(self.rivals)), 2))
+
+
+def noisy(recording: Recording, level: Array, seed: int) -> Recording:
+    """With white noise of standard deviation `level` (n,) on the torque."""
+    rng = np.random.default_rng(seed)
+    return replace(recording, tau=recording.tau + level[:, None] * rng.standard_normal(recording.tau.shape))
+
+
+def stated(model: Model, values: Structure) -> Model:
+    """The same arm as if its file stated these values."""
+    known = copy(model)
+    known.joints = tuple(
+        replace(joint, effects={t.effect: dict(v) for t, v in values.items() if t.joint == number})
+        for number, joint in enumerate(model.joints, 1)
+    )
+    known.effects = {name: dict(values[Term(name)]) for name in model.effects}
+    if model.contact is not None:
+        effects = {name: dict(values[Term(name)]) for name in model.contact["effects"]}
+        known.contact = {**model.contact, "effects": effects}
+    return known
+
+
+@dataclass(frozen=True)
+class Separation:
+    """rms: what the rival leaves, in noise floors; strength: its norm over all rows, in standard deviations."""
+
+    rms: float
+    strength: float
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """At one joint: Gram matrices (pieces, k, k) of base rows, the rivals' torques, then their columns; rows used."""
+
+    base: int
+    gram: Array
+    rows: Array
+
+
+@dataclass(frozen=True)
+class MotionGround:
+    """A motion's pieces, ready to be judged in any choice.
+
+    places: by rival and shape, the rows of the fixed part and of the columns in every joint's Gram matrix.
+    """
+
+    bench: TrialArm
+    joints: tuple[_Joint, ...]
+    places: tuple[tuple[slice, ...], ...]
+
+    @classmethod
+    def of(cls, bench: TrialArm, path: Array, spans: Sequence[tuple[float, float]] | None = None) -> MotionGround:
+        """Along a motion (n, N) at simulate's rate; spans: from and to which second each piece goes."""
+        recording = bench.record(path, None, None)
+        # The encoder's steps stay out, so that a special case of a rival is exactly that; the floor has them.
+        motion = prepare([replace(recording, q=path)], bench.band, bench.model.library)
+        spans = [(0.0, np.inf)] if spans is None else spans
+        shapes = _shapes(bench, motion)
+        places, at = [], 0
+        for rival, choices in zip(bench.rivals, shapes, strict=True):
+            size = 1 + len(bench.model.library.effects[rival.term.effect].coefficients)
+            places.append(tuple(slice(at + k * size, at + (k + 1) * size) for k in range(len(choices))))
+            at += size * len(choices)
+        joints = tuple(_joint(bench, motion, i, shapes, spans) for i in range(bench.model.n))
+        return cls(bench, joints, tuple(places))
+
+    def weigh(self, chosen: Sequence[int] | None = None, count: int = 1) -> dict[Pair, Separation]:
+        """Separations on the chosen pieces, `count` times over; a pair without second rival is its visibility."""
+        take = slice(None) if chosen is None else list(chosen)
+        total, rows = 0.0, 1.0
+        for joint, floor in zip(self.joints, self.bench.floor, strict=True):
+            gram = joint.gram[take].sum(axis=0)
+            total = total + _beside(gram, joint.base) / floor**2
+            rows = max(rows, float(joint.rows[take].sum()))
+        everything = np.asarray(total)
+        sums: dict[Pair, float] = {}
+        for pair in [*self.bench.pairs, *((k, None) for k in range(len(self.bench.rivals)))]:
+            sums[pair] = max(self._left(everything, *pair), 0.0)
+        return {p: Separation(float(np.sqrt(s / rows)), float(np.sqrt(s * count))) for p, s in sums.items()}
+
+    def _left(self, gram: Array, truth: int, other: int | None) -> float:
+        """Squared error that the other rival leaves of the truth at its best shape."""
+        whole = float(gram[truth, truth])
+        if other is None:
+            return whole
+        effect = self.bench.model.library.effects[self.bench.rivals[other].term.effect]
+        lower, upper = (np.array([c.bounds[k] for c in effect.coefficients]) for k in (0, 1))
+        least, first = whole, len(self.bench.rivals)
+        for place in self.places[other]:
+            at = slice(first + place.start, first + place.stop)
+            g, m = gram[at, at], gram[at, truth]
+            fixed = whole - 2 * m[0] + g[0, 0]
+            moment = m[1:] - g[1:, 0]
+            theta = bounded(g[1:, 1:], moment, lower, upper)
+            least = min(least, float(fixed - 2 * theta @ moment + theta @ g[1:, 1:] @ theta))
+        return least - _EXACT**2 * whole
+
+
+def _shapes(bench: TrialArm, motion: Motion) -> list[list[dict[str, float]]]:
+    """The grid of every rival along this motion."""
+    regressors = Regressors(bench.known, motion, Prediction(bench.model.lump_values, bench.base))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return [grids.points(regressors, rival.term) for rival in bench.rivals]
+
+
+def _joint(
+    bench: TrialArm,
+    motion: Motion,
+    joint: int,
+    shapes: Sequence[Sequence[dict[str, float]]],
+    spans: Sequence[tuple[float, float]],
+) -> _Joint:
+    model = bench.known
+    prediction = Prediction(model.lump_values, bench.base)
+    problem = Problem(model, motion, tuple(bench.base), prediction)
+    x, _ = problem.rows(joint, {term: _shape(bench, term) for term in bench.base})
+    base = [row for row in x if np.any(row != 0)]
+    if not any("predicted_rate" in model.library.effects[r.term.effect].signals for r in bench.rivals):
+        # The skew between torque and motion is estimated, unless a delay of the drive is in question itself.
+        base.append(problem.regressors.skew(joint))
+    rows = [*base, *(_torque(bench, motion, rival, joint) for rival in bench.rivals)]
+    for rival, choices in zip(bench.rivals, shapes, strict=True):
+        size = 1 + len(model.library.effects[rival.term.effect].coefficients)
+        here = joint in joints_of(model, rival.term)
+        for shape in choices:
+            rows += [*(problem.regressors.columns(rival.term, joint, shape) if here else np.zeros((size, x.shape[1])))]
+    stack, use, time = np.array(rows), motion.moving(joint), motion.row_time
+    grams, counts = [], []
+    for start, stop in spans:
+        part = stack[:, use & (time >= start) & (time < stop)]
+        grams.append(part @ part.T)
+        counts.append(part.shape[1])
+    return _Joint(len(base), np.array(grams), np.array(counts, dtype=float))
+
+
+def _shape(bench: TrialArm, term: Term) -> dict[str, float]:
+    shape = {p.name for p in bench.model.library.effects[term.effect].shape}
+    return {k: v for k, v in bench.base[term].items() if k in shape}
+
+
+def _torque(bench: TrialArm, motion: Motion, rival: Hidden, joint: int) -> Array:
+    """(M,) the rival's torque at a joint, in the band."""
+    if joint not in joints_of(bench.known, rival.term):
+        return np.zeros(len(motion.row_time))
+    truth = Prediction(bench.known.lump_values, {**bench.base, rival.term: rival.values})
+    signals = Regressors(bench.known, motion, truth).signals
+    return np.concatenate([s.piece.in_band(s.torque(rival.term, joint)) for s in signals])
+
+
+def _beside(gram: Array, base: int) -> Array:
+    """The Gram matrix of the other rows after the first `base` rows have taken from them what they can."""
+    size = np.sqrt(np.maximum(np.diag(gram)[:base], 0.0))
+    there = np.flatnonzero(size > 0)
+    unit = gram[np.ix_(there, there)] / np.outer(size[there], size[there])
+    value, vector = np.linalg.eigh(unit) if len(there) else (np.zeros(0), np.zeros((0, 0)))
+    seen = value > 1e-10 * max(value.max(initial=0.0), 1e-300)
+    half = (vector[:, seen] / np.sqrt(value[seen])).T @ (gram[there, base:] / size[there, None])
+    return gram[base:, base:] - half.T @ half

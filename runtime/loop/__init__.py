@@ -1,0 +1,1 @@
+"""The whole loop: add what is missing, refit, judge on what was not fitted."""

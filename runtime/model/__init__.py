@@ -1,0 +1,1 @@
+"""The generated code of an arm and of the effects, loaded."""

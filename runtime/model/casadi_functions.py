@@ -1,0 +1,61 @@
+"""The generated CasADi functions of an arm and of its effects: smooth forms, for the optimizer and for simulation."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import casadi as ca
+
+from runtime.model.loader import Model
+
+WIDTHS = ("rate", "position", "force", "time")
+"""What the widths of the smooth switches are widths of, in the order in which the generated functions take them."""
+
+
+@cache
+def _module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path}: not a module that Tendon generated")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def _function(path: Path, name: str) -> ca.Function:
+    return getattr(_module(path), name)()
+
+
+def arm_function(model: Model, name: str) -> ca.Function:
+    """A function of the arm; its first input is the struct of parameters."""
+    return _function(model.directory / f"{model.name}_casadi.py", name)
+
+
+def effect_function(model: Model, effect: str, what: str = "torque") -> ca.Function:
+    """`torque`, and of an effect with a memory `start` and `step`; inputs: signals, (dt,) p, x, width."""
+    return _function(model.library.directory / "effects_casadi.py", f"{effect}_{what}")
+
+
+def struct_values(model: Model) -> list[float]:
+    """Values of the struct of parameters: lumps, then geometry."""
+    return [float(field["default"]) for field in model.metadata["struct"]]
+
+
+def effect_torque(
+    model: Model, effect: str, read: Callable[[str], Any], values: Any, width: Any, states: Any = None
+) -> Any:
+    """The torque of an effect whose signals are read by name; values: its parameters in declared order."""
+    info = model.library[effect]
+    signals = [read(name) for name in info.signals]
+    return effect_function(model, effect)(*signals, values, ca.SX(0, 1) if states is None else states, width)
+
+
+def ordered(model: Model, effect: str, values: Mapping[str, float]) -> list[float]:
+    """Parameter values of an effect in declared order; given ones that are not stated have their defaults."""
+    return [float(values.get(p.name, p.default or 0.0)) for p in model.library[effect].parameters]

@@ -1,0 +1,321 @@
+"""The generated code as NumPy functions: an arm's Model and the Library of effects.
+
+All arrays are C-contiguous float64 with the samples last: q (n, N). A call without samples, q (n,), gives a
+result without samples.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from collections.abc import Mapping
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from runtime.model.catalogue import (
+    EffectInfo,
+    GridInfo,
+    JointInfo,
+    LoaderError,
+    LumpInfo,
+    ParameterInfo,
+    effect_info,
+    evaluate,
+    joint_info,
+)
+
+__all__ = [
+    "EffectInfo",
+    "GridInfo",
+    "JointInfo",
+    "Library",
+    "LoaderError",
+    "LumpInfo",
+    "Model",
+    "ParameterInfo",
+    "load_library",
+    "load_model",
+]
+
+Array = NDArray[np.float64]
+
+
+def load_library(directory: Path) -> Library:
+    """The library of effects in a directory of codegen.prepare.prepare_effects."""
+    return Library(Path(directory))
+
+
+def load_model(directory: Path, effects: Library) -> Model:
+    """The arm in a directory of codegen.prepare.prepare_arm."""
+    return Model(Path(directory), effects)
+
+
+def _open(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:
+    try:
+        data = json.loads((directory / page).read_text(encoding="utf-8"))
+        return data, ctypes.CDLL(str(directory / "lib.so"))
+    except OSError as error:
+        raise LoaderError(f"{directory}: no compiled code here ({error}); codegen.prepare makes it") from error
+
+
+def _pointer(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+class Model:
+    """An arm's functions. `lumps` (p,) replaces the base inertial parameters of the model file for one call."""
+
+    def __init__(self, directory: Path, library: Library) -> None:
+        self.directory, self.library = directory, library
+        self.metadata, self._lib = _open(directory, "metadata.json")
+        self.name: str = self.metadata["name"]
+        self.n: int = self.metadata["n"]
+        self.gravity: tuple[float, float] = tuple(self.metadata["gravity"])
+        self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
+        self.contact: dict[str, Any] | None = self.metadata["contact"]
+        self.controller: dict[str, float] | None = self.metadata["controller"]
+        self.joints = tuple(joint_info(data) for data in self.metadata["joints"])
+        self.lumps = tuple(LumpInfo(**data) for data in self.metadata["lumps"])
+        self.lump_values: Array = np.array([lump.value for lump in self.lumps])
+        self._defaults: Array = np.array([field["default"] for field in self.metadata["struct"]])
+        self.functions = tuple(self.metadata["functions"])
+
+    def call(self, function: str, arguments: Mapping[str, ArrayLike], lumps: ArrayLike | None = None) -> Array:
+        """Any generated function by name. Inputs (*shape, N), output (*shape, N); see metadata["functions"]."""
+        if function not in self.metadata["functions"]:
+            raise LoaderError(f'arm "{self.name}" has no function "{function}"; it has: {", ".join(self.functions)}')
+        page = self.metadata["functions"][function]
+        arrays, count = self._arrays(function, page["inputs"], arguments)
+        shape = tuple(page["outputs"][0][1])
+        samples = () if count is None else (count,)
+        out = np.empty((*shape, *samples))
+        parameters = self._parameters(lumps)
+        kernel = getattr(self._lib, f"{self.name}_{function}_batch_f64")
+        kernel(
+            ctypes.c_size_t(1 if count is None else count),
+            *(_pointer(a) for a in (parameters, *arrays, out)),
+        )
+        return out
+
+    def _arrays(
+        self, function: str, inputs: list[Any], arguments: Mapping[str, ArrayLike]
+    ) -> tuple[list[Array], int | None]:
+        """Inputs in order, and the number of samples (None: a call without samples)."""
+        arrays = [np.asarray(arguments[name], dtype=np.float64, order="C") for name, _ in inputs]
+        # The first input is an array of numbers, so its dimensions tell whether there are samples.
+        count = arrays[0].shape[-1] if arrays[0].ndim == len(inputs[0][1]) + 1 else None
+        for i, ((name, shape), array) in enumerate(zip(inputs, arrays, strict=True)):
+            expected = (*shape,) if count is None else (*shape, count)
+            if not shape and count is not None and array.ndim == 0:
+                arrays[i] = np.full(count, float(array))
+            elif array.shape != expected:
+                rows = ", ".join(map(str, shape))
+                hint = f"pass ({rows}{', ' if rows else ''}N), the samples last"
+                raise LoaderError(
+                    f"{self.name}: {function}: {name} has shape {array.shape}, expected {expected}; {hint}"
+                )
+        return arrays, count
+
+    def _parameters(self, lumps: ArrayLike | None) -> Array:
+        if lumps is None:
+            return self._defaults
+        values = np.asarray(lumps, dtype=np.float64)
+        if values.shape != self.lump_values.shape:
+            raise LoaderError(f"lumps has shape {values.shape}, expected {self.lump_values.shape} for {self.name}")
+        return np.concatenate([values, self._defaults[len(values) :]])
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """Motor torques of the rigid arm, (n, N) N m or N."""
+        return self.call("inverse_dynamics", {"q": q, "qd": qd, "qdd": qdd}, lumps)
+
+    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """Accelerations under the torques tau, (n, N)."""
+        return self.call("forward_dynamics", {"q": q, "qd": qd, "tau": tau}, lumps)
+
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Derivative of the inverse dynamics by the lumps, (n, p, N)."""
+        return self.call("regressor", {"q": q, "qd": qd, "qdd": qdd})
+
+    def inertia(self, q: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """D(q), (n, n, N)."""
+        return self.call("inertia", {"q": q}, lumps)
+
+    def coriolis(self, q: ArrayLike, qd: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """C(q, qd), (n, n, N)."""
+        return self.call("coriolis", {"q": q, "qd": qd}, lumps)
+
+    def gravity_torque(self, q: ArrayLike, lumps: ArrayLike | None = None) -> Array:
+        """g(q), (n, N)."""
+        return self.call("gravity", {"q": q}, lumps)
+
+    def tip(self, q: ArrayLike) -> Array:
+        """End-effector's x, y and angle in the base frame, (3, N)."""
+        return self.call("tip", {"q": q})
+
+    def tip_jacobian(self, q: ArrayLike) -> Array:
+        """Derivative of the tip by q, (3, n, N)."""
+        return self.call("tip_jacobian", {"q": q})
+
+    def tip_load(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Torque that a unit mass at the end-effector asks of each joint, (n, N)."""
+        return self.call("tip_load", {"q": q, "qd": qd, "qdd": qdd})
+
+    def moment_jacobian(self, q: ArrayLike) -> Array:
+        """Derivative of the first mass moment (base x, y) by q, (2, n, N)."""
+        return self.call("moment_jacobian", {"q": q})
+
+    def contact_coordinates(self, q: ArrayLike) -> Array:
+        """w = phi(q), (4, N)."""
+        return self.call("contact_coordinates", {"q": q})
+
+    def contact_jacobian(self, q: ArrayLike) -> Array:
+        """J_w(q), (4, 4, N)."""
+        return self.call("contact_jacobian", {"q": q})
+
+    def contact_bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """b_w(q, qd), the part of wdd that does not depend on qdd, (4, N)."""
+        return self.call("contact_bias", {"q": q, "qd": qd})
+
+    def contact_inverse(self, w: ArrayLike, elbow: ArrayLike) -> Array:
+        """q of contact coordinates w; elbow: the sign of sin q2, a number or (N,). (4, N)."""
+        return self.call("contact_inverse", {"w": w, "elbow": elbow})
+
+    def contact_acceleration(self, q: ArrayLike, qd: ArrayLike, wdd: ArrayLike) -> Array:
+        """qdd of contact accelerations wdd, (4, N)."""
+        return self.call("contact_acceleration", {"q": q, "qd": qd, "wdd": wdd})
+
+
+class Library:
+    """The effects' torques and regressors along recorded signals."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.metadata, self._lib = _open(directory, "effects.json")
+        self.signals: tuple[str, ...] = tuple(s["name"] for s in self.metadata["signals"])
+        self.effects: dict[str, EffectInfo] = {e["name"]: effect_info(e) for e in self.metadata["effects"]}
+
+    def __getitem__(self, effect: str) -> EffectInfo:
+        if effect not in self.effects:
+            raise LoaderError(f'there is no effect "{effect}"; tendon effects lists them all')
+        return self.effects[effect]
+
+    def columns(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float = 0.0,
+    ) -> Array:
+        """Regressor (1 + k, N): the part without linear parameters, then a row for each of the k linear ones.
+
+        `parameters` needs the shape parameters only; dt (s) only matters to effects with states.
+        """
+        info = self[effect]
+        return self._call(info, "columns", 1 + len(info.coefficients), signals, parameters, dt)
+
+    def torque(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float = 0.0,
+    ) -> Array:
+        """The effect's part of the motor torque, (N,); all parameters are needed."""
+        return self._call(self[effect], "torque", 1, signals, parameters, dt)[0]
+
+    def states(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float,
+    ) -> dict[str, Array]:
+        """The effect's memory along the samples, (N,) a state; none for a static effect. Shape parameters are needed;
+        linear ones that are not given count as zero."""
+        info = self[effect]
+        if not info.states:
+            return {}
+        rows = self._call(info, "states", len(info.states), signals, parameters, dt)
+        return dict(zip(info.states, rows, strict=True))
+
+    def recover(self, effect: str, coefficients: ArrayLike, shape: Mapping[str, float]) -> dict[str, float]:
+        """All parameters of an effect from its coefficients (k,) and its shape and given parameters."""
+        info = self[effect]
+        values = np.asarray(coefficients, dtype=np.float64)
+        found = {p.name: float(shape.get(p.name, p.default or 0.0)) for p in info.parameters if p.role != "linear"}
+        if info.recover is None:
+            solved = dict(zip((p.name for p in info.linear), map(float, values), strict=True))
+        else:
+            known = {**found, **dict(zip((c.name for c in info.coefficients), map(float, values), strict=True))}
+            solved = {p.name: evaluate(form, known) for p, form in zip(info.linear, info.recover, strict=True)}
+        return {p.name: {**found, **solved}[p.name] for p in info.parameters}
+
+    def decimate(self, kernel: Array, factor: int, x: Array) -> Array:
+        """FIR filter with decimation: out[..., k] = sum_i kernel[i] x[..., k factor + i], every whole window.
+
+        kernel (taps,), x (..., N) -> (..., (N − taps) // factor + 1), or (..., 0) where N < taps.
+        """
+        rows = np.ascontiguousarray(x, dtype=np.float64).reshape(prod(x.shape[:-1]), x.shape[-1])
+        count = max(0, (rows.shape[1] - len(kernel)) // factor + 1)
+        out = np.empty((len(rows), count))
+        sizes = ctypes.c_size_t(count), ctypes.c_size_t(factor), ctypes.c_size_t(len(kernel))
+        taps = np.ascontiguousarray(kernel)
+        for row, result in zip(rows, out, strict=True):
+            if not row.any():
+                # The part without coefficients is zero for most effects.
+                result[:] = 0.0
+                continue
+            self._lib.tendon_decimate_f64(*sizes, _pointer(taps), _pointer(row), _pointer(result))
+        return out.reshape(*x.shape[:-1], count)
+
+    def _call(
+        self,
+        info: EffectInfo,
+        what: str,
+        rows: int,
+        signals: Mapping[str, ArrayLike],
+        parameters: Mapping[str, float],
+        dt: float,
+    ) -> Array:
+        values = self._values(info, parameters, what == "torque")
+        if info.states and not dt > 0:
+            raise LoaderError(f'effect "{info.name}" has a memory and needs the step dt > 0, found {dt}')
+        arrays, count = self._signals(info, signals)
+        pointers = (ctypes.c_void_p * len(self.signals))(
+            *(arrays[name].ctypes.data if name in arrays else None for name in self.signals)
+        )
+        out = np.empty((rows, count))
+        kernel = getattr(self._lib, f"tendon_{info.name}_{what}_batch_f64")
+        kernel(ctypes.c_size_t(count), pointers, ctypes.c_double(dt), _pointer(values), _pointer(out))
+        return out
+
+    def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:
+        for name in parameters:
+            info.parameter(name)
+        needed = [p.name for p in info.parameters if p.role == "shape" or (linear_too and p.role == "linear")]
+        missing = [name for name in needed if name not in parameters]
+        if missing:
+            raise LoaderError(f'effect "{info.name}" needs a value of: {", ".join(missing)}')
+        return np.array([float(parameters.get(p.name, p.default or 0.0)) for p in info.parameters], dtype=np.float64)
+
+    def _signals(self, info: EffectInfo, signals: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
+        """Those that the effect reads, each (N,); N is the length of the arrays in `signals`, read or not."""
+        missing = [name for name in info.signals if name not in signals]
+        if missing:
+            raise LoaderError(f'effect "{info.name}" reads {", ".join(missing)}, which is not among the signals given')
+        lengths = {name: np.shape(value)[0] for name, value in signals.items() if np.ndim(value) == 1}
+        if len(set(lengths.values())) > 1:
+            text = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise LoaderError(f"signals differ in length: {text}")
+        count = next(iter(lengths.values()), 1)
+        arrays = {}
+        for name in info.signals:
+            array = np.asarray(signals[name], dtype=np.float64)
+            if array.ndim > 1:
+                raise LoaderError(f'signal "{name}" has shape {array.shape}, expected a number or (N,)')
+            arrays[name] = np.full(count, float(array)) if array.ndim == 0 else np.ascontiguousarray(array)
+        return arrays, count

@@ -1,0 +1,74 @@
+"""Terms of a model's equation of motion: effects at joints, what is known of them and where they act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.model.loader import Model
+
+Array = NDArray[np.float64]
+Values = dict[str, float]
+
+
+@dataclass(frozen=True, order=True)
+class Term:
+    """An effect at a joint (1-based), or of the whole arm or the contact (joint None)."""
+
+    effect: str
+    joint: int | None = None
+
+    def __str__(self) -> str:
+        return self.effect if self.joint is None else f"{self.effect}@{self.joint}"
+
+
+Structure = dict[Term, Values]
+"""Active terms with the parameter values that are known."""
+
+
+def structure(model: Model) -> Structure:
+    """What the model file activates."""
+    found: Structure = {}
+    for number, joint in enumerate(model.joints, start=1):
+        for name, values in joint.effects.items():
+            found[Term(name, number)] = dict(values)
+    for name, values in model.effects.items():
+        found[Term(name)] = dict(values)
+    if model.contact is not None:
+        for name, values in model.contact["effects"].items():
+            found[Term(name)] = dict(values)
+    return found
+
+
+def joints_of(model: Model, term: Term) -> tuple[int, ...]:
+    """Indices (0-based) of the joints on whose torque the term acts, its own first."""
+    if term.joint is None:
+        return tuple(range(model.n))
+    info = model.library.effects[term.effect]
+    if info.scope == "joints":
+        return (term.joint - 1, term.joint)
+    if "coupling" in info.signals:
+        return (term.joint - 1, *(i for i in range(model.n) if i != term.joint - 1))
+    return (term.joint - 1,)
+
+
+def unit_of(model: Model, term: Term, parameter: str) -> str:
+    """Unit of a parameter at this joint, for people."""
+    info = model.library.effects[term.effect].parameter(parameter)
+    return info.unit(model.joints[(term.joint or 1) - 1].type)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Base inertial parameters (p,) and all parameter values of all terms: what a fit found."""
+
+    lumps: Array
+    values: Mapping[Term, Values]
+
+
+def at(term: Term) -> str:
+    """Where a term acts, after its name."""
+    return "" if term.joint is None else f" at joint {term.joint}"

@@ -1,0 +1,1 @@
+"""Recordings as the model sees them: band, derivatives, repeats, noise floor."""

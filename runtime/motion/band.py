@@ -1,0 +1,127 @@
+"""The band in which model and measurement are compared, chosen from the data.
+
+A cut-off too high lets the encoder's noise, twice differentiated, into the regressors, and a memory
+effect is then found that is not there; one too low throws away what would tell effects apart. The
+cut-off is where the noise of q̈, times the inertia, has a quarter of the torque noise's variance inside
+the band: then whatever smooths accelerations cannot pass for physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from runtime.motion.filters import differentiator
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+_HIGHEST = 100.0
+_LOWEST = 8.0
+_OF_SAMPLING = 0.2
+_SEGMENT = 1024
+_ENOUGH = 200_000
+"""Samples from which the instruments' noise is known well enough."""
+_WINDOW_S = 1.0
+_CAUTION = 2.0
+_ENCODER_SHARE = 0.25
+"""Encoder noise as an inertial torque, relative to the torque noise in the band (variances)."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
+    resolution (n,) the positions' step, rad (m), 0 where they have none."""
+
+    cutoff: float
+    reason: str
+    torque_density: Array
+    position_density: Array
+    resolution: Array
+
+    def torque_floor(self) -> Array:
+        """Standard deviation of white torque noise inside the band, (n,)."""
+        return np.sqrt(self.torque_density * self.cutoff)
+
+
+def white_density(x: Array, rate: float, low: float = 0.3, high: float = 0.45) -> float:
+    """One-sided density of the white noise in x, from `low` to `high` of the sampling rate.
+
+    Medians over time and frequency, so that shocks and single lines do not count as noise.
+    """
+    f, density = welch(x[:_ENOUGH], rate, nperseg=min(_SEGMENT, len(x)), average="median")
+    inside = (f > low * rate) & (f < high * rate)
+    return float(np.median(density[inside]))
+
+
+def resolution(q: Array) -> float:
+    """The step of which nearly all differences of q (N,) are multiples; 0 if there is none."""
+    steps = np.abs(np.diff(q[:_ENOUGH]))
+    steps = steps[steps > 1e-12 * (np.ptp(q) + 1e-300)]
+    if not len(steps):
+        return 0.0
+    # Printed digits round each position, hence each step by a little.
+    least = float(np.quantile(steps, 0.001))
+    size = float(np.median(steps[steps < 1.5 * least]))
+    multiples = steps / size
+    fits = np.abs(multiples - np.round(multiples)) < 0.1
+    return size if fits.mean() > 0.95 and (multiples < 1.5).mean() > 0.02 else 0.0
+
+
+def excitation(qdd: Array, rate: float, density: float) -> Array:
+    """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
+    the rest is noise of positions of this density."""
+    f, power = welch(qdd[:_ENOUGH], rate, nperseg=min(len(qdd), round(_WINDOW_S * rate)) // 2 * 2)
+    noise = density * (2 * np.pi * f) ** 4
+    part = np.clip(1 - _CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
+    return np.where(f < _LOWEST, 1.0, part)
+
+
+def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
+    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration; None where not all
+    recordings have that torque."""
+    n = len(recordings[0].q)
+    moment, square = np.zeros(n), np.zeros(n)
+    for r in recordings:
+        if r.tau_rigid is None:
+            return None
+        derive = differentiator(_LOWEST, 1 / r.dt)
+        for s in (s for s in r.segments if s.stop - s.start > 4 * derive.half):
+            qdd = np.array([derive(row)[2] for row in r.q[:, s]])
+            moment += np.sum(qdd * r.tau_rigid[:, s.start + derive.half : s.stop - derive.half], axis=1)
+            square += np.sum(qdd**2, axis=1)
+    inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
+    return np.maximum(inertia, 1e-12)
+
+
+def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
+    """Cut-off for all joints of all recordings together.
+
+    inertia (n,): D_ii of the model, kg m² (kg).
+    """
+    rate = min(1 / r.dt for r in recordings)
+    n = len(inertia)
+    torque, position, step = np.zeros(n), np.zeros(n), np.zeros(n)
+    longest = [(r, max(r.segments, key=lambda s: s.stop - s.start)) for r in recordings]
+    for i in range(n):
+        step[i] = max(resolution(r.q[i, s]) for r, s in longest)
+        torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
+        position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
+    with np.errstate(divide="ignore"):
+        balance = (5 * _ENCODER_SHARE * torque / (inertia**2 * position)) ** 0.25 / (2 * np.pi)
+    joint = int(np.argmin(balance))
+    ceiling = min(_HIGHEST, _OF_SAMPLING * rate)
+    cutoff = float(np.clip(balance[joint], _LOWEST, ceiling))
+    cutoff = float(f"{cutoff:.3g}")
+    if balance[joint] >= ceiling:
+        reason = f"the position is clean enough for the whole band up to {cutoff:g} Hz"
+    elif balance[joint] <= _LOWEST:
+        reason = f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
+    else:
+        who = f"the encoder noise of joint {joint + 1}"
+        reason = f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
+    return Band(cutoff, reason, torque, position, step)

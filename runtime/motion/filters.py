@@ -1,0 +1,131 @@
+"""Zero-phase FIR filters: derivatives of measured positions, and the band in which model and torque are compared.
+
+Every regressor and the torque pass the same linear-phase low-pass and decimation, so that a linear
+model holds between filtered quantities exactly as between raw ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin, kaiserord, oaconvolve
+
+from runtime.model.loader import Library
+
+Array = NDArray[np.float64]
+
+SMOOTHING_OVER_CUTOFF = 3.0
+"""The position's smoothing stops at this multiple of the cut-off: inside the band it is flat."""
+_STOPBAND_DB = 70.0
+
+
+@dataclass(frozen=True)
+class Differentiator:
+    """FIR kernels (2 half + 1,) for position, rate and acceleration out of sampled positions."""
+
+    position: Array
+    rate: Array
+    acceleration: Array
+
+    @property
+    def half(self) -> int:
+        return len(self.position) // 2
+
+    def __call__(self, x: Array) -> tuple[Array, Array, Array]:
+        """x (N,) -> smoothed x, x', x'' (N − 2 half,) each: only samples that a whole kernel covers."""
+        parts = [oaconvolve(x - x[0], kernel, mode="valid") for kernel in (self.position, self.rate, self.acceleration)]
+        return parts[0] + x[0], parts[1], parts[2]
+
+
+def differentiator(cutoff: float, rate: float) -> Differentiator:
+    """Kernels flat up to `cutoff` Hz and stopping at SMOOTHING_OVER_CUTOFF times that; `rate` in Hz.
+
+    The derivatives are (jω)^k times the smoothing's own response, so they agree with it at every
+    frequency; the moments are then made exact, so that constants, ramps and parabolas come out
+    exactly (a droop at DC would be read as an offset or a spring).
+    """
+    cutoff = min(cutoff, 0.45 * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
+    passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, 0.499 * rate)
+    taps, beta = kaiserord(_STOPBAND_DB, (stopband - passband) / (rate / 2))
+    taps |= 1
+    smoothing = firwin(taps, (passband + stopband) / rate, window=("kaiser", beta))
+    pad, size = taps // 2, 8 * taps
+    spectrum = np.fft.fft(smoothing, size)
+    omega = 2 * np.pi * np.fft.fftfreq(size, 1 / rate)
+    length = taps + 2 * pad
+    kernels = [np.roll(np.fft.ifft(spectrum * (1j * omega) ** k).real, pad)[:length] for k in range(3)]
+    t = (np.arange(length) - length // 2) / rate
+    window = np.kaiser(length, beta)
+    window /= window.sum()
+    curved = window * t**2
+    curved -= window * curved.sum()
+    position, slope, curvature = kernels
+    slope = (slope - slope[::-1]) / 2
+    slope /= -(slope @ t)
+    curvature = (curvature + curvature[::-1]) / 2
+    curvature -= window * curvature.sum()
+    curvature += curved * (2 - curvature @ t**2) / (curved @ t**2)
+    return Differentiator(position / position.sum(), slope, curvature)
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """Zero-phase FIR low-pass at full rate, kernel (2 half + 1,); the ends are continued by odd reflection."""
+
+    kernel: Array
+
+    def __call__(self, x: Array) -> Array:
+        """x (N,) -> (N,)."""
+        padded = np.pad(x, len(self.kernel) // 2, "reflect", reflect_type="odd")
+        smoothed: Array = oaconvolve(padded, self.kernel, mode="valid")
+        return smoothed
+
+
+def smoother(response: Array) -> Smoother:
+    """Of a response (F,) at frequencies evenly from 0 to half the sampling rate."""
+    kernel = np.fft.fftshift(np.fft.irfft(response))[1:]
+    return Smoother(kernel * np.hanning(len(kernel)))
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Linear-phase low-pass to `cutoff` Hz with decimation by `factor`; kernel (2 half + 1,)."""
+
+    cutoff: float
+    rate: float
+    factor: int
+    half: int
+    beta: float
+    library: Library
+
+    def __call__(self, x: Array, delay: float = 0.0) -> Array:
+        """x (..., N) -> (..., M): in-band samples at centres(N), of x delayed by `delay` samples (|delay| < 4)."""
+        return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
+
+    def _kernel(self, delay: float) -> Array:
+        n = np.arange(-self.half, self.half + 1) - delay
+        inside = np.clip(1 - (n / (self.half + 4.0)) ** 2, 0, None)
+        window = np.i0(self.beta * np.sqrt(inside))
+        kernel = np.sinc(2 * self.cutoff / self.rate * n) * window
+        kernel /= kernel.sum()
+        # Cutting the kernel off moves its centre a little; a ramp must come out late by `delay` exactly.
+        tilt = window * (n - (window @ n) / window.sum())
+        return kernel - tilt * (kernel @ n) / (tilt @ n)
+
+    @cached_property
+    def _centred(self) -> Array:
+        return self._kernel(0.0)[::-1]
+
+    def centres(self, size: int) -> NDArray[np.intp]:
+        """Indices of the input samples on which the outputs sit."""
+        return np.arange(self.half, size - self.half, self.factor)
+
+
+def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
+    """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
+    cutoff = min(cutoff, 0.39 * rate)
+    taps, beta = kaiserord(60.0, 0.5 * cutoff / (rate / 2))
+    return LowPass(cutoff, rate, max(1, int(rate / (2.5 * cutoff))), taps // 2, beta, library)

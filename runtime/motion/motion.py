@@ -1,0 +1,273 @@
+"""Recordings as the model sees them: smoothed motion at full rate, torque and regressors inside the band."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.model.loader import Library
+from runtime.motion import sensors
+from runtime.motion.band import Band, excitation
+from runtime.motion.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
+from runtime.motion.sensors import NOTHING, Sensors, evenly
+from runtime.recordings.recording import Recording, RecordingError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STANDSTILL_S = 0.004
+_SHARP_HZ = 50.0
+_BLUR = 2.1
+_MOST_PERIODS = 0.85
+"""Rows this close to standstill are left out: there the sign of the rate is noise. Below the sharp cut-off the encoder
+limits the band, and blurs when standstill was: by the filter's length, and by what the rate's noise makes of it; up to
+that part of a period of the cut-off."""
+_HELD = {"revolute": 5e-3, "prismatic": 5e-4}
+"""rad, m: a joint that never leaves a range like this is held by its friction, which has no direction then."""
+_NOISE_MULTIPLE = 4.0
+_OF_TOP_SPEED = 0.002
+_WINDOWS = 8
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One gap-free stretch of one recording.
+
+    t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
+    warmth (n, N) K; measured (n,) whether a temperature was.
+    """
+
+    recording: int
+    run: int
+    dt: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    slow: Array
+    tau: Array
+    warmth: Array
+    measured: Mask
+    low_pass: LowPass
+    derive: Differentiator
+    excited: tuple[Smoother, ...]
+    sensors: Sensors = NOTHING
+
+    def perturbed(self, band: Band, seed: int) -> Piece:
+        """The piece as its encoders might have read it another time: other places of the steps, other noise.
+
+        Errors of coarse steps are no white noise where the motion is slow, so the steps themselves are taken again.
+        """
+        rng = np.random.default_rng(seed)
+        noise = []
+        for q, step, density in zip(self.q, band.resolution, band.position_density, strict=True):
+            path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
+            shifted = path + step * rng.uniform()
+            error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
+            rest = max(density / (2 * self.dt) - step**2 / 12, 0.0)
+            noise.append(self.derive(error + np.sqrt(rest) * rng.standard_normal(len(path))))
+        parts = np.array(noise)
+        q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
+        slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
+        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(parts[:, 0], parts[:, 2]))
+
+    def cut(self, window: slice) -> Piece:
+        """The piece within a window of its samples."""
+
+        def part(x: Array) -> Array:
+            return np.ascontiguousarray(x[:, window])
+
+        return replace(
+            self,
+            t=self.t[window],
+            q=part(self.q),
+            qd=part(self.qd),
+            qdd=part(self.qdd),
+            slow=part(self.slow),
+            tau=part(self.tau),
+            warmth=part(self.warmth),
+            sensors=self.sensors.cut(window),
+        )
+
+    @cached_property
+    def centres(self) -> NDArray[np.intp]:
+        return self.low_pass.centres(len(self.t))
+
+    def in_band(self, x: Array) -> Array:
+        """x (..., N) -> (..., M)."""
+        return self.low_pass(x)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """All pieces, and which of their in-band rows may be used for each joint.
+
+    standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
+    """
+
+    band: Band
+    pieces: tuple[Piece, ...]
+    standstill: Array
+
+    @property
+    def n(self) -> int:
+        return len(self.standstill)
+
+    def has(self, name: str, joint: int) -> bool:
+        """Whether a signal of `Sensors` is measured at a joint (0-based), in all recordings."""
+        return all(p.sensors.has(name, joint) for p in self.pieces)
+
+    @property
+    def rigid_given(self) -> bool:
+        """Whether the rigid-body torque comes from the user's own model, at all joints."""
+        return all(p.sensors.tau_rigid is not None for p in self.pieces)
+
+    @cached_property
+    def columns(self) -> dict[tuple[Hashable, ...], Array]:
+        """In-band regressors that depend on the motion alone, kept for whoever asks again."""
+        return {}
+
+    @cached_property
+    def perturbed(self) -> Motion:
+        """The same motion as another reading of the encoders might have given it; always the same one."""
+        return replace(self, pieces=tuple(p.perturbed(self.band, seed) for seed, p in enumerate(self.pieces)))
+
+    def excerpt(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
+        """Windows spread evenly over the motion, about `samples` long together, and the in-band rows they hold.
+
+        A motion that is no longer than that is its own excerpt.
+        """
+        total = sum(len(p.t) for p in self.pieces)
+        if total <= samples:
+            return self, np.arange(len(self.row_piece))
+        pieces: list[Piece] = []
+        rows: list[NDArray[np.intp]] = []
+        start = 0
+        for piece in self.pieces:
+            for window in _windows(piece, round(samples * len(piece.t) / total)):
+                pieces.append(piece.cut(window))
+                rows.append(start + window.start // piece.low_pass.factor + np.arange(len(pieces[-1].centres)))
+            start += len(piece.centres)
+        return replace(self, pieces=tuple(pieces)), np.concatenate(rows)
+
+    def moving(self, joint: int) -> Mask:
+        """(M,) rows at which the joint (0-based) moves."""
+        return self._moving[joint]
+
+    @cached_property
+    def _moving(self) -> list[Mask]:
+        return [np.concatenate([_moving(p, i, self.standstill[i]) for p in self.pieces]) for i in range(self.n)]
+
+    @cached_property
+    def row_piece(self) -> NDArray[np.intp]:
+        """(M,) the piece of each in-band row."""
+        return np.concatenate([np.full(len(p.centres), k) for k, p in enumerate(self.pieces)])
+
+    @cached_property
+    def row_time(self) -> Array:
+        return np.concatenate([p.t[p.centres] for p in self.pieces])
+
+    @cached_property
+    def row_rate(self) -> float:
+        """In-band rows a second."""
+        first = self.pieces[0]
+        return 1 / (first.dt * first.low_pass.factor)
+
+    def rows(self, name: str) -> Array:
+        """(n, M): `q`, `qd`, `qdd` or `warmth` at the in-band rows (not filtered again)."""
+        return np.concatenate([getattr(p, name)[:, p.centres] for p in self.pieces], axis=1)
+
+    def torque(self, joint: int, skew: float) -> Array:
+        """(M,) measured torque in the band, `skew` samples later than recorded."""
+        return np.concatenate([p.low_pass(p.tau[joint], skew) for p in self.pieces])
+
+
+def _windows(piece: Piece, samples: int) -> list[slice]:
+    """At most _WINDOWS windows, each long against the filter, that begin on rows of the band."""
+    factor, taps = piece.low_pass.factor, 2 * piece.low_pass.half + 1
+    length = max(samples // _WINDOWS, 10 * taps)
+    count = max(1, min(_WINDOWS, samples // length))
+    starts = np.linspace(0, max(0, len(piece.t) - length), count) // factor * factor
+    return [slice(int(s), int(s) + length) for s in starts]
+
+
+def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
+    still = np.abs(piece.qd[joint]) < standstill
+    cutoff = piece.low_pass.cutoff
+    blurred = min(_STANDSTILL_S * (_SHARP_HZ / cutoff) ** _BLUR, _MOST_PERIODS / cutoff)
+    near = max(_STANDSTILL_S, blurred)
+    reach = max(1, round(near / piece.dt))
+    count = np.concatenate([[0], np.cumsum(still)])
+    lo = np.clip(piece.centres - reach, 0, len(still))
+    hi = np.clip(piece.centres + reach + 1, 0, len(still))
+    return count[hi] == count[lo]
+
+
+def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
+    """Smooth and differentiate positions once; keep torque raw for the band's filter.
+
+    Stretches shorter than the filters are dropped. Raises RecordingError if none is left.
+    """
+    pieces: list[Piece] = []
+    common = sensors.measured_in_all(recordings)
+    for number, recording in enumerate(recordings):
+        rate = 1 / recording.dt
+        derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate, library)
+        for segment in recording.segments:
+            if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
+                piece = _piece(recording, number, segment, derive, band_filter, band)
+                pieces.append(replace(piece, sensors=sensors.read(recording, segment, derive, common)))
+    if not pieces:
+        names = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
+    n = len(recordings[0].q)
+    top = np.max([np.abs(p.qd).max(axis=1) for p in pieces], axis=0)
+    smoothing = 2 * band.cutoff
+    noise = np.sqrt(band.position_density * (2 * np.pi) ** 2 * smoothing**3 / 3)
+    standstill = np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n]
+    low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
+    held = high - low < [_HELD[kind] for kind in recordings[0].types]
+    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill))
+    if not any(motion.moving(i).any() for i in range(n)):
+        names = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
+    return motion
+
+
+def _piece(
+    recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass, band: Band
+) -> Piece:
+    n = len(recording.q)
+    parts = [derive(row) for row in evenly(recording.t[segment], recording.q[:, segment], smooth=True)]
+    q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
+    inner = slice(segment.start + derive.half, segment.stop - derive.half)
+    first = int(np.argmax(recording.run == recording.run[segment.start]))
+    warmth, measured = np.zeros_like(q), np.zeros(n, dtype=bool)
+    for i in range(n):
+        temperature = recording.temperature[i] if i < len(recording.temperature) else None
+        if temperature is not None:
+            measured[i] = True
+            warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - np.median(temperature[:200])
+    times = recording.t[segment] - recording.t[first]
+    dt = float(times[-1] - times[0]) / (len(times) - 1)
+    t = times[0] + dt * (derive.half + np.arange(parts[0][0].size))
+    tau = np.ascontiguousarray(evenly(recording.t[segment], recording.tau[:, segment])[:, derive.half : -derive.half])
+    run = int(recording.run[segment.start])
+    rate = 1 / dt
+    excited = tuple(
+        smoother(excitation(row, rate, density)) for row, density in zip(qdd, band.position_density, strict=True)
+    )
+    slow = np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)])
+    return Piece(number, run, dt, t, q, qd, qdd, slow, tau, warmth, measured, band_filter, derive, excited)
+
+
+def _smooth_temperature(x: Array, dt: float) -> Array:
+    """Moving mean over a second: gears warm slowly, sensors are coarse."""
+    width = min(len(x), max(1, round(1.0 / dt)) | 1)
+    padded = np.pad(x, width // 2, mode="edge")
+    total = np.concatenate([[0.0], np.cumsum(padded)])
+    return (total[width:] - total[:-width]) / width

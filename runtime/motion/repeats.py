@@ -1,0 +1,117 @@
+"""Motion that a recording repeats: what repeats in the residual too is missing physics, the rest is noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+
+from runtime.motion.motion import Motion, Piece
+
+Array = NDArray[np.float64]
+
+_WINDOW_S = 2.0
+_SEARCH_HZ = 50.0
+_ALIKE = 0.003
+_LEAST_S = 4.0
+_MOST_WINDOWS = 60
+"""Of a long recording, how many windows are looked for in the rest of it."""
+
+
+@dataclass(frozen=True)
+class RepeatedRows:
+    """In-band rows `first` and `second` (indices into all rows) at which the motion was the same."""
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """All pairs of repeated stretches, and for how long motion was repeated, s."""
+
+    pairs: tuple[RepeatedRows, ...]
+    seconds: float
+
+    def pure_error(self, residual: Array, use: NDArray[np.bool_]) -> tuple[float, float] | None:
+        """Standard deviation of what does not repeat in a residual (M,), and of what does; None: too few rows.
+
+        Between two passes the repeating part cancels in the difference and remains in the mean.
+        """
+        both = [(residual[p.first], residual[p.second], use[p.first] & use[p.second]) for p in self.pairs]
+        a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
+        b = np.concatenate([y[k] for _, y, k in both]) if both else np.zeros(0)
+        if len(a) < 100:
+            return None
+        noise = float(np.mean((a - b) ** 2) / 2)
+        repeating = float(np.mean(a * b))
+        return float(np.sqrt(noise)), float(np.sqrt(max(repeating, 0.0)))
+
+
+def find(motion: Motion) -> Repeats:
+    """Stretches of at least two seconds whose joint angles come back the same, later in the same piece."""
+    pairs: list[RepeatedRows] = []
+    start = 0
+    for piece in motion.pieces:
+        for first, second in _in_piece(piece, motion.standstill):
+            pairs.append(RepeatedRows(start + first, start + second))
+        start += len(piece.centres)
+    rows = sum(len(p.first) for p in pairs)
+    seconds = rows / motion.row_rate
+    return Repeats(tuple(pairs) if seconds >= _LEAST_S else (), seconds)
+
+
+def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    factor = piece.low_pass.factor
+    stride = max(1, round(1 / (piece.dt * _SEARCH_HZ * factor)))
+    # A joint that is held comes back to where its friction leaves it; that says nothing of the motion.
+    free = np.isfinite(standstill)
+    q, qd, standstill = piece.q[free][:, piece.centres], piece.qd[free][:, piece.centres], standstill[free]
+    coarse = q[:, ::stride]
+    width = round(_WINDOW_S / (piece.dt * factor * stride))
+    found = []
+    for begin in range(0, coarse.shape[1] - 2 * width, width * max(1, coarse.shape[1] // (width * _MOST_WINDOWS))):
+        window = coarse[:, begin : begin + width]
+        if not np.any(np.ptp(window, axis=1) > 0.02 * np.ptp(q, axis=1)):
+            continue
+        lag = _same_later(coarse, window, begin, width)
+        if lag is not None:
+            found.append(_align(q, begin * stride, width * stride, lag * stride, stride))
+    tolerance = _ALIKE * np.ptp(q, axis=1)
+    rows = []
+    for first, second in found:
+        alike = np.sqrt(np.mean((q[:, first] - q[:, second]) ** 2, axis=1)) < tolerance
+        rates = np.sqrt(np.mean((qd[:, first] - qd[:, second]) ** 2, axis=1))
+        quick = rates < 0.03 * np.abs(qd).max(axis=1) + standstill
+        if alike.all() and quick.all():
+            rows.append((first, second))
+    return rows
+
+
+def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | None:
+    """Lag in coarse samples at which the window recurs best after its own end."""
+    later = coarse[:, begin + width :]
+    if later.shape[1] < width:
+        return None
+    mismatch = np.zeros(later.shape[1] - width + 1)
+    for row, part in zip(later, window, strict=True):
+        cross = fftconvolve(row, part[::-1], mode="valid")
+        energy = np.concatenate([[0.0], np.cumsum(row**2)])
+        scale = max(float(np.ptp(coarse)), 1e-300) ** 2
+        mismatch += (energy[width:] - energy[:-width] - 2 * cross + part @ part) / (width * scale)
+    return width + int(np.argmin(mismatch))
+
+
+def _align(q: Array, begin: int, width: int, lag: int, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The window's rows and those of its recurrence, to the nearest row."""
+    first = np.arange(begin, begin + width)
+    best, rows = np.inf, first
+    for shift in range(lag - stride, lag + stride + 1):
+        second = first + shift
+        if second[-1] < q.shape[1]:
+            error = float(np.sum((q[:, first] - q[:, second]) ** 2))
+            if error < best:
+                best, rows = error, second
+    return first, rows

@@ -1,0 +1,103 @@
+"""What a recording measures beside motor angles and torques: link-side encoders, torque sensors, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from runtime.motion.filters import Differentiator
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_EVEN = 0.02
+"""Of a period: instants that depart less from an even grid count as on it."""
+_NAMES = ("q_link", "tau_link", "tau_rigid", "force")
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Measured over the samples of a piece; None where not.
+
+    twist         (n, N) rad, motor less link, smoothed as the position is; NaN for a joint without link-side encoder
+    twist_qdd     its second derivative
+    tau_link      (n, N) N m at the joints' output; NaN for a joint without torque sensor
+    tau_rigid     (n, N) N m, the rigid-body torque of the user's own model
+    force         (2, N) N on the end-effector along base x and y; a component that is not measured is zero
+    """
+
+    twist: Array | None = None
+    twist_qdd: Array | None = None
+    tau_link: Array | None = None
+    tau_rigid: Array | None = None
+    force: Array | None = None
+
+    def has(self, name: str, joint: int) -> bool:
+        """Whether twist, tau_link or tau_rigid is measured at a joint (0-based)."""
+        rows: Array | None = getattr(self, name)
+        return rows is not None and not bool(np.isnan(rows[joint, 0]))
+
+    def cut(self, window: slice) -> Sensors:
+        """Those within a window of the samples."""
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Sensors(**{k: None if x is None else np.ascontiguousarray(x[:, window]) for k, x in parts.items()})
+
+    def moved(self, q: Array, qdd: Array) -> Sensors:
+        """The same with other errors of the motors' encoders: q and qdd (n, N) are added to their angles."""
+        if self.twist is None or self.twist_qdd is None:
+            return self
+        return replace(self, twist=self.twist + q, twist_qdd=self.twist_qdd + qdd)
+
+
+NOTHING = Sensors()
+
+
+def measured_in_all(recordings: Sequence[Recording]) -> dict[str, Mask]:
+    """Of each signal, (n,) whether all recordings have it, by joint (by component for the force)."""
+    found = {}
+    for name in _NAMES:
+        rows = [getattr(r, name) for r in recordings]
+        none = any(x is None for x in rows)
+        found[name] = np.zeros(1, dtype=bool) if none else np.all([~np.isnan(x).all(axis=1) for x in rows], axis=0)
+    return found
+
+
+def read(recording: Recording, segment: slice, derive: Differentiator, common: Mapping[str, Mask]) -> Sensors:
+    """The signals that all recordings have, over the samples that the smoothed position has."""
+    t = recording.t[segment]
+
+    def raw(name: str, absent: float = np.nan) -> Array | None:
+        if not common[name].any():
+            return None
+        rows = evenly(t, getattr(recording, name)[:, segment])[:, derive.half : -derive.half]
+        return np.where(common[name][:, None], rows, absent)
+
+    rigid = raw("tau_rigid") if common["tau_rigid"].all() else None
+    found = Sensors(None, None, raw("tau_link"), rigid, raw("force", 0.0))
+    if recording.q_link is None or not common["q_link"].any():
+        return found
+    between = (recording.q - recording.q_link)[common["q_link"], segment]
+    parts = [derive(row) for row in evenly(t, between, smooth=True)]
+    twist = np.full((len(recording.q), len(parts[0][0])), np.nan)
+    curvature = twist.copy()
+    twist[common["q_link"]], curvature[common["q_link"]] = [p[0] for p in parts], [p[2] for p in parts]
+    return replace(found, twist=twist, twist_qdd=curvature)
+
+
+def evenly(t: Array, x: Array, smooth: bool = False) -> Array:
+    """Signals x (k, N) of instants t (N,) at even instants; as recorded where these are even already.
+
+    smooth: they have derivatives, as positions have.
+    """
+    even = np.linspace(t[0], t[-1], len(t))
+    if np.abs(t - even).max() < _EVEN * (t[-1] - t[0]) / (len(t) - 1):
+        return x
+    if smooth:
+        between: Array = make_interp_spline(t, x, k=3, axis=1)(even)
+        return between
+    return np.array([np.interp(even, t, row) for row in x])

@@ -1,0 +1,1 @@
+"""Results in words, figures, a page and on the terminal."""

@@ -1,0 +1,263 @@
+"""The report: one HTML page that holds a comparison, a diagnosis or the whole loop, and needs nothing beside it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from runtime import files
+from runtime.diagnosis.search import Step, seconds_moving
+from runtime.estimation.compare import JointSeries, as_written, structure_shares
+from runtime.loop.improve import Improvement
+from runtime.report.page import page_figures as figures
+from runtime.report.page import page_findings as found
+from runtime.report.page import page_parameters as parameters
+from runtime.report.summary import Result, ResultSummary
+from runtime.wording import number, percent, quantity, sentence
+
+Row = dict[str, Any]
+
+NAME = "report.html"
+
+_MORE_THAN_NOISE = 1.5
+
+
+def write_report(directory: Path, result: Result | ResultSummary) -> Path:
+    """Write `report.html` into a directory, which is made if it is not there. Raises OSError."""
+    page = render(result)
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / NAME
+    files.replace(path, page.encode("utf-8"))
+    return path
+
+
+def render(result: Result | ResultSummary) -> str:
+    """The page; the same bytes for the same result."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    story = result if isinstance(result, ResultSummary) else ResultSummary(result)
+    return environment.get_template("report.html.j2").render(_holes(story))
+
+
+def _holes(story: ResultSummary) -> dict[str, Any]:
+    first, last = story.first, story.last
+    motion = last.identification.motion
+    joints = range(len(first.joints))
+    return {
+        "model": first.identification.model.name,
+        "verdict": _verdict(story),
+        "short": _short(story),
+        "held_out": first.held_out is not None,
+        "errors": [_error_block(story, i) for i in joints],
+        "joints": [_joint(story, i) for i in joints],
+        "findings": found.findings(story),
+        "ruled_out": found.ruled_out(story),
+        "left_over": found.left_over(story),
+        "to_record": found.to_record(story),
+        "parameters": parameters.tables(first.identification, last.identification),
+        "inertial": parameters.inertial(last.identification),
+        "several": parameters.recordings(story.left.recordings) if story.left else None,
+        "experiments": found.experiments(story),
+        "limits": found.limits(story),
+        "commands": _commands(story),
+        "about": story.origin.about,
+        "recorded": [_recorded(story, i) for i in joints],
+        "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
+        "skew": parameters.skew(last.identification.inference),
+        "warnings": story.document["warnings"],
+        # "<" would let a text of the user's end the script element.
+        "document": json.dumps(story.document, indent=1, allow_nan=False).replace("<", "\\u003c"),
+    }
+
+
+# --- in short ---
+
+_TAGS = {
+    "effect": "effect found",
+    "clean": "clean",
+    "unexplained": "unexplained",
+    "refused": "refused",
+    "comparison": "comparison",
+}
+
+
+def _verdict(story: ResultSummary) -> Row:
+    diagnosis = story.diagnosis
+    if diagnosis is None:
+        return {"kind": "comparison", "tag": _TAGS["comparison"], "sentence": _compared(story), "more": ""}
+    more = ""
+    if isinstance(story.result, Improvement) and story.findings:
+        more = f"With that added, what is left is {_TAGS[story.result.left.verdict]}: {story.result.left.reason}."
+    kind = diagnosis.verdict
+    return {"kind": kind, "tag": _TAGS[kind], "sentence": sentence(diagnosis.reason), "more": more}
+
+
+def _compared(story: ResultSummary) -> str:
+    parts = []
+    for s in story.first.joints:
+        shares = structure_shares(s)
+        strongest = max(shares, key=lambda name: shares[name]) if shares else ""
+        text = (
+            f"joint {s.joint}: the fitted model misses {percent(s.relative)} of the torque, "
+            f"{number(s.rms / s.floor.value, 2)} times the noise floor"
+        )
+        if strongest and shares[strongest] > 0.1:
+            text += f"; {percent(shares[strongest], 0)} of what it misses follows {strongest}"
+        parts.append(text)
+    return sentence("; ".join(parts))
+
+
+def _short(story: ResultSummary) -> Row:
+    """Error before, after and floor of every joint, and what to type next."""
+    to_type = story.adding() or story.drafting()[:1]
+    return {
+        "changed": story.first is not story.last,
+        "rows": [_short_row(story, i) for i in range(len(story.first.joints))],
+        "commands": to_type,
+        "improved": story.document.get("improved_model"),
+    }
+
+
+def _short_row(story: ResultSummary, joint: int) -> Row:
+    first, last, floor = story.first, story.last, story.held_out_floor(joint)
+    held = None
+    if first.held_out is not None and last.held_out is not None:
+        held = {
+            "before": percent(first.held_out.relative[joint]),
+            "after": percent(last.held_out.relative[joint]),
+            "floor": None if floor is None else percent(floor),
+        }
+    return {
+        "joint": joint + 1,
+        "before": percent(first.fitted.relative[joint]),
+        "after": percent(last.fitted.relative[joint]),
+        "floor": percent(story.floor(joint)),
+        "instruments": _instruments(story, joint),
+        "held": held,
+    }
+
+
+def _instruments(story: ResultSummary, joint: int) -> str | None:
+    """The instruments' own noise relative to the torque, where an unexplained floor holds more than that."""
+    floor = story.last.joints[joint].floor
+    explained = story.left is None or story.left.verdict != "unexplained"
+    if explained or floor.value < _MORE_THAN_NOISE * floor.spectrum:
+        return None
+    return percent(story.floor(joint) * floor.spectrum / floor.value)
+
+
+# --- the error ---
+
+_SOURCES = {"repeats": "repeated motion", "spectrum": "the spectra of torque and encoder"}
+
+
+def _error_block(story: ResultSummary, joint: int) -> Row:
+    first, series = story.first, story.last.joints[joint]
+    held_floor = story.held_out_floor(joint)
+    written = as_written(first.identification)
+    rows = [] if written is None else [_written_row(written[joint], series.floor.value, series.force_unit)]
+    rows += [_error_row(story, step, joint) for step in story.steps]
+    caption = f"Error of joint {joint + 1} after each step; the marks across the bars are the noise floor."
+    return {
+        "joint": joint + 1,
+        "rows": rows,
+        "floor": f"{quantity(series.floor.value, series.force_unit)} "
+        f"({percent(story.floor(joint))} of the torque), from {_SOURCES[series.floor.source]}; "
+        f"the instruments' own noise: {quantity(series.floor.spectrum, series.force_unit)}",
+        "held_floor": None if held_floor is None else _held_floor(story, joint, held_floor),
+        "repeatable": {True: "yes", False: "no", None: "unknown, no motion was repeated"}[
+            series.floor.repeatable(series.rms)
+        ],
+        "figure": figures.drawn(figures.error(story.steps, joint, held_floor), f"error{joint + 1}", caption),
+        "structure": figures.structure(first, story.last, joint),
+    }
+
+
+def _held_floor(story: ResultSummary, joint: int, relative: float) -> str:
+    floor = story.held_out_floors[joint]
+    unit = story.last.joints[joint].force_unit
+    return f"{quantity(floor.value, unit)} ({percent(relative)}), from {_SOURCES[floor.source]}"
+
+
+def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
+    return {
+        "step": "the file's own values",
+        "error": percent(written[1]),
+        "rms": quantity(written[0], unit),
+        "floors": number(written[0] / floor, 3),
+        "held": None,
+        "held_rms": None,
+        "held_floors": None,
+    }
+
+
+def _error_row(story: ResultSummary, step: Step, joint: int) -> Row:
+    series = story.last.joints[joint]
+    held, held_floor = step.held_out, story.held_out_floor(joint)
+    floors = None if held is None or held_floor is None else number(held.relative[joint] / held_floor, 3)
+    return {
+        "step": figures.label(step) + (", fitted" if step.added is None else ""),
+        "error": percent(step.fitted.relative[joint]),
+        "rms": quantity(step.fitted.rms[joint], series.force_unit),
+        "floors": number(step.fitted.rms[joint] / series.floor.value, 3),
+        "held": None if held is None else percent(held.relative[joint]),
+        "held_rms": None if held is None else quantity(held.rms[joint], series.force_unit),
+        "held_floors": floors,
+    }
+
+
+def _joint(story: ResultSummary, joint: int) -> Row:
+    first, last = story.first, story.last
+    findings = story.findings_at(joint)
+    return {
+        "number": joint + 1,
+        "improved": last is not first,
+        "added": " and ".join(dict.fromkeys(f.term.effect for f in findings)),
+        "figures": figures.of_joint(first, last, joint, findings),
+    }
+
+
+# --- what to type, and what was recorded ---
+
+
+def _commands(story: ResultSummary) -> Row:
+    return {
+        "known": story.given is not None,
+        "improved": story.document.get("improved_model"),
+        "adding": [*story.adding(), *story.refitting()],
+        "drafting": story.drafting(),
+    }
+
+
+def _recorded(story: ResultSummary, joint: int) -> Row:
+    """The range of motion of a joint, on the rows that count."""
+    series, motion = story.first.joints[joint], story.first.identification.motion
+    unit = series.position_unit
+    some = len(series.t) > 0
+    return {
+        "joint": joint + 1,
+        "moving": f"{number(seconds_moving(motion, joint), 3)} s",
+        "position": f"{number(series.q.min(), 3)} … {number(series.q.max(), 3)} {unit}" if some else "–",
+        "speed": f"{number(float(np.abs(series.qd).max()), 3)} {unit}/s" if some else "–",
+        "acceleration": f"{number(float(np.abs(series.qdd).max()), 3)} {unit}/s²" if some else "–",
+        "temperature": "not measured"
+        if series.warmth is None
+        else f"rises {number(float(np.ptp(series.warmth)), 2)} K",
+        "repeated": "no" if series.floor.repeating is None else "yes",
+    }
+
+
+def _warming(series: JointSeries) -> str:
+    if series.warmth is None or not len(series.warmth):
+        return "not measured"
+    return f"over {number(float(np.ptp(series.warmth)), 2)} K"

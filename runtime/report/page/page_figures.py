@@ -1,0 +1,283 @@
+"""Which figures a result asks for: rows of its joints, handed to report/plots, back as SVG for a page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from runtime.diagnosis.search import Finding, Step
+from runtime.estimation.compare import JointSeries, structure_shares
+from runtime.model.catalogue import EffectInfo
+from runtime.motion import spectrum
+from runtime.report.plots import joint_plots, style, time_plots
+from runtime.report.summary import relative_floor
+
+Array = NDArray[np.float64]
+
+ORDER = ("velocity", "position", "load", "temperature", "time")
+_ZOOM_S = 2.5
+_WELCH_S = 3.0
+_NOTHING = 0.01
+_FOLLOWS = 0.1
+_LONGEST_NAME = 34
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure on the page: the SVG element, and in words what it shows."""
+
+    svg: Markup
+    caption: str
+
+
+def drawn(figure: Figure, name: str, caption: str) -> Drawn:
+    """An SVG element for the middle of a page, whose colours the page sets; `name` is unique on the page."""
+    text = style.svg(figure, name)
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
+    text = re.sub(r' id="[A-Za-z][A-Za-z0-9.]*_\d+"', "", text)  # axes_1 and the like: the same in every figure
+    text = re.sub(r"font-family: [^;\"]*;?", "", text)
+    text = re.sub(r"font: ([^;\"']*?px) [^;\"]*", r"font-size: \1", text)
+    text = re.sub(r'<svg height="[^"]*"', "<svg", text)
+    text = re.sub(r' (width|height)="[\d.]+pt"', "", text, count=2)
+    for colour, code in style.COLOURS.items():
+        text = text.replace(code, f"var(--{colour})")
+    text = re.sub(r"\n\s*", "\n", text)
+    text = text.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
+    return Drawn(Markup(text), caption)
+
+
+def label(step: Step) -> str:
+    """What a step did to the model, in a few words."""
+    return "as in the file" if step.added is None else f"+\N{NO-BREAK SPACE}{step.added}"
+
+
+def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None) -> Figure:
+    """The error of a joint (0-based) falling from step to step; the held-out recording's floor relative to its torque.
+
+    The floor is the last step's: a wrong model leaves its error in the repeats.
+    """
+    held = [s.held_out.relative[joint] for s in steps if s.held_out is not None]
+    series = steps[-1].joints[joint]
+    title = f"Joint {joint + 1}" if len(steps[0].joints) > 1 else ""
+    return joint_plots.error_fall(
+        [label(s) for s in steps],
+        [s.fitted.relative[joint] for s in steps],
+        held if len(held) == len(steps) else None,
+        relative_floor(series),
+        title,
+        held_out_floor,
+    )
+
+
+def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:
+    """Torque over time, whole and zoomed in, then the residual over every signal, the most telling first."""
+    before = first.joints[joint]
+    after = last.joints[joint] if last is not first else None
+    number = joint + 1
+    trace, end_to_end = _trace(before, after)
+    caption = "Measured and predicted torque, and what is left"
+    found = [
+        drawn(
+            time_plots.torque_over_time(trace, "All of the recording"),
+            f"time{number}",
+            f"{caption}{', recordings end to end' if end_to_end else ''}.",
+        )
+    ]
+    zoom = trace.cut(*_telling(trace))
+    if len(zoom.t) > 1:
+        seconds = f"{zoom.t[-1] - zoom.t[0]:.1f} s"
+        why = "where the improvement is largest" if after is not None else "where the residual is largest"
+        title = f"The {seconds} {why}"
+        found.append(
+            drawn(
+                time_plots.torque_closely(zoom, title),
+                f"zoom{number}",
+                f"{caption}, in {seconds}; gaps are standstill.",
+            )
+        )
+    curve = after.predicted - before.predicted if after is not None and findings else None
+    name = " + ".join(dict.fromkeys(f.term.effect for f in findings))
+    name = name if len(name) <= _LONGEST_NAME else "all that was added"
+    share = structure_shares(before)
+    for signal in sorted(signals(before), key=lambda s: -share[s]):
+        found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
+    # What follows no signal may be a disturbance, and then its frequency says more.
+    place = len(found) if max(share.values()) > _FOLLOWS else 2
+    found.insert(place, _spectrum(first, last, joint))
+    return found
+
+
+def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
+    """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
+    motion, before = first.identification.motion, first.joints[joint]
+    frequency, density = _density(first, joint)
+    line = spectrum.strongest_line(last.identification.fit.residual[joint], motion.row_rate)
+    figure = joint_plots.spectrum(
+        frequency,
+        density,
+        None if last is first else _density(last, joint)[1],
+        before.floor.spectrum / np.sqrt(motion.band.cutoff),
+        motion.band.cutoff,
+        before.force_unit,
+        "Residual over frequency",
+        None if line is None else line.frequency,
+    )
+    caption = "Residual over frequency; grey: the noise of the instruments alone, if it is white."
+    if line is not None:
+        caption += f" The line at {line.frequency:.2f} Hz holds {100 * line.share:.0f} % of the power."
+    return drawn(figure, f"spectrum{joint + 1}", caption)
+
+
+def _density(step: Step, joint: int) -> tuple[Array, Array]:
+    """Frequencies, Hz, and amplitude density of a joint's residual, by Welch's method."""
+    residual = step.identification.fit.residual[joint]
+    rate = step.identification.motion.row_rate
+    frequency, power = welch(residual, rate, nperseg=min(len(residual), max(8, round(_WELCH_S * rate))))
+    return frequency, np.sqrt(power)
+
+
+def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> list[Drawn]:
+    """What a finding explains: in the seconds where it acts most if it has a memory, and over the signal that shows
+    most of it unless it is alone at its joint, whose own figures show that then."""
+    joint = finding.joint_index
+    before, after = finding.before.joints[joint], finding.after.joints[joint]
+    curve, effect = after.predicted - before.predicted, finding.term.effect
+    found = []
+    if not alone:
+        signal = most_telling(before, curve)
+        found.append(_residual(before, after, signal, curve, effect, f"{name}over", structure_shares(before)[signal]))
+    if info.states:
+        trace, _ = _trace(before, after)
+        closely = trace.cut(*_most(trace, curve**2))
+        if len(closely.t) > 1:
+            title = f"The {closely.t[-1] - closely.t[0]:.1f} s where {effect} acts most"
+            caption = f"Residual in the seconds where {effect} acts most, and its torque drawn through it, dashed."
+            found.append(drawn(time_plots.effect_closely(closely, effect, title), f"{name}closely", caption))
+    return found
+
+
+def most_telling(series: JointSeries, curve: Array) -> str:
+    """The signal over which the running mean of a torque varies most."""
+    size = {}
+    for signal in signals(series):
+        axis = axis_of(series, signal)
+        sides = [axis.forward, ~axis.forward] if axis.forward is not None else [axis.values < 0, axis.values > 0]
+        size[signal] = sum(
+            float(np.var(joint_plots.running_mean(axis.values[s], curve[s])[1]))
+            for s in sides
+            if np.count_nonzero(s) > 20
+        )
+    return max(size, key=lambda s: size[s])
+
+
+def _residual(
+    before: JointSeries,
+    after: JointSeries | None,
+    signal: str,
+    curve: Array | None,
+    label: str,
+    name: str,
+    share: float,
+) -> Drawn:
+    figure = joint_plots.residual_over(
+        axis_of(before, signal),
+        before.residual,
+        None if after is None else after.residual,
+        before.floor.value,
+        before.force_unit,
+        curve,
+        label,
+        f"Residual over {signal}",
+    )
+    when = "" if after is None else " before"
+    caption = f"Residual over {signal}, which explains {100 * share:.0f} % of its variance{when}."
+    return drawn(figure, name, caption)
+
+
+def signals(series: JointSeries) -> list[str]:
+    """Signals that vary at all, of those that have a panel."""
+    values = series.signals()
+    return [s for s in ORDER if s in values and float(np.ptp(values[s])) > 1e-9 * max(1.0, np.abs(values[s]).max())]
+
+
+def axis_of(series: JointSeries, signal: str) -> joint_plots.PlotAxis:
+    """A signal of a joint as the horizontal axis of a figure."""
+    forward = series.qd > 0
+    position, force = series.position_unit, series.force_unit
+    units = {
+        "velocity": f"velocity, {position}/s (stretched about 0)",
+        "position": f"position, {position}",
+        "load": f"load: predicted torque on the link, {force}",
+        "temperature": "temperature above the start, K",
+        "time": "time, s",
+    }
+    values = series.signals()[signal]
+    if signal == "time":
+        values = _clock(series)[0]
+    return joint_plots.PlotAxis(
+        units[signal], values, None if signal == "velocity" else forward, creep=signal == "velocity"
+    )
+
+
+def _trace(before: JointSeries, after: JointSeries | None) -> tuple[time_plots.Trace, bool]:
+    t, end_to_end = _clock(before)
+    predicted = None if after is None else after.predicted
+    trace = time_plots.Trace(
+        t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit
+    )
+    return trace, end_to_end
+
+
+def _clock(series: JointSeries) -> tuple[Array, bool]:
+    """Time (M,) that always runs forwards, and whether recordings or runs were put end to end for it."""
+    starts = np.flatnonzero(np.diff(series.piece)) + 1
+    t = series.t.copy()
+    moved = False
+    for start in starts:
+        if t[start] <= t[start - 1]:
+            t[start:] += t[start - 1] - t[start] + 1.0
+            moved = True
+    return t, moved
+
+
+def _telling(trace: time_plots.Trace) -> tuple[float, float, int]:
+    """Start, end and piece of the seconds in which the squared residual falls most, or is largest."""
+    weight = (trace.tau - trace.before) ** 2
+    if trace.after is not None:
+        weight = weight - (trace.tau - trace.after) ** 2
+    return _most(trace, weight)
+
+
+def _most(trace: time_plots.Trace, weight: Array) -> tuple[float, float, int]:
+    """Start, end and piece of the seconds in which the sum of a weight (M,) is largest."""
+    total = np.concatenate([[0.0], np.cumsum(weight)])
+    ends = np.searchsorted(trace.t, trace.t + _ZOOM_S)
+    last_of_piece = np.searchsorted(trace.piece, trace.piece, side="right")
+    gain = total[np.minimum(ends, last_of_piece)] - total[:-1]
+    start = int(np.argmax(gain))
+    return float(trace.t[start]), float(trace.t[start] + _ZOOM_S), int(trace.piece[start])
+
+
+def structure(first: Step, last: Step, joint: int) -> Drawn | None:
+    """What the residual of a joint follows, before and after; None if it follows nothing."""
+    before = structure_shares(first.joints[joint])
+    after: dict[str, Any] = structure_shares(last.joints[joint]) if last is not first else {}
+    names = sorted((s for s in before if max(before[s], after.get(s, 0.0)) > _NOTHING), key=lambda s: -before[s])
+    if not names:
+        return None
+    figure = joint_plots.structure([(s, before[s], after.get(s)) for s in names], "What the residual follows")
+    caption = (
+        f"Joint {joint + 1}: how much of the residual's variance each signal explains, with a curve for each "
+        "direction of motion."
+    )
+    return drawn(figure, f"structure{joint + 1}", caption)

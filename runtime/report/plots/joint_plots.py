@@ -1,0 +1,300 @@
+"""Figures of a comparison or diagnosis: data in, Figure out. They read the same in a notebook and in the report.
+Those over time are in runtime/report/plots/time_plots.py.
+
+Every figure is about 10 cm wide, so that its labels stay readable on a phone; clouds are rasterised. The
+colours are told apart by colour-blind people (Okabe & Ito 2008), and every one stands for one thing in all
+figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
+
+from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, residual_scale, styled
+
+Array = NDArray[np.float64]
+
+_MOST_POINTS = 5000
+_BINS = 28
+_LEAST_IN_BIN = 8
+_SLIVER = 0.02
+
+
+@dataclass(frozen=True)
+class PlotAxis:
+    """A signal to lay a residual over: values (M,), its name with unit.
+
+    forward   (M,) whether the joint moves forwards, to average each direction on its own; None: one mean
+    creep     stretch the axis about 0, where friction changes most
+    """
+
+    label: str
+    values: Array
+    forward: NDArray[np.bool_] | None = None
+    creep: bool = False
+
+    @property
+    def width(self) -> float:
+        """Within this distance from 0 a stretched axis is linear."""
+        size = np.abs(self.values)
+        return max(float(np.quantile(size, 0.2)), 1e-3 * float(size.max()), 1e-300)
+
+    def stretched(self) -> Array:
+        return np.arcsinh(self.values / self.width) if self.creep else self.values
+
+    def unstretched(self, x: Array) -> Array:
+        return self.width * np.sinh(x) if self.creep else x
+
+
+# --- the error ---
+
+
+@styled
+def error_fall(
+    steps: Sequence[str],
+    fitted: Sequence[float],
+    held_out: Sequence[float] | None,
+    floor: float,
+    title: str = "",
+    held_out_floor: float | None = None,
+) -> Figure:
+    """Relative error ‖τ − τ̂‖/‖τ‖ of one joint after each step, as bars that shrink towards their noise floor.
+
+    steps (S,) what was added; fitted, held_out (S,) errors, and their floors: each relative to the torque.
+    """
+    count = len(steps)
+    pitch = 0.52 if held_out is not None else 0.4
+    figure = Figure(figsize=(WIDTH, 0.95 + pitch * count), layout="constrained")
+    ax = figure.add_subplot()
+    rows = np.arange(count, dtype=float)
+    colours = [BEFORE if k == 0 else AFTER for k in range(count)]
+    height = 0.36 if held_out is not None else 0.56
+    shift = 0.2 if held_out is not None else 0.0
+    _bars(ax, rows - shift, fitted, height, colours, 0.9, "fitted " if held_out is not None else "", floor)
+    if held_out is not None:
+        _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ", held_out_floor)
+    longest = max([*fitted, *(held_out or ()), floor, held_out_floor or 0.0, 1e-6])
+    ax.text(100 * floor, -0.62, "noise floor", color=FAINT, ha="center", va="bottom", fontsize=8)
+    ax.set(ylim=(count - 0.45, -0.6), xlim=(0, 134 * longest), xlabel="error, % of the torque")
+    ax.set_yticks(rows, steps)
+    ax.tick_params(axis="y", length=0)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.spines["left"].set_visible(False)
+    if title:
+        ax.set_title(title, pad=16)
+    return figure
+
+
+def _bars(
+    ax: Axes,
+    rows: Array,
+    values: Sequence[float],
+    height: float,
+    colours: list[str],
+    alpha: float,
+    what: str,
+    floor: float | None,
+) -> None:
+    """Bars with their values behind them, and across each a mark where its noise floor is, if that is known."""
+    ax.barh(rows, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
+    if floor is not None:
+        reach = 0.5 * height + 0.04
+        ax.vlines(np.full(len(rows), 100 * floor), rows - reach, rows + reach, color=INK, lw=1.6, zorder=3)
+    for k, (row, value) in enumerate(zip(rows, values, strict=True)):
+        text = f"{what if k == 0 else ''}{100 * value:.2f} %"
+        # A label that would lie across the floor's mark stands behind it.
+        end = floor if floor is not None and value < floor < 1.4 * value else value
+        ax.annotate(text, (100 * end, row), (4, 0), textcoords="offset points", va="center", fontsize=8)
+
+
+# --- the residual over a signal ---
+
+
+@styled
+def residual_over(
+    axis: PlotAxis,
+    before: Array,
+    after: Array | None,
+    floor: float,
+    unit: str,
+    curve: Array | None = None,
+    curve_label: str = "",
+    title: str = "",
+) -> Figure:
+    """Residual (M,) over a signal: cloud, running mean, the noise floor as a band, and a curve drawn through it.
+
+    after   the same after the improvement, in a panel below on the same scale; None: one panel
+    curve   (M,) torque that what was added explains
+    """
+    parts = [("before", before, BEFORE)] if after is None else [("before", before, BEFORE), ("after", after, AFTER)]
+    figure = Figure(figsize=(WIDTH, 2.1 if after is None else 3.2), layout="constrained")
+    panels = figure.subplots(len(parts), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for ax, (label, residual, colour) in zip(panels, parts, strict=True):
+        _cloud(ax, axis, residual, colour)
+        ax.axhspan(-floor, floor, color=FAINT, alpha=0.22, lw=0, zorder=0)
+        ax.axhline(0, color=FAINT, lw=0.6, zorder=1)
+        _means(ax, axis, residual, color=colour, lw=2.2, zorder=4)
+        if after is not None:
+            ax.text(0.01, 0.98, label, transform=ax.transAxes, color=colour, va="top", weight="bold", fontsize=8.5)
+        ax.set_ylabel(f"residual, {unit}")
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+    if curve is not None:
+        _means(panels[0], axis, curve, color=INK, lw=1.5, ls=(0, (3, 1.5)), zorder=5)
+        panels[0].text(
+            0.99,
+            0.98,
+            f"– – {curve_label}",
+            transform=panels[0].transAxes,
+            ha="right",
+            va="top",
+            fontsize=8.5,
+            zorder=6,
+        )
+    residual_scale(panels[0], [before], floor)
+    _stretch(panels[-1], axis)
+    panels[-1].set_xlabel(axis.label)
+    panels[0].set_title(title)
+    figure.align_ylabels()
+    return figure
+
+
+def _cloud(ax: Axes, axis: PlotAxis, residual: Array, colour: str) -> None:
+    # The same rows in every figure and every run: a fixed seed, no clock.
+    pick = np.random.default_rng(0).permutation(len(residual))[:_MOST_POINTS]
+    alpha = float(np.clip(600 / max(len(pick), 1), 0.16, 0.7))  # few dots are drawn as dots, many as a cloud
+    ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=alpha, lw=0, rasterized=True, zorder=2)
+
+
+def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
+    """Running mean, of each direction of motion on its own; over a rate, broken at standstill."""
+    if axis.creep:
+        sides = [axis.values < 0, axis.values > 0]
+    else:
+        sides = [np.ones(len(y), dtype=bool)] if axis.forward is None else [axis.forward, ~axis.forward]
+    names = ["", ""] if axis.creep or len(sides) < 2 else ["+", "−"]
+    for side, name, shift in zip(sides, names, (4, -4), strict=False):
+        x, mean = running_mean(axis.stretched()[side], y[side])
+        x = axis.unstretched(x)
+        ax.plot(x, mean, **style)
+        if name and len(x) and "ls" not in style:
+            ax.annotate(
+                name,
+                (x[-1], mean[-1]),
+                (4, shift),
+                textcoords="offset points",
+                va="center",
+                color=style["color"],
+                zorder=6,
+            )
+
+
+def running_mean(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
+    """Mean of x and of y in bins of about equally many samples, none of them a sliver of the range of x."""
+    if len(x) < _LEAST_IN_BIN:
+        return np.zeros(0), np.zeros(0)
+    quantiles = np.quantile(x, np.linspace(0, 1, min(bins, len(x) // _LEAST_IN_BIN) + 1))
+    least, edges = _SLIVER * float(np.ptp(x)), [quantiles[0]]
+    for edge in quantiles[1:-1]:
+        if edge - edges[-1] > least:
+            edges.append(edge)
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 1)
+    count = np.bincount(index, minlength=len(edges))
+    use = count > 0
+    mean_x, mean_y = (np.bincount(index, weights=v, minlength=len(edges))[use] / count[use] for v in (x, y))
+    return mean_x, mean_y
+
+
+def _stretch(ax: Axes, axis: PlotAxis) -> None:
+    lowest, highest = float(axis.values.min()), float(axis.values.max())
+    spread = highest - lowest or 1.0
+    ax.set_xlim(lowest - 0.02 * spread, highest + 0.02 * spread)
+    if not axis.creep:
+        ax.xaxis.set_major_locator(MaxNLocator(6))
+        return
+    ax.set_xscale("asinh", linear_width=axis.width)
+    ax.xaxis.set_major_locator(FixedLocator(_creep_ticks(lowest, highest, axis.width)))
+    ax.xaxis.set_major_formatter(_plain)
+    ax.xaxis.set_minor_locator(NullLocator())
+
+
+@FuncFormatter
+def _plain(value: float, _: object) -> str:
+    """Ticks as plain numbers, on stretched and logarithmic axes too."""
+    return f"{value:g}".replace("-", "−")
+
+
+def _creep_ticks(lowest: float, highest: float, width: float) -> list[float]:
+    """0 and a few round rates on either side of it, the largest that fit and every third power of ten below."""
+    ticks = [0.0]
+    for sign, end in ((1.0, highest), (-1.0, -lowest)):
+        round_ones = [m * 10.0**e for e in range(-9, 4) for m in (1.0, 3.0) if 0.7 * width <= m * 10.0**e <= end]
+        ticks += [sign * v for v in round_ones[::-1][:: 1 if len(round_ones) < 4 else 2]]
+    return sorted(ticks)
+
+
+@styled
+def spectrum(
+    frequency: Array,
+    before: Array,
+    after: Array | None,
+    noise: float,
+    cutoff: float,
+    unit: str,
+    title: str = "",
+    line: float | None = None,
+) -> Figure:
+    """Amplitude density of the residual over the frequency, with the white noise of the instruments.
+
+    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz; line: one to point at, Hz
+    """
+    figure = Figure(figsize=(WIDTH, 2.1), layout="constrained")
+    ax = figure.add_subplot()
+    use = (frequency > 0) & (frequency <= cutoff)
+    ax.axhspan(1e-12, max(noise, 1e-12), color=FAINT, alpha=0.22, lw=0, zorder=0)
+    ax.plot(frequency[use], before[use], color=BEFORE, lw=1.2)
+    if after is not None:
+        ax.plot(frequency[use], after[use], color=AFTER, lw=1.2)
+    low = min(float(np.min(y[use], initial=np.inf)) for y in (before, after) if y is not None)
+    high = max(float(np.max(y[use], initial=0.0)) for y in (before, after) if y is not None)
+    if 0 < low < high:
+        ax.set(yscale="log", ylim=(0.7 * min(low, noise or low), 1.6 * high))
+        ax.yaxis.set_major_formatter(_plain)
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.set(xlabel="frequency, Hz", ylabel=f"residual, {unit}/√Hz", xlim=(0, cutoff))
+    if line is not None:
+        ax.axvline(line, color=FAINT, lw=0.8, ls=(0, (2, 2)), zorder=1)
+        ax.text(line, 0.97, f" {line:.2f} Hz", transform=ax.get_xaxis_transform(), va="top", fontsize=8)
+    ax.set_title(title)
+    return figure
+
+
+# --- where the residual sits ---
+
+
+@styled
+def structure(shares: Sequence[tuple[str, float, float | None]], title: str = "") -> Figure:
+    """Share of the residual's variance that a curve over each signal explains: (signal, before, after or None)."""
+    figure = Figure(figsize=(WIDTH, 0.85 + 0.3 * len(shares)), layout="constrained")
+    ax = figure.add_subplot()
+    rows = np.arange(len(shares), dtype=float)
+    both = any(after is not None for _, _, after in shares)
+    for k, (_, before, after) in enumerate(shares):
+        values = [(before, BEFORE, -0.19 if both else 0.0)] + ([(after, AFTER, 0.19)] if after is not None else [])
+        for value, colour, shift in values:
+            ax.barh(rows[k] + shift, 100 * value, 0.34 if both else 0.6, color=colour, alpha=0.9, lw=0)
+            ax.text(100 * value + 1, rows[k] + shift, f"{100 * value:.0f} %", va="center", fontsize=7 if both else 8)
+    ax.set_yticks(rows, [name for name, _, _ in shares])
+    ax.set(ylim=(len(shares) - 0.45, -0.55), xlim=(0, 112), xlabel="of the residual's variance, %")
+    ax.set_xticks([0, 25, 50, 75, 100])
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    ax.set_title(title)
+    return figure

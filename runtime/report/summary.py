@@ -1,0 +1,162 @@
+"""A result and where it came from: what the page, the terminal and --json all say about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from runtime.diagnosis.diagnose import Diagnosis
+from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.estimation.compare import Comparison, JointSeries
+from runtime.loop.improve import Improvement
+from runtime.loop.law_proposal import described
+from runtime.model.terms import at
+from runtime.motion.noise_floor import Floor
+from runtime.plain_json import plain
+from runtime.report.follow_up import Invocation, unknown
+
+Result = Comparison | Diagnosis | Improvement
+
+
+@dataclass(frozen=True)
+class NextCommand:
+    """Something to type, and what it does."""
+
+    what: str
+    line: str
+
+    def to_json(self) -> dict[str, str]:
+        return {"what": self.what, "command": self.line}
+
+
+@dataclass(frozen=True)
+class ResultSummary:
+    """What the three kinds of results have in common: steps of a model, each fitted.
+
+    given             files and options of the command line; None: unknown
+    held_out_floors   a noise floor a joint, of the held-out recordings; empty without any
+    drafted           a guess at what is left was asked for already
+    """
+
+    result: Result
+    given: Invocation | None = None
+    held_out_floors: tuple[Floor, ...] = ()
+    drafted: bool = False
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """As --json writes it."""
+        document = described(self.result) if isinstance(self.result, Diagnosis) else self.result.to_json()
+        if self.held_out_floors:
+            document["held_out_floors"] = [
+                {"joint": k, "floor": f.value, "floor_source": f.source}
+                for k, f in enumerate(self.held_out_floors, start=1)
+            ]
+        if self.diagnosis is not None:
+            document["commands"] = [command.to_json() for command in self.commands]
+            document["improved_model"] = None if self.improved is None else str(self.improved)
+        cleaned: dict[str, Any] = plain(document)
+        return cleaned
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        if not isinstance(self.result, Comparison):
+            return self.result.steps
+        joints = self.result.joints
+        errors = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
+        return (Step(None, self.result.identification, joints, errors, None),)
+
+    @property
+    def first(self) -> Step:
+        return self.steps[0]
+
+    @property
+    def last(self) -> Step:
+        return self.steps[-1]
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        """What was found in the model as given."""
+        if isinstance(self.result, Improvement):
+            return self.result.found
+        return self.result if isinstance(self.result, Diagnosis) else None
+
+    @property
+    def left(self) -> Diagnosis | None:
+        """What is said of the model at the end."""
+        return self.result.left if isinstance(self.result, Improvement) else self.diagnosis
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        return self.diagnosis.findings if self.diagnosis else ()
+
+    def findings_at(self, joint: int) -> list[Finding]:
+        """Findings that act on the torque of a joint (0-based), those of the whole arm among them."""
+        return [f for f in self.findings if f.term.joint in (None, joint + 1)]
+
+    # --- floors: the better the model, the better they are known, since a wrong one leaves its error in the repeats
+
+    def floor(self, joint: int) -> float:
+        """Noise floor of the fitted recordings relative to the torque, as the error is."""
+        return relative_floor(self.last.joints[joint])
+
+    def held_out_floor(self, joint: int) -> float | None:
+        """The same of the held-out recordings; None where it is not known."""
+        held = self.last.held_out
+        if held is None or not self.held_out_floors or not held.rms[joint]:
+            return None
+        return self.held_out_floors[joint].value * held.relative[joint] / held.rms[joint]
+
+    # --- what to type next
+
+    @property
+    def origin(self) -> Invocation:
+        return self.given or unknown(self.first.identification.model.name)
+
+    def adding(self) -> list[NextCommand]:
+        """One command a finding, in their order."""
+        return [NextCommand(f"adds {f.term.effect}{at(f.term)}", self.origin.add(f.term)) for f in self.findings]
+
+    def separating(self) -> list[NextCommand]:
+        """One command for every finding and rival of it."""
+        return [
+            NextCommand(
+                f"designs the motion that tells {f.term.effect} from {rival.effect}{at(rival)}",
+                self.origin.experiment((f.term, rival)),
+            )
+            for f in self.findings
+            for rival in f.rivals
+        ]
+
+    def drafting(self) -> list[NextCommand]:
+        """What helps further where nothing in the library explains what is left."""
+        if self.drafted or self.left is None or self.left.verdict != "unexplained":
+            return []
+        return [
+            NextCommand("drafts an effect for what is left, as a guess", self.origin.draft()),
+            NextCommand("adds the guess, if it lowers the error", self.origin.try_draft()),
+        ]
+
+    def refitting(self) -> list[NextCommand]:
+        """What is to do once the findings are added."""
+        return (
+            [NextCommand("fits the model again and writes its values", self.origin.identify())] if self.findings else []
+        )
+
+    @property
+    def improved(self) -> Path | None:
+        """The file in which every finding is already."""
+        return self.origin.improved if self.findings else None
+
+    @property
+    def commands(self) -> list[NextCommand]:
+        """What is still to do, in its order."""
+        to_do = [] if self.improved else [*self.adding(), *self.refitting()]
+        return [*to_do, *self.separating(), *self.drafting()]
+
+
+def relative_floor(series: JointSeries) -> float:
+    """The noise floor relative to the torque, as the error is."""
+    return series.floor.value * series.relative / series.rms if series.rms else 0.0

@@ -1,0 +1,1 @@
+"""Results on the terminal, from the same dictionaries that --json writes."""

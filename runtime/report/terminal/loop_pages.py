@@ -1,0 +1,263 @@
+"""Comparison, diagnosis and loop on the terminal, short: from the same dictionaries that --json writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from runtime.report.terminal.cells import (
+    Document,
+    at,
+    console,
+    empty_table,
+    figure,
+    fit_table,
+    interval,
+    joint_cell,
+    percent,
+    place,
+    say,
+    several,
+    unit,
+)
+
+_MOST_CLOSE = 3
+_WORTH_A_LINE = 0.05
+
+
+def compare(document: Document) -> None:
+    """Where the model fails: the residual's size, and what it follows."""
+    _joints(document)
+    _structure(document)
+    _warnings(document)
+
+
+def _structure(document: Document) -> None:
+    """What the residual of each joint follows, where it is said."""
+    for joint in document["joints"]:
+        follows = [f"{s['signal']} {percent(s['share'])}" for s in joint.get("structure", []) if s["share"] > 0.005]
+        if follows:
+            say(f"Joint {joint['joint']}: of the residual's power, explained by " + ", ".join(follows) + ".")
+
+
+def diagnosis(document: Document) -> None:
+    """The verdict in one sentence, then its evidence, and what to type next."""
+    say(f"{document['verdict'].upper()}: {document['reason']}", "")
+    _joints(document)
+    _structure(document)
+    _draft(document)
+    for finding in document["findings"]:
+        _finding(finding, document)
+    if document["verdict"] != "effect":
+        _not_named(document)
+    say("Base inertial parameters:")
+    fit_table({"inertial": document["parameters"], "effects": []})
+    _recordings(document)
+    _seen(document)
+    _warnings(document)
+    _commands(document)
+
+
+def _not_named(document: Document) -> None:
+    """The strongest candidates that were not named, one line each."""
+    floors = [j["floor"] for j in document["joints"]]
+    own = [(e["evidence"]["eff"] / floors[(e["joint"] or 1) - 1], e) for e in document["ruled_out"]]
+    entries = [e for size, e in sorted(own, key=lambda item: -item[0]) if size > _WORTH_A_LINE]
+    if not entries:
+        return
+    say("Closest to a name:")
+    for e in entries[:_MOST_CLOSE]:
+        why = e["evidence"]["failed_gates"] or ["passes every gate, but added, the error does not fall"]
+        say(f"  {e['effect']}{at(e['joint'])}: {'; '.join(why[:2])}")
+    say("")
+
+
+def _recordings(document: Document) -> None:
+    """Inertial parameters of each recording alone, and whatever else differs between them."""
+    if not document["recordings"]:
+        return
+    names = [r["recording"] for r in document["recordings"]]
+    table = empty_table("each recording alone", *names, "unit")
+    for rows in zip(*(r["parameters"] for r in document["recordings"]), strict=True):
+        table.add_row(rows[0]["name"], *(figure(p["fit"]) for p in rows), unit(rows[0]))
+    lumps = {p["name"] for p in document["parameters"]}
+    for apart in (p for p in document["inconsistent"] if p["name"] not in lumps):
+        known = dict(zip(apart["recordings"], apart["values"], strict=True))
+        table.add_row(apart["name"], *(figure(known.get(name)) for name in names), unit(apart))
+    console().print(table)
+    apart_names = ", ".join(p["name"] for p in document["inconsistent"])
+    say(f"They disagree on {apart_names}." if apart_names else "They agree.", "")
+
+
+def _seen(document: Document) -> None:
+    """What would have been seen: whole for a clean bill, which is worth as much as that."""
+    seen = document["would_have_seen"]
+    if not seen:
+        return
+    if document["verdict"] != "clean":
+        say(f"Limits of what these recordings would have shown: {len(seen)}, with --report or --json.")
+        return
+    joints = sorted({s["joint"] for s in seen}, key=lambda joint: joint or len(seen))
+    table = empty_table("would have been seen", *(place(joint) for joint in joints))
+    for effect in sorted({s["effect"] for s in seen}):
+        found = {s["joint"]: s for s in seen if s["effect"] == effect}
+        table.add_row(effect, *(_limit(found.get(joint)) for joint in joints))
+    console().print(table)
+    say(f"That is: a {_sentence(seen[0])} would have been seen. Less may be there, unseen.")
+
+
+def _sentence(seen: Document) -> str:
+    side, value = ("less", seen["below"]) if "below" in seen else ("more", seen["above"])
+    text = f"{seen['effect']}{at(seen['joint'])} whose {seen['parameter']} is {side} than {value:.2g} {unit(seen)}"
+    assumed = ", ".join(f"{name} {figure(x)}" for name, x in seen["with"].items())
+    return text.rstrip() + (f" (with {assumed} in SI)" if assumed else "")
+
+
+def _limit(seen: Document | None) -> str:
+    if seen is None:
+        return "–"
+    side, value = ("<", seen["below"]) if "below" in seen else (">", seen["above"])
+    assumed = ", ".join(f"{name} {x:.2g}" for name, x in seen["with"].items() if x)
+    return f"{seen['parameter']} {side} {value:.2g} {unit(seen)}".rstrip() + (f" ({assumed})" if assumed else "")
+
+
+def _warnings(document: Document) -> None:
+    say(*(f"Warning: {warning}" for warning in document.get("warnings") or []))
+
+
+def _commands(document: Document) -> None:
+    commands = document.get("commands") or []
+    if document.get("improved_model"):
+        say("", f"The improved model is in {document['improved_model']}.")
+    if commands:
+        say("", "Next:")
+    for command in commands:
+        say(f"  {command['command']}", f"      {command['what']}")
+
+
+def _finding(finding: Document, document: Document) -> None:
+    before, after = finding["rms_before"], finding["rms_after"]
+    say(
+        f"{finding['effect']}{at(finding['joint'])}: residual {figure(before)} -> {figure(after)}, "
+        f"{percent(finding['share'])} of what was missing."
+    )
+    if finding["held_out_before"] is not None:
+        say(f"  held out: {figure(finding['held_out_before'])} -> {figure(finding['held_out_after'])}")
+    _values(finding["parameters"])
+    evidence, torque = finding["evidence"], document["joints"][(finding["joint"] or 1) - 1]["unit"]
+    say(
+        f"  evidence: it alone explains {evidence['eff']:.3g} {torque}; BIC falls by {evidence['delta_bic']:.0f}, "
+        f"the squared error on unseen stretches by {percent(evidence['cv_gain'])}"
+    )
+    rivals = [(r["effect"], r["joint"]) for r in finding["rivals"]]
+    named = [(f["effect"], f["joint"]) for f in _found(document)]
+    behind = [e for e in finding["ranking"] if (e["effect"], e["joint"]) not in [*named, *rivals]]
+    behind = [e for e in behind if e["joint"] in (None, finding["joint"]) or finding["joint"] is None]
+    behind = [e for e in behind if e["evidence"]["share_of_excess"] > _WORTH_A_LINE][:_MOST_CLOSE]
+    if behind:
+        names = (f"{e['effect']}{at(e['joint'])} ({percent(e['evidence']['share_of_excess'])})" for e in behind)
+        say(f"  ruled out, with what each would explain of that: {', '.join(names)}")
+    if rivals:
+        say(f"  this data cannot tell it from {', '.join(f'{effect}{at(joint)}' for effect, joint in rivals)}")
+        say(f"  what would: {finding['experiment']}")
+        signals = [f"{s['signal']} (from {', '.join(s['rivals'])})" for s in finding["missing_signals"]]
+        say(*(["  so would, if it were recorded: " + ", ".join(signals)] if signals else []))
+    if finding["remainder"]:
+        say(f"  left over: {finding['remainder']}")
+    say("")
+
+
+def _found(document: Document) -> list[Document]:
+    """All findings of a diagnosis, or of every step of a loop."""
+    if "history" in document:
+        return [entry["finding"] for entry in document["history"] if entry.get("finding")]
+    return list(document["findings"])
+
+
+def _draft(document: Document) -> None:
+    """A guess at what no effect explains, or why there is none, where one was asked for."""
+    draft = document.get("draft")
+    if draft is None:
+        say(*filter(None, [document.get("draft_reason")]))
+        return
+    say(
+        f"A guess{at(draft['joint'])}, no law: {draft['effect']} = {draft['equation']}",
+        f"  residual {figure(draft['rms_before'])} -> {figure(draft['rms_after'])} {draft['unit']} (noise floor "
+        f"{figure(draft['floor'])}), {percent(draft['share'])} of what was missing.",
+    )
+    _values(draft["parameters"])
+    say(
+        f"  written to {draft['file']}; watch the error fall with it, then add it:",
+        *(f"    {c}" for c in draft["next"]),
+    )
+    say("")
+
+
+def _values(parameters: Mapping[str, Document]) -> None:
+    for name, p in parameters.items():
+        say(f"  {name} = {figure(p['value'])} {unit(p)}".rstrip() + interval(p))
+
+
+def improvement(document: Document) -> None:
+    """The error at every step, fitted and held out, what was added, and the verdict on what is left."""
+    history = document["history"]
+    held = any(step.get("held_out") for step in history)
+    headings = ["model", "error", "rms"] + (["held-out error", "held-out rms"] if held else [])
+    table = empty_table(*headings)
+    for step in history:
+        row = [f"+ {step['added']}" if step["added"] else "as in the file"]
+        row += [several(step["relative"], percent), several(step["rms"], figure)]
+        if held:
+            row += [several(step.get("held_out_relative"), percent), several(step.get("held_out"), figure)]
+        table.add_row(*row)
+    console().print(table)
+    say(f"Noise floor (rms): {_floors(document['joints'])}.")
+    if document.get("held_out_floors"):
+        say(f"  held out: {_floors(document['held_out_floors'])}.")
+    say("")
+    for finding in _found(document):
+        _finding(finding, document)
+    _refit(document["identification"]["before"], document["identification"]["after"])
+    say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
+    _not_named(document)
+    _seen(document)
+    _warnings(document)
+    _commands(document)
+
+
+def _floors(joints: Sequence[Document]) -> str:
+    return ", ".join(f"joint {j['joint']} {figure(j['floor'])} ({j['floor_source']})" for j in joints)
+
+
+def _refit(before: Document, after: Document) -> None:
+    """Every parameter as the file has it, fitted without and with what was added."""
+    table = empty_table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
+    for old, new in zip(before["inertial"], after["inertial"], strict=True):
+        cells = [figure(old["model"]), figure(old["fit"]), figure(new["fit"]), interval(new, ""), unit(new)]
+        table.add_row(joint_cell(new["joint"]), new["name"], *cells)
+    fits = [
+        {(e["effect"], e["joint"]): e["parameters"] for e in identification["effects"]}
+        for identification in (before, after)
+    ]
+    for effect, joint in dict.fromkeys([*fits[0], *fits[1]]):
+        old, new = (fit.get((effect, joint), {}) for fit in fits)
+        for name in dict.fromkeys([*old, *new]):
+            p = new.get(name) or old[name]
+            values = [figure(fit[name]["value"]) if name in fit else "–" for fit in (old, new)]
+            cells = ["–", *values, interval(p, "") if name in new else "–", unit(p)]
+            table.add_row(joint_cell(joint), f"{effect}: {name}", *cells)
+    console().print(table)
+
+
+def _joints(document: Document) -> None:
+    table = empty_table("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable")
+    for j in document["joints"]:
+        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")]
+        table.add_row(
+            joint_cell(j["joint"]),
+            figure(j["rms"]),
+            percent(j["relative"]),
+            figure(j["floor"]),
+            j["floor_source"],
+            repeats,
+        )
+    console().print(table)

@@ -1,0 +1,130 @@
+"""Results for people: tables from the same dictionaries that --json writes."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+
+from runtime.report.terminal.cells import Document, at, console, empty_table, figure, fit_table, interval, percent, say
+
+_PATIENCE = 2.0  # s
+
+
+@contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """Says on standard error what is going on: a spinner on a terminal, else one line after two seconds.
+
+    Gives a function for lines of progress in between.
+    """
+    console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+    if console.is_terminal:
+        with console.status(f"{what} …"):
+            yield console.print
+        return
+    timer = threading.Timer(_PATIENCE, lambda: print(f"{what} …", file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield lambda line: print(line, file=sys.stderr, flush=True)
+    finally:
+        timer.cancel()
+
+
+def effects(document: Document) -> None:
+    """The library, one line an effect."""
+    table = empty_table("effect", "scope", "parameters", "what it is")
+    for effect in document["effects"]:
+        parameters = ", ".join(p["name"] for p in effect["parameters"])
+        table.add_row(effect["name"], effect["scope"], parameters, effect["summary"])
+    console().print(table)
+
+
+def effect(document: Document) -> None:
+    """One effect's page."""
+    say(f"{document['name']}: {document['summary']}", f"  {document['equation']}", "")
+    table = empty_table("parameter", "unit", "role", "bounds", "meaning")
+    for p in document["parameters"]:
+        units = dict.fromkeys(p["unit"].values())
+        low, high = p["bounds"]
+        bounds = f"{'-∞' if low is None else f'{low:g}'} … {'∞' if high is None else f'{high:g}'}"
+        table.add_row(p["name"], " or ".join(units), p["role"], bounds, p["meaning"])
+    console().print(table)
+    facts = {
+        "acts on": document["scope"],
+        "family": document["family"],
+        "memory": ", ".join(s if isinstance(s, str) else s["name"] for s in document["states"]),
+        "replaces": ", ".join(document["generalises"]),
+        "trace": document["trace"],
+        "experiment": document["experiment"],
+        "source": document["source"],
+    }
+    say(*(f"{name + ':':12}{text}" for name, text in facts.items() if text))
+
+
+def identify(document: Document) -> None:
+    """Base inertial parameters and effects with their 95 % intervals, with and without skew correction."""
+    skew = document["skew"]
+    origin = "estimated" if skew.get("estimated") else "given"
+    say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
+    say(f"Skew between torque and motion: {figure(skew['value'])} {skew['unit']} ({origin}){interval(skew)}.")
+    fit_table(document)
+    if document.get("uncorrected"):
+        say("Without skew correction:")
+        fit_table(document["uncorrected"])
+
+
+def verify(document: Document) -> None:
+    """The worst case of each target, as a part of its tolerance, and every case that is not equal."""
+    cases: Sequence[Document] = document["cases"]
+    worst: dict[str, Document] = {}
+    for case in cases:
+        if case["target"] not in worst or _ratio(case) > _ratio(worst[case["target"]]):
+            worst[case["target"]] = case
+    wrong = [case for case in cases if not case["equal"]]
+    table = empty_table("target", "functions", "worst", "of its tolerance", "SymPy", "target's", "at")
+    for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]:
+        at = ", ".join(f"{name}={_short(value)}" for name, value in case["inputs"].items())
+        count = sum(other["target"] == case["target"] for other in cases)
+        table.add_row(
+            case["target"],
+            str(count),
+            f"{case['function']}: {case['output']}",
+            percent(case["ratio"]),
+            _digits(case["expected"]),
+            _digits(case["found"]),
+            at,
+        )
+    console().print(table)
+    vectors = f"{len(document['vectors'])} test vectors with --json"
+    if wrong:
+        say(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}.")
+    else:
+        say(f"Equal: {len(cases)} comparisons at {document['samples']} points each; {vectors}.")
+
+
+def _ratio(case: Document) -> float:
+    return float("inf") if case["ratio"] is None else float(case["ratio"])
+
+
+def _digits(value: float | None) -> str:
+    return "–" if value is None else f"{value:.9g}"
+
+
+def simulation(document: Document) -> None:
+    """What is in a simulated recording."""
+    hidden = [entry for entry in document["effects"] if entry["hidden"]]
+    say(f"{document['out']}: {document['samples']} samples, {figure(document['seconds'])} s")
+    for entry in hidden:
+        values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
+        say(f"hidden: {entry['effect']}{at(entry['joint'])}: {values}")
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return "[" + " ".join(_short(v) for v in value) + "]"
+    return f"{value:.3g}" if isinstance(value, (int, float)) else str(value)

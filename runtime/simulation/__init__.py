@@ -1,0 +1,1 @@
+"""Arms that are simulated, with hidden effects if wanted."""

@@ -1,0 +1,382 @@
+"""Recordings of a model itself, with a hidden effect if wanted: to try a diagnosis where the truth is known.
+
+The motion is prescribed and the torque computed from it (inverse dynamics and effects, those with a memory
+stepped along); encoder counts and torque noise are added. So the torque is exact for this motion, no
+controller is simulated, and at rest dry friction counts as zero. `demo_plant` is the closed-loop plant.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from runtime.estimation.grids import points
+from runtime.estimation.regressors import Regressors, Signals
+from runtime.model.loader import JointInfo, Library, LoaderError, Model, ParameterInfo
+from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
+from runtime.motion.band import Band
+from runtime.motion.filters import Smoother, differentiator, low_pass
+from runtime.motion.motion import Motion, Piece
+from runtime.recordings.recording import MIN_SAMPLES, Recording
+
+Array = NDArray[np.float64]
+
+RATE = 1000.0  # samples a second
+CUTOFF = 40.0  # Hz; what is sized here is sized at full rate, so it only completes the motion
+COUNT = {"revolute": 2 * np.pi / 200_000, "prismatic": 1e-6}  # rad, m
+NOISE = 0.03  # of each joint's torque, root mean square
+SHARE = 0.2  # of the same, for each coefficient of an effect of which nothing is said
+SPEED = {"revolute": 2.5, "prismatic": 0.3}  # where the model file states no limit
+RANGE = {"revolute": 1.0, "prismatic": 0.15}  # to either side of the middle
+AT_REST = 1e-9  # of the largest rate: below that it is rounding
+MARGIN = 0.9  # of the limits of speed and range
+WARM, RISE = 24.0, 20.0  # degC at the start, K at the end where temperatures are recorded
+WARMING = 0.35  # of the recording's length
+EXTRA = ("q_link", "tau_link", "temperature")
+SLOW = (0.01, 0.02, 0.04, 0.08, 0.16)  # parts of the largest speed
+
+
+class SimulationError(ValueError):
+    """What was asked cannot be simulated; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect that the recording has and the model file has not; parameters without a value get a moderate one."""
+
+    term: Term
+    values: Values
+
+
+def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
+    """`EFFECT@JOINT[:KEY=VALUE,...]`; no @JOINT for an effect of the arm or the contact. Raises SimulationError.
+
+    option   where it was written, for the messages
+    """
+    place, _, assignments = text.partition(":")
+    name, at, number = place.partition("@")
+    usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
+    try:
+        info = model.library[name]
+    except LoaderError as error:
+        raise SimulationError(f"{option} {text}: {error}") from error
+    joint: int | None = None
+    if info.scope in ("arm", "contact"):
+        if at:
+            raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{number}')
+    else:
+        last = model.n - (info.scope == "joints")
+        if last < 1:
+            raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {model.name} has one')
+        if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= last:
+            raise SimulationError(f'{option} {text}: found joint "{number}", expected 1 to {last}; {usage}')
+        joint = int(number)
+    values: Values = {}
+    for assignment in filter(None, assignments.split(",")):
+        key, equals, value = assignment.partition("=")
+        try:
+            values[info.parameter(key.strip()).name] = float(value)
+        except LoaderError as error:
+            raise SimulationError(f"{option} {text}: {error}") from error
+        except ValueError as error:
+            raise SimulationError(f'{option} {text}: found "{assignment}", expected a number; {usage}') from error
+        if not equals or not isfinite(values[key.strip()]):
+            raise SimulationError(f'{option} {text}: found "{assignment}", expected a finite number; {usage}')
+    return Hidden(Term(name, joint), values)
+
+
+def simulate(
+    model: Model,
+    hidden: Sequence[Hidden] = (),
+    seed: int = 0,
+    motion: Array | None = None,
+    seconds: float = 40.0,
+    repeats: int = 2,
+    noise: float = NOISE,
+    extra: Sequence[str] = (),
+) -> tuple[Recording, Structure]:
+    """A recording at 1 kHz, and all effects in it with the values that they had.
+
+    motion (n, N) positions at 1 kHz in place of the excitation of `seconds` in `repeats` equal parts;
+    noise: standard deviation of the torque's noise as a part of its root mean square; extra: further signals that
+    are recorded, of EXTRA.
+    Raises SimulationError.
+    """
+    rng = np.random.default_rng(seed)
+    path = excitation(model, rng, seconds / repeats, repeats) if motion is None else motion
+    if path.shape[0] != model.n or path.shape[1] < MIN_SAMPLES:
+        raise SimulationError(
+            f"the motion has {path.shape[0]} joints and {path.shape[1]} samples; "
+            f"expected {model.n} joints of {model.name} and at least {MIN_SAMPLES} samples"
+        )
+    piece = _piece(model.library, path, warm="temperature" in extra)
+    terms = _all_terms(model, hidden)
+    values = _complete(model, piece, terms)
+    signals = Signals(model, piece, Prediction(model.lump_values, values))
+    tau = _torque(signals, values)
+    if not np.isfinite(tau).all():
+        raise SimulationError(f"the torque of {model.name} is not finite with these values; choose smaller ones")
+    level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
+    measured = tau + noise * level * rng.standard_normal(tau.shape)
+    made = _recording(model, piece, measured)
+    if "q_link" in extra:
+        made = replace(made, q_link=_link(signals, values))
+    if "tau_link" in extra:
+        output = _output(signals, values)
+        level = np.sqrt(np.mean(output**2, axis=1, keepdims=True))
+        made = replace(made, tau_link=output + noise * level * rng.standard_normal(output.shape))
+    return made, values
+
+
+def complete(model: Model, path: Array, terms: Structure) -> Structure:
+    """The terms with all values, those that are not stated moderate for the motion `path` (n, N) at 1 kHz.
+
+    Raises SimulationError: a value out of its bounds, or none can be chosen for this motion.
+    """
+    return _complete(model, _piece(model.library, path, warm=False), terms)
+
+
+def torque_along(model: Model, q: Array, qd: Array, qdd: Array, rate: float, values: Structure) -> Array:
+    """(n, N) torque that a motion (each (n, N), at `rate` Hz) asks of the motors, all values known."""
+    piece = _prescribed(model.library, q, qd, qdd, rate, warm=False)
+    return _torque(Signals(model, piece, Prediction(model.lump_values, values)), values)
+
+
+def _torque(signals: Signals, values: Structure) -> Array:
+    tau = signals.rigid.copy()
+    for term in values:
+        for joint in joints_of(signals.model, term):
+            tau[joint] += signals.torque(term, joint)
+    return tau
+
+
+def parse_extra(text: str) -> tuple[str, ...]:
+    """Names of EXTRA, separated by commas. Raises SimulationError."""
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    for name in names:
+        if name not in EXTRA:
+            raise SimulationError(f'--signals: found "{name}", expected some of {", ".join(EXTRA)}')
+    return names
+
+
+def _link(signals: Signals, values: Structure) -> Array:
+    """(n, N) what encoders on the link side read."""
+    q = signals.piece.q.copy()
+    for term, known in values.items():
+        deflection = signals.deflection(term, known)
+        if deflection is not None:
+            q[(term.joint or 1) - 1] -= deflection
+    count = _counts(signals.model)
+    return np.round(q / count) * count
+
+
+def _output(signals: Signals, values: Structure) -> Array:
+    """(n, N) torque at the joints' output: what moves and holds the link side, without noise."""
+    model = signals.model
+    torque = np.array([np.asarray(signals.get("load", i)) for i in range(model.n)])
+    for term in (t for t in values if model.library.effects[t.effect].side == "link"):
+        for joint in joints_of(model, term):
+            torque[joint] += signals.torque(term, joint)
+    return torque
+
+
+def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
+    terms = structure(model)
+    for item in hidden:
+        if item.term in terms:
+            raise SimulationError(
+                f"--hide {item.term}: {model.name} has this effect already; hide another, or take it out of the file"
+            )
+        terms[item.term] = dict(item.values)
+    return terms
+
+
+def _piece(library: Library, path: Array, warm: bool) -> Piece:
+    """The motion with its derivatives, from a quintic spline through the positions; warm: temperatures that rise."""
+    t = np.arange(path.shape[1]) / RATE
+    spline = make_interp_spline(t, path, k=5, axis=1)
+    q, qd, qdd = (np.ascontiguousarray(spline(t, nu)) for nu in range(3))
+    return _prescribed(library, q, qd, qdd, RATE, warm)
+
+
+def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, warm: bool) -> Piece:
+    n, count = q.shape
+    t = np.arange(count) / rate
+    # Rounding must not decide in which direction a joint at rest has friction.
+    qd = np.where(np.abs(qd) < AT_REST * np.abs(qd).max(), 0.0, qd)
+    none = np.zeros((n, count))
+    warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
+    filters = low_pass(CUTOFF, rate, library), differentiator(CUTOFF, rate)
+    exact = (Smoother(np.ones(1)),) * n
+    return Piece(0, 1, 1 / rate, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
+
+
+def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
+    """All parameters of all terms: as stated, else shape from the middle of its grid and size by SHARE."""
+    done: Structure = {}
+    # Effects that read what others predict come last, so that those are there.
+    late = ("level", "predicted", "predicted_rate", "plate_y")
+    order = sorted(terms, key=lambda t: sum(s in late for s in model.library.effects[t.effect].signals))
+    for term in order:
+        info, given = model.library.effects[term.effect], dict(terms[term])
+        if any(p.name not in given for p in info.parameters if p.role != "given"):
+            given = {**_moderate(model, piece, term, given, done), **given}
+        for p in info.parameters:
+            _check_value(term, p, given)
+        done[term] = given
+    return {term: done[term] for term in terms}
+
+
+def _check_value(term: Term, parameter: ParameterInfo, values: Values) -> None:
+    low, high = parameter.bounds
+    value = values.get(parameter.name, parameter.default)
+    if value is None or not low <= value <= high:
+        raise SimulationError(f"{term}: {parameter.name} = {value}, expected a value from {low:g} to {high:g}")
+
+
+def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: Structure) -> Values:
+    """Parameters that give the term a visible and not absurd part of the torque."""
+    info = model.library.effects[term.effect]
+    silent = np.zeros(model.n)
+    band = Band(CUTOFF, "simulated", silent, silent, silent)
+    motion = Motion(band, (piece,), np.zeros(model.n))
+    regressors = Regressors(model, motion, Prediction(model.lump_values, others))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        grid = points(regressors, term)
+    if not grid:
+        needed = ", ".join(p.name for p in info.shape)
+        raise SimulationError(f"{term}: this model and motion give no scale for it; state {needed}")
+    shape = {**grid[_middle(grid)], **{k: v for k, v in stated.items() if k not in {p.name for p in info.linear}}}
+    signals = regressors.signals[0]
+    rows, size = np.zeros(len(info.coefficients)), 0.0
+    for joint in joints_of(model, term):
+        columns = regressors.raw_columns(signals, term, joint, shape)[1:]
+        rows = np.maximum(rows, np.sqrt(np.mean(columns**2, axis=1)))
+        size = max(size, float(np.sqrt(np.mean(signals.rigid[joint] ** 2))))
+    if not (rows > 0).all():
+        raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
+    found = model.library.recover(term.effect, np.where(rows > 0, SHARE * size / rows, 0.0), shape)
+    # A factor is an effect by what it differs from 1; its fixed part says so.
+    return {k: 1.0 + SHARE if k == "factor" else v for k, v in found.items()}
+
+
+def _middle(grid: Sequence[Values]) -> int:
+    """The combination nearest to the middle of every axis, by rank; a third for `start`, two thirds for `end`."""
+    names = list(grid[0])
+    ranks = np.array([np.searchsorted(np.unique([g[k] for g in grid]), [g[k] for g in grid]) for k in names])
+    if not names:
+        return 0
+    parts = np.array([{"start": 0.33, "end": 0.67}.get(k, 0.55) for k in names])[:, None]
+    return int(np.argmin(np.abs(ranks - parts * ranks.max(axis=1, keepdims=True)).sum(axis=0)))
+
+
+def excitation(model: Model, rng: np.random.Generator, seconds: float, repeats: int) -> Array:
+    """Positions (n, N) at 1 kHz: slow legs and cosines up to the largest speeds within the limits, `repeats` times.
+
+    Every joint has its own frequencies and its own order of legs, so that no two move alike.
+    """
+    block = np.stack([_joint_motion(joint, rng, seconds) for joint in model.joints])
+    return np.tile(block, (1, repeats))
+
+
+def _joint_motion(joint: JointInfo, rng: np.random.Generator, seconds: float) -> Array:
+    half = round(seconds * RATE / 2)
+    speed = MARGIN * (joint.speed_limit or SPEED[joint.type])
+    reach = MARGIN * RANGE[joint.type]
+    middle = 0.0
+    if joint.position_limits is not None:
+        low, high = joint.position_limits
+        middle, reach = (low + high) / 2, MARGIN * (high - low) / 2
+    moves = np.concatenate([_slow(rng, half, speed, reach), _fast(rng, half, speed, reach)])
+    return middle + moves
+
+
+def _slow(rng: np.random.Generator, count: int, speed: float, reach: float) -> Array:
+    """Legs there and back at constant low speeds, joined without jumps in acceleration."""
+    leg = count // (2 * len(SLOW))
+    rate = np.zeros(count)
+    for k, part in enumerate(rng.permutation(SLOW) * rng.uniform(0.8, 1.2, len(SLOW))):
+        rest = leg // 8
+        fast = min(part * speed, reach / (leg / RATE))
+        rate[2 * k * leg + rest : (2 * k + 1) * leg - rest] = fast
+        rate[(2 * k + 1) * leg + rest : (2 * k + 2) * leg - rest] = -fast
+    mean = np.full(max(1, leg // 16), 1 / max(1, leg // 16))
+    return np.cumsum(np.convolve(np.convolve(rate, mean, "same"), mean, "same")) / RATE
+
+
+def _fast(rng: np.random.Generator, count: int, speed: float, reach: float) -> Array:
+    """Cosines from the slowest that fills the reach up to 10 Hz, faded in and out, scaled to the largest speed."""
+    t = np.arange(count) / RATE
+    lowest = speed / (2 * np.pi * reach)
+    frequencies = np.geomspace(lowest, max(8.0, 2 * lowest), 7) * rng.uniform(0.85, 1.15, 7)
+    amplitudes = frequencies**-1.5
+    phases = rng.uniform(0, 2 * np.pi, 7)
+    wave = np.sum(amplitudes[:, None] * np.cos(2 * np.pi * frequencies[:, None] * t + phases[:, None]), axis=0)
+    fade = np.clip(np.minimum(t, t[::-1]) / 1.0, 0, 1)
+    wave *= fade**3 * (10 - 15 * fade + 6 * fade**2)
+    return wave * min(speed / np.abs(np.gradient(wave, t)).max(), reach / np.abs(wave).max())
+
+
+def read_motion(path: Path, n: int) -> Array:
+    """Positions (n, N) at 1 kHz from a CSV with the header t,q1,...: s and rad (m), smooth as a plan is, no counts.
+
+    Raises SimulationError naming the file and the line.
+    """
+    names = ["t", *(f"q{i}" for i in range(1, n + 1))]
+    try:
+        data = path.read_bytes()
+        lines = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode().splitlines()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise SimulationError(f"{path}: cannot read the motion: {error}") from error
+    header = [cell.partition("[")[0].strip() for cell in next(csv.reader(lines[:1]), [])]
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise SimulationError(f"{path} line 1: no column {missing[0]}; expected {','.join(names)} in s and rad or m")
+    rows = []
+    for number, cells in enumerate(csv.reader(lines[1:]), 2):
+        try:
+            rows.append([float(cells[header.index(name)]) for name in names])
+        except (ValueError, IndexError) as error:
+            raise SimulationError(f"{path} line {number}: expected {len(header)} numbers, one a column") from error
+        if not np.isfinite(rows[-1]).all() or (len(rows) > 1 and rows[-1][0] <= rows[-2][0]):
+            raise SimulationError(f"{path} line {number}: expected finite numbers and a time that increases")
+    if len(rows) < 6:
+        raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least 6")
+    table = np.array(rows)
+    t = np.arange(table[0, 0], table[-1, 0], 1 / RATE)
+    return np.ascontiguousarray(make_interp_spline(table[:, 0], table[:, 1:], k=5)(t).T)
+
+
+def _counts(model: Model) -> Array:
+    return np.array([[COUNT[joint.type]] for joint in model.joints])
+
+
+def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
+    count = _counts(model)
+    samples = len(piece.t)
+    return Recording(
+        path=Path("simulation"),
+        t=piece.t,
+        run=np.ones(samples, dtype=np.int64),
+        q=np.round(piece.q / count) * count,
+        tau=tau,
+        qd=None,
+        q_desired=piece.q,
+        q_link=None,
+        tau_link=None,
+        tau_rigid=None,
+        temperature=tuple(
+            WARM + rise if there else None for rise, there in zip(piece.warmth, piece.measured, strict=True)
+        ),
+        force=None,
+        segments=(slice(0, samples),),
+        types=tuple(joint.type for joint in model.joints),
+    )

@@ -1,0 +1,161 @@
+"""An arm as a user has it: its model file, the library of effects, and what is derived, compiled and edited of it.
+
+The one place where equations and recordings meet: command line, notebooks and pages go through it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+# Everything heavy (SymPy, CasADi, SciPy) is imported where it is needed, so that --help is quick.
+if TYPE_CHECKING:
+    from codegen.firmware.source_tree import FirmwareTree
+    from runtime.model.loader import Model
+    from runtime.recordings.recording import Recording
+    from symbolic.effects.declaration import Effect
+    from symbolic.model_file.arm import Arm, Values
+
+
+class UsageError(ValueError):
+    """A command line that contradicts itself."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A model file as read: its text, what it says, and the library that its effects come from."""
+
+    path: Path
+    text: str
+    library: Mapping[str, Effect]
+    own_effects: bool
+
+    @classmethod
+    def read(cls, path: Path, effects_file: Path | None) -> Source:
+        from symbolic.model_file import reader
+
+        library = effects_library(effects_file)
+        return cls(path, reader.read_text(path), library, effects_file is not None)
+
+    @classmethod
+    def shipped(cls, name: str, effects_file: Path | None = None) -> Source:
+        """An arm that comes with the toolkit. Raises UsageError."""
+        import symbolic
+
+        arms = Path(symbolic.__file__).parent / "arms"
+        names = sorted(path.stem for path in arms.glob("*.toml"))
+        if name not in names:
+            raise UsageError(f'"{name}" is no model file here and no arm of the toolkit, which has {", ".join(names)}')
+        return cls.read(arms / f"{name}.toml", effects_file)
+
+    def arm(self, text: str | None = None) -> Arm:
+        from symbolic.model_file import reader
+
+        return reader.parse(self.text if text is None else text, str(self.path), self.library)
+
+    def model(self, text: str | None = None) -> Model:
+        """Derived, compiled (or found in the cache) and loaded."""
+        from codegen.prepare import prepare_arm, prepare_effects
+        from runtime.model.loader import load_library, load_model
+
+        effects = prepare_effects(tuple(self.library.values()) if self.own_effects else None)
+        return load_model(prepare_arm(self.arm(text)), load_library(effects))
+
+    def controller(self, target: str = "host", toolchain: str | None = None) -> Path:
+        """The directory of the arm's firmware, built for a target of `tendon firmware`."""
+        from codegen.prepare import prepare_firmware
+
+        return prepare_firmware(self.arm(), self.library, target, toolchain)
+
+    def firmware(self, directory: Path) -> FirmwareTree:
+        """The files of the controller's firmware, for a directory."""
+        from codegen.firmware.source_tree import FirmwareTree
+        from symbolic.model import derive
+
+        return FirmwareTree.of(derive(self.arm()), self.library, directory)
+
+    def add(self, text: str, effect: str, joint: int | None, values: Mapping[str, float] | None = None) -> str:
+        """`text` with an effect more."""
+        from symbolic.model_file import editor
+
+        return editor.add_effect(text, str(self.path), self.library, effect, joint, values)
+
+    def mounted(self, springs: Mapping[int, Values], contact: Mapping[str, Values]) -> str:
+        """The text with the springs (by joint) and the contact (by effect) of a trajectory in place of its own."""
+        from symbolic.model_file.editor import place_effect
+
+        text, arm = self.text, self.arm()
+        there = arm.contact.effects if arm.contact else {}
+        places: dict[tuple[str, int | None], Values | None] = {
+            **{("parallel_spring", joint): springs.get(joint) for joint in range(1, len(arm.joints) + 1)},
+            **{(effect, None): contact.get(effect) for effect in (*there, *contact)},
+        }
+        for (effect, joint), values in places.items():
+            text = place_effect(text, str(self.path), self.library, effect, joint, values)
+        return text
+
+    def drafting(self) -> Source:
+        """The same with guesses at physics that its library has not."""
+        from symbolic.grammar.laws import drafts
+
+        guesses = {effect.name: effect for effect in drafts() if effect.name not in self.library}
+        return replace(self, library={**self.library, **guesses}, own_effects=True)
+
+    def guesses(self) -> tuple[Model, Set[str]]:
+        """The model with guesses in its library, and their names."""
+        wider = self.drafting()
+        return wider.model(), wider.library.keys() - self.library.keys()
+
+    def declaration(self, effect: str, notes: Sequence[str], beside: str | None) -> str:
+        """A file for --effects that declares an effect of this library; see symbolic/effects/source.py."""
+        from symbolic.effects.source import python_source
+
+        return python_source(self.library[effect], notes, beside)
+
+    def put(self, text: str, identification: Mapping[str, Any]) -> str:
+        """`text` with the values of an identification, as its to_json() gives them."""
+        from symbolic.model_file import editor
+
+        def known(values: Mapping[str, float | None]) -> dict[str, float]:
+            return {name: v for name, v in values.items() if v is not None and math.isfinite(v)}
+
+        values = {
+            (entry["effect"], entry["joint"]): known({name: p["value"] for name, p in entry["parameters"].items()})
+            for entry in identification["effects"]
+        }
+        inertial = known({entry["name"]: entry["fit"] for entry in identification["inertial"]})
+        return editor.set_values(text, str(self.path), self.library, values, inertial)
+
+    def recordings(
+        self, paths: Sequence[Path], mapping: Mapping[str, str] | None = None, allow_gaps: bool = False
+    ) -> list[Recording]:
+        """Recordings of this arm, in SI."""
+        from runtime.recordings import recording
+
+        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in self.arm().joints]
+        return [recording.read(path, {"joints": joints}, mapping, allow_gaps) for path in paths]
+
+    def replace(self, text: str) -> None:
+        """Write the model file anew, unless someone else has changed it since it was read."""
+        from runtime import files
+        from symbolic.model_file import reader
+
+        if reader.read_text(self.path) != self.text:
+            raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
+        files.replace(self.path, text.encode())
+
+
+def effects_library(effects_file: Path | None) -> dict[str, Effect]:
+    """The effects by name: the library, and the user's own after it."""
+    from symbolic.effects import LIBRARY, load_user_effects
+
+    own = load_user_effects(effects_file) if effects_file else ()
+    return {**LIBRARY, **{effect.name: effect for effect in own}}
+
+
+def open_model(path: Path | str, effects_file: Path | None = None) -> Model:
+    """The model of a model file, ready to evaluate: for notebooks, and as every verb does it."""
+    return Source.read(Path(path), effects_file).model()

@@ -1,0 +1,322 @@
+"""What a controller adds to the inverse dynamics, at the measured motion: friction by (7), springs (2), the plate (3).
+
+Every active effect without a memory that reads only the measured motion is compensated. Springs parallel to the
+joints and the plate belong to a trajectory, not to the arm: they are always there, with parameters of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import nan
+
+import sympy as sp
+
+from symbolic.effects.contact import PLATE, PLATE_DAMPING
+from symbolic.effects.declaration import SIGNAL, Effect, Parameter
+from symbolic.effects.springs import PARALLEL_SPRING
+from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+from symbolic.model import ArmModel
+from symbolic.rigid_body.base_parameters import exact
+from symbolic.rigid_body.kinematics import Coordinates
+from symbolic.straightline import Recorder
+
+MEASURED = frozenset(
+    [
+        "q",
+        "qd",
+        "qd_next",
+        "qd_previous",
+        "has_next",
+        "ratio",
+        "moment_x",
+        "moment_y",
+        "tip_y",
+        "tip_yd",
+        "tip_row",
+        "plate_y",
+    ]
+)
+"""Signals that follow from the measured positions and rates."""
+
+HAS_NEXT = SIGNAL["has_next"].symbol
+C_U, C_E = sp.Symbol("friction_scale", real=True), sp.Symbol("friction_slope", nonnegative=True)
+Reading = dict[sp.Symbol, sp.Expr]
+
+
+@dataclass(frozen=True)
+class Site:
+    """An active effect and its joint (1-based); None for an effect of the arm or the contact."""
+
+    effect: Effect
+    joint: int | None = None
+
+    def __str__(self) -> str:
+        return self.effect.name if self.joint is None else f"{self.effect.name}@{self.joint}"
+
+    @property
+    def obstacle(self) -> str | None:
+        """Why a controller cannot compensate it; None if it can."""
+        if self.effect.states:
+            return "has a memory"
+        unknown = [s.name for s in self.effect.signals if s.name not in MEASURED]
+        return f"reads {', '.join(unknown)}" if unknown else None
+
+    def symbol(self, parameter: Parameter) -> sp.Symbol:
+        """The parameter of this effect, here."""
+        owner = self.effect.scope if self.joint is None else f"joint{self.joint}"
+        return sp.Symbol(f"{owner}_{self.effect.name}_{parameter.name}", real=True)
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        """Those of all parameters, in declared order."""
+        return tuple(self.symbol(p) for p in self.effect.parameters)
+
+    def torque(self, joint: int, reading: Reading) -> sp.Expr:
+        """The effect's torque at a joint (1-based) whose signals have these expressions."""
+        own = {p.symbol: self.symbol(p) for p in self.effect.parameters}
+        return self.effect.torque.xreplace({**reading, **own, HAS_NEXT: sp.Integer(joint == self.joint)})
+
+    def acts_on(self, joint: int) -> bool:
+        """Whether a joint (1-based) feels it."""
+        if self.joint is None:
+            return True
+        return joint == self.joint or (self.effect.scope == "joints" and joint == self.joint + 1)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether it is friction in the sense of (7): changes its sign with the direction of motion."""
+        return self.effect.scope != "contact" and (self.effect.family == "friction" or self.effect.dissipates)
+
+
+PLATE_SITES = (Site(PLATE), Site(PLATE_DAMPING))
+
+
+def _spring_lumps() -> tuple[tuple[Parameter, sp.Expr], ...]:
+    form = PARALLEL_SPRING.form
+    assert form is not None
+    shapes = [p for p in PARALLEL_SPRING.parameters if p.symbol in form.torque.free_symbols]
+    return (
+        *zip(form.coefficients, form.from_parameters, strict=True),
+        *((p, p.symbol) for p in shapes if p not in form.coefficients),
+    )
+
+
+SPRING_LUMPS = _spring_lumps()
+"""What a controller takes of a spring, and how that follows from the spring's parameters: no product of theirs is
+computed twice."""
+
+
+@dataclass(frozen=True)
+class Spring:
+    """The spring that a trajectory brings along for a joint (1-based)."""
+
+    joint: int
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        """Those of its lumps, in order."""
+        return tuple(sp.Symbol(f"joint{self.joint}_spring_{p.name}", real=True) for p, _ in SPRING_LUMPS)
+
+    def torque(self, reading: Reading) -> sp.Expr:
+        """At its joint, whose signals have these expressions."""
+        form = PARALLEL_SPRING.form
+        assert form is not None
+        own = {p.symbol: symbol for (p, _), symbol in zip(SPRING_LUMPS, self.symbols, strict=True)}
+        return form.torque.xreplace({**reading, **own})
+
+
+def springs(n: int) -> tuple[Spring, ...]:
+    """One a joint."""
+    return tuple(Spring(joint) for joint in range(1, n + 1))
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """The generated functions of a controller beside those of the arm, and what they take.
+
+    effects         struct of c_u, c_e and the parameters of the compensated effects; nan where the file has no value
+    compensated     sites in the order of their fields
+    uncompensated   the other active effects
+    functions       joint_compensation, contact_compensation
+    """
+
+    effects: Struct
+    compensated: tuple[Site, ...]
+    uncompensated: tuple[Site, ...]
+    functions: tuple[SymbolicFunction, ...]
+
+
+def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation:
+    """The compensation of an arm's active effects; `library`: all declarations by name."""
+    brought = {PARALLEL_SPRING.name, *(site.effect.name for site in PLATE_SITES)}
+    sites = [site for site, _ in _active(model, library) if site.effect.name not in brought]
+    compensated = tuple(site for site in sites if site.obstacle is None)
+    values = {str(site): found for site, found in _active(model, library)}
+    effects = _struct(model, compensated, values)
+    return Compensation(
+        effects,
+        compensated,
+        tuple(site for site in sites if site.obstacle is not None),
+        (_joints(model, effects, compensated), _contact(model, effects, compensated)),
+    )
+
+
+def _active(model: ArmModel, library: Mapping[str, Effect]) -> Iterable[tuple[Site, Mapping[str, float]]]:
+    """The model file's effects with their values."""
+    for number, joint in enumerate(model.arm.joints, 1):
+        yield from ((Site(library[name], number), values) for name, values in joint.effects.items())
+    yield from ((Site(library[name]), values) for name, values in model.arm.effects.items())
+    if model.arm.contact is not None:
+        yield from ((Site(library[name]), values) for name, values in model.arm.contact.effects.items())
+
+
+def _struct(model: ArmModel, sites: Sequence[Site], values: Mapping[str, Mapping[str, float]]) -> Struct:
+    arm, coordinates = model.arm, _coordinates(model)
+    scale, slope = (arm.controller.friction_scale, arm.controller.friction_slope) if arm.controller else (nan, nan)
+    fields: list[tuple[sp.Symbol, str, str, float]] = [
+        (C_U, "1", "c_u of (7); 0: friction is not compensated", scale),
+        (C_E, coordinates.unit("s/rad", "s/m"), "c_e of (7)", slope),
+    ]
+    for site in sites:
+        kind = "revolute" if site.joint is None else arm.joints[site.joint - 1].type
+        for p in site.effect.parameters:
+            value = values[str(site)].get(p.name, p.default)
+            fields.append((site.symbol(p), p.unit.text(kind), p.meaning, nan if value is None else value))
+    symbols, units, meanings, defaults = zip(*fields, strict=True)
+    return Struct("effects", symbols, units, meanings, defaults)
+
+
+def _coordinates(model: ArmModel) -> Coordinates:
+    return Coordinates(tuple(joint.type for joint in model.arm.joints))
+
+
+# --- the functions ---
+
+
+def nested(terms: sp.Expr, x: sp.Symbol) -> sp.Expr:
+    """A sum with its powers of x as x (a + x^2 (b + ...)): fewer products."""
+    by_power: dict[int, sp.Expr] = {}
+    rest = sp.S.Zero
+    for term in sp.Add.make_args(terms):
+        coefficient, power = term.as_coeff_exponent(x)
+        if power.is_Integer and power > 0 and not coefficient.has(x):
+            by_power[int(power)] = by_power.get(int(power), sp.S.Zero) + coefficient
+        else:
+            rest += term
+    inner, above = sp.S.Zero, 0
+    for power in sorted(by_power, reverse=True):
+        inner = by_power[power] + x ** (above - power) * inner if above else by_power[power]
+        above = power
+    return rest + x**above * inner if above else rest
+
+
+def underestimated(friction: sp.Expr, qd: sp.Expr) -> sp.Expr:
+    """A joint's friction as a controller may compensate it: a little less, and nothing at rest; equation (7)."""
+    return C_U * friction * (1 - sp.exp(-C_E * sp.Abs(qd)))
+
+
+def _joints(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> SymbolicFunction:
+    parallel = springs(len(model.arm.joints))
+    recorder = Recorder([s.name for s in _inputs(model, effects, *parallel)])
+    torques = []
+    for number, reading in enumerate(_readings(model, recorder), 1):
+        here = [site for site in sites if site.acts_on(number) and site.effect.scope != "contact"]
+        friction = sum((site.torque(number, reading) for site in here if site.rubs), sp.S.Zero)
+        rest = sum((site.torque(number, reading) for site in here if not site.rubs), sp.S.Zero)
+        spring = parallel[number - 1].torque(reading)
+        qd = reading[SIGNAL["qd"].symbol]
+        torques.append(underestimated(nested(friction, qd), qd) + spring + rest)
+    columns = ", ".join(p.name for p, _ in SPRING_LUMPS)
+    return _function(
+        model,
+        "joint_compensation",
+        [_effects(effects), _brought("springs", parallel, f"a row a joint: {columns}")],
+        torques,
+        recorder,
+        "Torques of friction, springs and the other static effects of joints and arm at the measured motion.",
+        "Equations (2), (4) and (7); the effects' own sources are in the library",
+    )
+
+
+def _contact(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> SymbolicFunction:
+    recorder = Recorder([s.name for s in _inputs(model, effects, *PLATE_SITES)])
+    here = [*PLATE_SITES, *(site for site in sites if site.effect.scope == "contact")]
+    readings = enumerate(_readings(model, recorder), 1)
+    torques = [sum((site.torque(number, r) for site in here), sp.S.Zero) for number, r in readings]
+    names = ", ".join(s.name for site in PLATE_SITES for s in site.symbols)
+    return _function(
+        model,
+        "contact_compensation",
+        [_effects(effects), _brought("contact", PLATE_SITES, names)],
+        torques,
+        recorder,
+        "Torques of the plate, and of other effects of the contact, at the measured motion.",
+        "Equation (3)",
+    )
+
+
+def _readings(model: ArmModel, recorder: Recorder) -> list[Reading]:
+    """What every joint's effects read, in the positions and rates."""
+    coordinates, n = _coordinates(model), len(model.arm.joints)
+    q, qd = coordinates.symbols("q"), coordinates.symbols("qd")
+    tip, row, moments = (_replayed(model, name, recorder) for name in ("tip", "tip_jacobian", "moment_jacobian"))
+    row = row[n : 2 * n]
+    common = {
+        "tip_y": tip[1],
+        "tip_yd": sum((j * rate for j, rate in zip(row, qd, strict=True)), sp.S.Zero),
+        "plate_y": PLATE_SITES[0].symbol(next(p for p in PLATE.parameters if p.name == "position")),
+    }
+    readings = []
+    for i, joint in enumerate(model.arm.joints):
+        own = {
+            "q": q[i],
+            "qd": qd[i],
+            "qd_next": qd[i + 1] if i + 1 < n else sp.S.Zero,
+            "qd_previous": qd[i - 1] if i else sp.S.Zero,
+            "ratio": sp.Rational(exact(joint.gear_ratio)),
+            "moment_x": moments[i],
+            "moment_y": moments[n + i],
+            "tip_row": row[i],
+        }
+        readings.append({SIGNAL[name].symbol: sp.sympify(e) for name, e in (common | own).items()})
+    return readings
+
+
+def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:
+    """The outputs of one of the arm's functions, its definitions taken over by the recorder."""
+    function = model.function(name)
+    known: dict[sp.Symbol, sp.Expr] = {}
+    for symbol, expression in function.definitions:
+        known[symbol] = recorder.let(symbol.name, expression.xreplace(known))
+    return [e.xreplace(known) for e in function.outputs[0].expressions]
+
+
+def _inputs(model: ArmModel, effects: Struct, *sites: Site | Spring) -> list[sp.Symbol]:
+    own = [*_coordinates(model).symbols("q"), *_coordinates(model).symbols("qd")]
+    return [*model.struct.symbols, *effects.symbols, *(s for site in sites for s in site.symbols), *own]
+
+
+def _effects(struct: Struct) -> Argument:
+    return Argument(struct.name, struct.symbols, (len(struct.symbols),), "as named", "c_u, c_e and parameters")
+
+
+def _brought(name: str, sites: Sequence[Site | Spring], meaning: str) -> Argument:
+    symbols = tuple(s for site in sites for s in site.symbols)
+    return Argument(name, symbols, (len(symbols),), "as declared", meaning)
+
+
+def _function(
+    model: ArmModel,
+    name: str,
+    arguments: Sequence[Argument],
+    torques: Sequence[sp.Expr],
+    recorder: Recorder,
+    doc: str,
+    source: str,
+) -> SymbolicFunction:
+    coordinates, fields = _coordinates(model), model.struct.symbols
+    parameters = Argument("parameters", fields, (len(fields),), "as named", "of the arm")
+    inputs = (parameters, *arguments, coordinates.argument("q"), coordinates.argument("qd"))
+    output = Output("tau", tuple(torques), (len(torques),), coordinates.force, "added to the motor torque")
+    return SymbolicFunction(name, inputs, (output,), doc, source, recorder.live(torques))

@@ -1,0 +1,364 @@
+"""A grammar of guesses: candidate laws for physics that is not in the library, each dimensionally consistent.
+
+A guess is a carrier (what acts: dry friction, a rate, an inertia, a load, a neighbour's motion) times a
+modulation (how it changes over position, speed or time, or how late it follows). Every factor states its
+own unit; a coefficient's unit is what makes the product a torque. None of them claims a mechanism: a guess
+says over which signals a law is missing, and a person says why.
+
+Source: the products follow the terms of sparse identification, Brunton, Proctor & Kutz 2016, Discovering
+governing equations from data by sparse identification of nonlinear dynamical systems, PNAS 113(15), with
+units kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import inf
+from typing import Literal
+
+import sympy as sp
+
+from symbolic import units as u
+from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, State, parameter, state
+from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, WIDTH_RATE, WIDTH_TIME, absolute, ramp, sgn, step
+
+PREFIX = "draft_"
+"""How the names of guesses begin, so that nobody takes one for a law of the library."""
+
+Q, QD, QDD, T = (SIGNAL[name].symbol for name in ("q", "qd", "qdd", "t"))
+LOAD, PREDICTED = SIGNAL["load"].symbol, SIGNAL["predicted"].symbol
+QD_NEXT, QD_PREVIOUS = SIGNAL["qd_next"].symbol, SIGNAL["qd_previous"].symbol
+SPEED = absolute(QD, WIDTH_RATE)
+POSITIVE = (0.0, inf)
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """What acts. expr in `unit`; text as a person writes it ("" for 1); says: a noun phrase.
+
+    inertial   its modulation over the position is that of a kinetic energy, so that no energy is made
+    """
+
+    name: str
+    says: str
+    text: str
+    expr: sp.Expr
+    unit: u.Unit
+    inertial: bool = False
+
+
+@dataclass(frozen=True)
+class ModulationPart:
+    """One linear coefficient of a modulation and the factor that it multiplies, of a unit."""
+
+    name: str
+    meaning: str
+    text: str
+    expr: sp.Expr
+    unit: u.Unit = u.ONE
+
+
+@dataclass(frozen=True)
+class Modulation:
+    """How a carrier changes over a signal. Several parts add up; lag: the carrier through a first-order lag.
+
+    over   "position", "speed" or "time"; "" for none
+    """
+
+    name: str
+    over: Literal["", "position", "speed", "time"]
+    says: str
+    parts: tuple[ModulationPart, ...]
+    shape: tuple[Parameter, ...] = ()
+    smooth: bool = True
+    lag: bool = False
+
+
+def _sole(text: str, expr: sp.Expr, unit: u.Unit = u.ONE) -> tuple[ModulationPart, ...]:
+    return (ModulationPart("coefficient", "size of the term", text, expr, unit),)
+
+
+def _shape(name: str, unit: u.Unit, meaning: str, grid: Grid, bounds: tuple[float, float] = POSITIVE) -> Parameter:
+    return Parameter(name, unit, meaning, "shape", bounds, grid)
+
+
+_PLACE = _shape("place", u.POSITION, "where it happens", Grid(0.04, 0.96, 12, "position", "linear"), (-inf, inf))
+_WIDTH = _shape("width", u.POSITION, "from its middle to 1/e of it", Grid(0.06, 0.36, 3, "range"))
+_WAVELENGTH = _shape("wavelength", u.POSITION, "distance after which it repeats", Grid(0.08, 3.2, 44, "range"))
+_SPEED = _shape("speed", u.RATE, "at which it changes", Grid(0.01, 0.9, 12, "rate"))
+_BEND = _shape("speed", u.RATE, "from which on it acts", Grid(0.04, 0.88, 12, "rate", "linear"))
+_LASTING = _shape("time_constant", u.SECOND, "of its decay", Grid(0.03, 1.5, 7, "duration"))
+_MOMENT = _shape("moment", u.SECOND, "from which on it acts", Grid(0.04, 0.96, 12, "duration", "linear"))
+_LAG = _shape("time_constant", u.SECOND, "by which it follows late", Grid(0.003, 1.0, 10))
+
+_AT, _PHASE = Q - parameter("place"), 2 * sp.pi * Q / parameter("wavelength")
+
+NONE = Modulation("", "", "", _sole("", sp.S.One))
+WAVE = Modulation(
+    "wave",
+    "position",
+    "in a wave over the position",
+    (
+        ModulationPart("cosine", "size of the part largest at q = 0", "cos(2 pi q/wavelength)", sp.cos(_PHASE)),
+        ModulationPart("sine", "size of the part that is zero at q = 0", "sin(2 pi q/wavelength)", sp.sin(_PHASE)),
+    ),
+    (_WAVELENGTH,),
+)
+SLOPE = Modulation("slope", "position", "in proportion to the position", _sole("q", Q, u.POSITION))
+PARABOLA = Modulation(
+    "parabola",
+    "position",
+    "in a parabola over the position",
+    (
+        ModulationPart("slope", "part in proportion to the position", "q", Q, u.POSITION),
+        ModulationPart("curvature", "part in proportion to its square", "q^2", Q**2, u.POSITION**2),
+    ),
+)
+CUBIC = Modulation(
+    "cubic",
+    "position",
+    "in a cubic over the position",
+    (
+        *PARABOLA.parts,
+        ModulationPart("bend", "part in proportion to its cube", "q^3", Q**3, u.POSITION**3),
+    ),
+)
+BUMP = Modulation(
+    "bump",
+    "position",
+    "around one place",
+    _sole("exp(-((q - place)/width)^2)", sp.exp(-((_AT / parameter("width")) ** 2))),
+    (_PLACE, _WIDTH),
+)
+SIDE = Modulation(
+    "side",
+    "position",
+    "on one side of a place only",
+    _sole("[q > place]", step(_AT, WIDTH_POSITION)),
+    (_PLACE,),
+    smooth=False,
+)
+ABOVE = Modulation(
+    "above",
+    "position",
+    "with the distance beyond a place",
+    _sole("(q - place)+", ramp(_AT, WIDTH_POSITION), u.POSITION),
+    (_PLACE,),
+    smooth=False,
+)
+BELOW = Modulation(
+    "below",
+    "position",
+    "with the distance short of a place",
+    _sole("(place - q)+", ramp(-_AT, WIDTH_POSITION), u.POSITION),
+    (_PLACE,),
+    smooth=False,
+)
+POSITIONS = (WAVE, SLOPE, PARABOLA, CUBIC, BUMP, SIDE, ABOVE, BELOW)
+
+_RELATIVE = QD / parameter("speed")
+SLOW = Modulation("slow", "speed", "at low speed only", _sole("exp(-(qd/speed)^2)", sp.exp(-(_RELATIVE**2))), (_SPEED,))
+FADING = Modulation(
+    "fading",
+    "speed",
+    "less the faster it moves",
+    _sole("exp(-|qd|/speed)", sp.exp(-SPEED / parameter("speed"))),
+    (_SPEED,),
+)
+PEAK = Modulation(
+    "peak",
+    "speed",
+    "about a speed more than beyond it",
+    _sole("1/(1 + (qd/speed)^2)", 1 / (1 + _RELATIVE**2)),
+    (_SPEED,),
+)
+FROM = Modulation(
+    "from",
+    "speed",
+    "from a speed on",
+    _sole("[|qd| > speed]", step(SPEED - parameter("speed"), WIDTH_RATE)),
+    (_BEND,),
+    smooth=False,
+)
+BEYOND = Modulation(
+    "beyond",
+    "speed",
+    "with the speed beyond a limit",
+    _sole("(|qd| - speed)+", ramp(SPEED - parameter("speed"), WIDTH_RATE), u.RATE),
+    (_BEND,),
+    smooth=False,
+)
+SPEEDS = (SLOW, FADING, PEAK, FROM, BEYOND)
+
+DRIFT = Modulation("drift", "time", "in proportion to the time", _sole("t", T, u.SECOND))
+DECAY = Modulation(
+    "decay", "time", "dying away", _sole("exp(-t/time_constant)", sp.exp(-T / parameter("time_constant"))), (_LASTING,)
+)
+AFTER = Modulation(
+    "after",
+    "time",
+    "from a moment on",
+    _sole("[t > moment]", step(T - parameter("moment"), WIDTH_TIME)),
+    (_MOMENT,),
+    smooth=False,
+)
+TIMES = (DRIFT, DECAY, AFTER)
+LATE = Modulation("late", "time", "following late", _sole("", sp.S.One), (_LAG,), lag=True)
+
+TORQUE = Carrier("torque", "A torque whatever the motion", "", sp.S.One, u.ONE)
+DRY = Carrier("dry", "Dry friction", "sgn(qd)", sgn(QD, WIDTH_RATE), u.ONE)
+FORWARDS = Carrier("forwards", "A torque in forward motion", "[qd > 0]", step(QD, WIDTH_RATE), u.ONE)
+BACKWARDS = Carrier("backwards", "A torque in backward motion", "[qd < 0]", step(-QD, WIDTH_RATE), u.ONE)
+FORWARDS_VISCOUS = Carrier(
+    "forwards_viscous", "Viscous friction in forward motion", "qd+", ramp(QD, WIDTH_RATE), u.RATE
+)
+BACKWARDS_VISCOUS = Carrier(
+    "backwards_viscous", "Viscous friction in backward motion", "(-qd)+", ramp(-QD, WIDTH_RATE), u.RATE
+)
+VISCOUS = Carrier("viscous", "Viscous friction", "qd", QD, u.RATE)
+EVEN = Carrier("even", "A torque with the speed, whatever its direction", "|qd|", SPEED, u.RATE)
+DRAG = Carrier("drag", "Drag with the square of the speed", "|qd| qd", SPEED * QD, u.RATE**2)
+INERTIA = Carrier("inertia", "An inertia", "qdd", QDD, u.ACCELERATION, inertial=True)
+CARRIED = Carrier("load", "A part of the load", "load", LOAD, u.FORCE)
+LOAD_DRY = Carrier(
+    "load_dry", "Friction under load", "|load| sgn(qd)", absolute(LOAD, WIDTH_FORCE) * sgn(QD, WIDTH_RATE), u.FORCE
+)
+EFFORT = Carrier("effort", "A part of the motor torque", "predicted", PREDICTED, u.FORCE)
+
+ALONE = (
+    Carrier(
+        "load_viscous",
+        "Viscous friction under load",
+        "|load| qd",
+        absolute(LOAD, WIDTH_FORCE) * QD,
+        u.FORCE * u.RATE,
+    ),
+    Carrier("load_square", "Friction with the square of the load", "load^2 sgn(qd)", LOAD**2 * DRY.expr, u.FORCE**2),
+    Carrier(
+        "effort_dry",
+        "Friction with the motor torque",
+        "|predicted| sgn(qd)",
+        absolute(PREDICTED, WIDTH_FORCE) * DRY.expr,
+        u.FORCE,
+    ),
+    Carrier("load_even", "The load's magnitude, whatever its sign", "|load|", absolute(LOAD, WIDTH_FORCE), u.FORCE),
+)
+"""Carriers that stand without a modulation and bear none."""
+
+
+def _neighbours() -> Iterable[Carrier]:
+    for name, where, other in (("next", "next", QD_NEXT), ("previous", "previous", QD_PREVIOUS)):
+        way = sgn(other, WIDTH_RATE)
+        yield Carrier(f"{name}_viscous", f"Drag of the {where} joint", f"qd_{name}", other, u.RATE)
+        yield Carrier(f"{name}_dry", f"Dry friction of the {where} joint", f"sgn(qd_{name})", way, u.ONE)
+        yield Carrier(
+            f"{name}_against",
+            f"Dry friction against the {where} joint",
+            f"sgn(qd - qd_{name})",
+            sgn(QD - other, WIDTH_RATE),
+            u.ONE,
+        )
+        yield Carrier(
+            f"{name}_rubs",
+            f"Dry friction with the speed of the {where} joint",
+            f"|qd_{name}| sgn(qd)",
+            absolute(other, WIDTH_RATE) * DRY.expr,
+            u.RATE,
+        )
+        yield Carrier(
+            f"{name}_product", f"A product of this rate and the {where} one's", f"qd qd_{name}", QD * other, u.RATE**2
+        )
+        yield Carrier(f"{name}_square", f"The square of the {where} joint's rate", f"qd_{name}^2", other**2, u.RATE**2)
+
+
+NEIGHBOURS = tuple(_neighbours())
+
+GRAMMAR: tuple[tuple[Carrier, tuple[Modulation, ...]], ...] = (
+    (TORQUE, (*POSITIONS, *SPEEDS, *TIMES)),
+    (DRY, (*POSITIONS, *SPEEDS, *TIMES, LATE)),
+    (FORWARDS, (*POSITIONS, *SPEEDS)),
+    (BACKWARDS, (*POSITIONS, *SPEEDS)),
+    (VISCOUS, (*POSITIONS, *SPEEDS, *TIMES, LATE)),
+    (FORWARDS_VISCOUS, POSITIONS),
+    (BACKWARDS_VISCOUS, POSITIONS),
+    (EVEN, (NONE, *POSITIONS)),
+    (DRAG, (NONE, *POSITIONS)),
+    (INERTIA, (*POSITIONS, *SPEEDS, *TIMES)),
+    (CARRIED, (*POSITIONS, *TIMES, LATE)),
+    (LOAD_DRY, (*POSITIONS, *SPEEDS, *TIMES)),
+    (EFFORT, (*TIMES, LATE)),
+    *((carrier, (NONE,)) for carrier in ALONE),
+    *((carrier, (NONE, WAVE, SLOPE, SLOW, FROM)) for carrier in NEIGHBOURS),
+)
+"""Which carriers are tried with which modulations."""
+
+
+def drafts() -> tuple[Effect, ...]:
+    """All guesses, each an effect of one joint like any other; their order is that of the grammar."""
+    found = []
+    for carrier, modulations in GRAMMAR:
+        for modulation in modulations:
+            if modulation.smooth or not (carrier.inertial and modulation.over == "position"):
+                found.append(draft(carrier, modulation))
+    return tuple(found)
+
+
+def draft(carrier: Carrier, modulation: Modulation) -> Effect:
+    """The guess that `carrier` acts with `modulation`."""
+    over = "the position" if modulation.over == "position" else "the " + (modulation.over or "rate")
+    says = f"{carrier.says}, {modulation.says}" if modulation.says else carrier.says
+    return Effect(
+        name=PREFIX + "_".join(filter(None, (carrier.name, modulation.name))),
+        scope="joint",
+        family="draft",
+        torque=_torque(carrier, modulation),
+        parameters=(*_coefficients(carrier, modulation), *modulation.shape),
+        states=_memory(carrier) if modulation.lag else (),
+        summary=f"A guess. {says}.",
+        equation=_equation(carrier, modulation),
+        trace=f"The residual follows {carrier.text or 'no rate'}, with a size that is read over {over}.",
+        experiment=_EXPERIMENT[modulation.over],
+        source="None: this is a guess from one set of recordings, no law from the literature.",
+    )
+
+
+_EXPERIMENT = {
+    "": "Other speeds, loads and postures, each with the others held, to see what the term really follows.",
+    "position": "The whole range at several constant speeds, there and back: does the pattern stay in its place?",
+    "speed": "Many constant speeds in both directions over the same part of the range.",
+    "time": "The same motion at the beginning, in the middle and at the end of a long recording.",
+}
+
+
+def _coefficients(carrier: Carrier, modulation: Modulation) -> tuple[Parameter, ...]:
+    return tuple(Parameter(p.name, u.FORCE / (carrier.unit * p.unit), p.meaning) for p in modulation.parts)
+
+
+_FOLLOWED = state("followed")
+
+
+def _memory(carrier: Carrier) -> tuple[State, ...]:
+    """dx/dt = (carrier - x)/T, exact for a carrier that stays as it is during dt."""
+    kept = sp.exp(-DT / parameter("time_constant"))
+    after = carrier.expr + (_FOLLOWED - carrier.expr) * kept
+    return (State("followed", carrier.unit, "what it follows, through a first-order lag", after),)
+
+
+def _torque(carrier: Carrier, modulation: Modulation) -> sp.Expr:
+    acting = _FOLLOWED if modulation.lag else carrier.expr
+    size = sum((parameter(p.name) * p.expr for p in modulation.parts), sp.S.Zero)
+    if carrier.inertial and modulation.over == "position":
+        # d/dt of dT/dqd less dT/dq with T = m(q) qd^2/2.
+        return size * acting + sp.factor_terms(sp.diff(size, Q)) * QD**2 / 2
+    return size * acting
+
+
+def _equation(carrier: Carrier, modulation: Modulation) -> str:
+    terms = [" ".join(filter(None, (p.name, p.text))) for p in modulation.parts]
+    size = terms[0] if len(terms) == 1 else f"({' + '.join(terms)})"
+    if modulation.lag:
+        return f"{size} x,  dx/dt = ({carrier.text} - x)/time_constant"
+    if carrier.inertial and modulation.over == "position":
+        return f"m qdd + dm/dq qd^2/2,  m = {' + '.join(terms)}"
+    return " ".join(filter(None, (size, carrier.text)))

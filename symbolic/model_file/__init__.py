@@ -1,0 +1,1 @@
+"""The model file: read, checked, edited; free of SymPy."""

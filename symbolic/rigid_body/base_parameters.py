@@ -1,0 +1,172 @@
+"""Base inertial parameters: which combinations of masses, moments and inertias the torques can show.
+
+Every link has the elementary parameters of newton_euler.Lumps. Their columns in the regressor are not
+independent: mass at a joint may be counted to either link, the first joint's rotor turns with its link,
+and so on. The columns are evaluated at random points modulo a large prime, and those that depend on
+earlier ones (in an order of preference that makes the recursion short) are merged into them with exact
+rational coefficients. What is left are base parameters: tau = Y lumps holds exactly, Y has full rank.
+
+Source: Gautier & Khalil 1990 (minimum inertial parameters), by exact instead of numerical rank.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isqrt
+
+from symbolic.model_file.arm import Arm, Link
+from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, motion, torques
+from symbolic.straightline import Residues, Turn
+
+KINDS = ("J", "I", "mu", "h", "hy")
+PRIME = 2**521 - 1
+"""Large enough to recover a coefficient of 75 digits over 75 from its residue."""
+
+Column = tuple[str, int]
+"""Kind and index (0-based) of an elementary parameter."""
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """values: the base parameters in order; merged: what went into each, (column, coefficient) pairs."""
+
+    values: dict[Column, Fraction]
+    merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
+
+
+def exact(value: float) -> Fraction:
+    """The decimal number that a person wrote, as a fraction."""
+    return Fraction(repr(float(value)))
+
+
+def exact_chain(arm: Arm) -> Chain:
+    """The arm's chain in exact numbers; the gravity angle is a Turn that carries the strength."""
+    gx, gy = (exact(g) for g in arm.gravity)
+    gravity = Gravity(gx or 0, gy or 0, 1, Turn(gx, gy)) if gx or gy else None
+    return Chain(
+        tuple(j.type == "revolute" for j in arm.joints), tuple(exact(j.link.length) for j in arm.joints), gravity
+    )
+
+
+def link_values(link: Link, revolute: bool) -> dict[str, Fraction]:
+    """The elementary parameters of one link: its whole mass stands at the distal point."""
+    m, inertia = exact(link.mass), exact(link.inertia)
+    along, across = exact(link.com[0]), exact(link.com[1])
+    h, hy = m * (along - exact(link.length)), m * across
+    if revolute:  # moments about the joint, less what the point mass contributes
+        J = inertia + m * (along**2 + across**2 - exact(link.length) ** 2)
+    else:
+        J = inertia + (m * ((along - exact(link.length)) ** 2 + across**2))
+    return {"J": J, "mu": m, "h": h, "hy": hy}
+
+
+def elementary(arm: Arm) -> dict[Column, Fraction]:
+    """All elementary parameters in order of preference; hy only where a centre of mass is off its link's line."""
+    n = len(arm.joints)
+    values: dict[Column, Fraction] = {}
+    for i, joint in enumerate(arm.joints):
+        for kind, value in link_values(joint.link, joint.type == "revolute").items():
+            values[kind, i] = value
+        values["I", i] = exact(joint.rotor_inertia)
+    sliding = {i for i, j in enumerate(arm.joints) if j.type == "prismatic"}
+    order: list[Column] = [("J", i) for i in range(n)] + [("mu", i) for i in sorted(sliding)]
+    order += [("I", i) for i in range(n)] + [("mu", i) for i in range(n - 1)] + [("h", n - 1)]
+    order += [("hy", i) for i in range(n) if values["hy", i]] + [("mu", n - 1)]
+    order += [("h", i) for i in reversed(range(n - 1))]
+    return {c: values[c] for c in dict.fromkeys(order)}
+
+
+def base_parameters(arm: Arm) -> BaseParameters:
+    """Merge the dependent columns; the result is in the order J, I, mu, h, hy and then by joint."""
+    values = elementary(arm)
+    coefficients = _dependencies(arm, tuple(values))
+    base = {c: v for c, v in values.items() if c not in coefficients}
+    merged: dict[Column, list[tuple[Column, Fraction]]] = {c: [(c, Fraction(1))] for c in base}
+    for column, combination in coefficients.items():
+        for target, factor in combination.items():
+            base[target] += factor * values[column]
+            merged[target].append((column, factor))
+    order = sorted(base, key=lambda c: (KINDS.index(c[0]), c[1]))
+    return BaseParameters({c: base[c] for c in order}, {c: tuple(merged[c]) for c in order})
+
+
+def _dependencies(arm: Arm, columns: tuple[Column, ...]) -> dict[Column, dict[Column, Fraction]]:
+    """For every column that depends on earlier independent ones: its combination of them."""
+    n = len(arm.joints)
+    points = -(-len(columns) // n) + 4
+    rows = _regressor(arm, columns, points)
+    independent: list[Column] = []
+    reduced: list[tuple[int, list[int], list[int]]] = []  # pivot row, column, its combination of independent ones
+    dependent: dict[Column, dict[Column, Fraction]] = {}
+    for column in columns:
+        vector, combination = rows[column][:], [0] * len(independent)
+        for pivot, other, used in reduced:
+            factor = vector[pivot]
+            if factor:
+                vector = [(a - factor * b) % PRIME for a, b in zip(vector, other, strict=True)]
+                for j, c in enumerate(used):
+                    combination[j] = (combination[j] + factor * c) % PRIME
+        pivot_row = next((r for r, v in enumerate(vector) if v), None)
+        if pivot_row is None:
+            fractions = zip(independent, map(_fraction, combination), strict=True)
+            dependent[column] = {c: f for c, f in fractions if f}
+            continue
+        inverse = pow(vector[pivot_row], -1, PRIME)
+        own = [-c * inverse % PRIME for c in combination] + [inverse]
+        independent.append(column)
+        reduced.append((pivot_row, [v * inverse % PRIME for v in vector], own))
+    return dependent
+
+
+def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Column, list[int]]:
+    """Columns of the regressor over `points` random states, modulo PRIME. The seed is fixed: the output must be."""
+    rng, notes, n = random.Random(1), Residues(PRIME), len(arm.joints)
+    chain = _modular(exact_chain(arm))
+    result: dict[Column, list[int]] = {c: [] for c in columns}
+    for _ in range(points):
+        q = [_random_turn(rng) if r else rng.randrange(PRIME) for r in chain.revolute]
+        qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
+        moving = motion(chain, 0, q, qd, qdd, notes)
+        for column in columns:
+            tau = torques(chain, unit_lumps(n, column), moving, qdd, notes)
+            result[column] += [t % PRIME for t in tau]
+    return result
+
+
+def unit_lumps(n: int, column: Column) -> Lumps:
+    """All lumps 0 but one, which is 1."""
+    values = {kind: [0] * n for kind in KINDS}
+    values[column[0]][column[1]] = 1
+    return Lumps(**{kind: tuple(v) for kind, v in values.items()})
+
+
+def _modular(chain: Chain) -> Chain:
+    def residue(x: Fraction | int) -> int:
+        x = Fraction(x)
+        return x.numerator * pow(x.denominator, -1, PRIME) % PRIME
+
+    g = chain.gravity
+    if g is not None:
+        angle = Turn(residue(g.angle.cos), residue(g.angle.sin))
+        g = Gravity(residue(g.x), residue(g.y), residue(g.strength), angle)
+    return Chain(chain.revolute, tuple(residue(l) for l in chain.lengths), g)
+
+
+def _random_turn(rng: random.Random) -> Turn:
+    t = rng.randrange(PRIME)
+    inverse = pow(1 + t * t, -1, PRIME)
+    return Turn((1 - t * t) * inverse % PRIME, 2 * t * inverse % PRIME)
+
+
+def _fraction(residue: int) -> Fraction:
+    """The fraction of small numerator and denominator with this residue (Wang 1981)."""
+    bound = isqrt(PRIME // 2)
+    (r0, r1), (s0, s1) = (PRIME, residue), (0, 1)
+    while r1 > bound:
+        quotient = r0 // r1
+        r0, r1, s0, s1 = r1, r0 - quotient * r1, s1, s0 - quotient * s1
+    if abs(s1) > bound:
+        raise ArithmeticError("a coefficient of the base parameters has more digits than the prime can hold")
+    return Fraction(r1, s1)

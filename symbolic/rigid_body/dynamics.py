@@ -1,0 +1,137 @@
+"""The functions of the equation of motion, in the lumped parameters: inverse and forward dynamics, D, C, g, Y."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy as sp
+
+from symbolic.functions import SymbolicFunction
+from symbolic.rigid_body.base_parameters import KINDS, Column, unit_lumps
+from symbolic.rigid_body.kinematics import Author
+from symbolic.rigid_body.lagrangian import Mechanics, lumped_bodies, mechanics
+from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, torques
+from symbolic.straightline import Recorder
+
+
+def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
+    """The recursion's parameters from those that are base parameters; all others are 0."""
+    return Lumps(**{kind: tuple(values.get((kind, i), 0) for i in range(n)) for kind in KINDS})
+
+
+def functions(author: Author, chain: Chain, symbols: dict[Column, sp.Symbol], frame: int) -> list[SymbolicFunction]:
+    """All functions of D qdd + C qd + g = tau. `symbols`: the base parameters; `frame`: see newton_euler."""
+    lumps = lumps_of(symbols, chain.n)
+    return [
+        _inverse_dynamics(author, chain, lumps, frame),
+        *_closed_forms(author, chain, lumps),
+        _forward_dynamics(author, chain, lumps, frame),
+        _regressor(author, chain, tuple(symbols), frame),
+    ]
+
+
+def _inverse_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) -> SymbolicFunction:
+    recorder = author.recorder()
+    q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
+    tau = inverse_dynamics(chain, lumps, frame, q, qd, qdd, recorder)
+    return author.function(
+        "inverse_dynamics",
+        ("q", "qd", "qdd"),
+        ("tau", tau, (chain.n,), author.coordinates.force, "joint torques"),
+        recorder,
+        "tau = D(q) qdd + C(q, qd) qd + g(q).",
+        "Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
+    )
+
+
+def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -> Mechanics:
+    q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
+    return mechanics(chain, lumped_bodies(lumps, chain, q), list(lumps.I), q, qd, recorder)
+
+
+def _closed_forms(author: Author, chain: Chain, lumps: Lumps) -> list[SymbolicFunction]:
+    recorder, n = author.recorder(), chain.n
+    m = _mechanics(author, chain, lumps, recorder)
+    unit = author.coordinates.unit
+    D = [e for row in m.D for e in row]
+    C = [e for row in m.C for e in row]
+    inertia = "kg m^2, kg m or kg" if " or " in author.coordinates.force else unit("kg m^2", "kg")
+    rate = "per entry: torque by rate" if " or " in author.coordinates.force else unit("kg m^2/s", "kg/s")
+    return [
+        author.function(
+            "inertia",
+            ("q",),
+            ("D", D, (n, n), inertia, "inertia matrix, symmetric and positive definite"),
+            recorder,
+            "Inertia matrix D(q), rotors included.",
+            "Lagrangian; D of equation (1)",
+        ),
+        author.function(
+            "coriolis",
+            ("q", "qd"),
+            ("C", C, (n, n), rate, "Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
+            recorder,
+            "Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
+            "Lagrangian; C of equation (1); Spong & Vidyasagar 1989",
+        ),
+        author.function(
+            "gravity",
+            ("q",),
+            ("g", m.g, (n,), author.coordinates.force, "gravity torques"),
+            recorder,
+            "Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
+            "Lagrangian",
+        ),
+    ]
+
+
+def _forward_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) -> SymbolicFunction:
+    recorder, n = author.recorder(), chain.n
+    q, qd, tau = (author.coordinates.symbols(name) for name in ("q", "qd", "tau"))
+    bias = inverse_dynamics(chain, lumps, frame, q, qd, [0] * n, recorder)
+    D = _mechanics(author, chain, lumps, recorder).D
+    qdd = solve_symmetric(D, [t - b for t, b in zip(tau, bias, strict=True)], recorder)
+    return author.function(
+        "forward_dynamics",
+        ("q", "qd", "tau"),
+        ("qdd", qdd, (n,), author.coordinates.argument("qdd").unit, "joint accelerations"),
+        recorder,
+        "qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
+        "Equation (1) solved for qdd by D = L diag(d) L^T",
+    )
+
+
+def solve_symmetric(D: list[list[Any]], right: list[Any], recorder: Recorder) -> list[Any]:
+    """x (n,) with D x = right for a positive definite D (n, n), by D = L diag(d) Lᵀ; only the lower half is read."""
+    n, let = len(D), recorder.let
+    L = [[sp.Integer(0)] * n for _ in range(n)]
+    scaled = [[sp.Integer(0)] * n for _ in range(n)]  # L diag(d)
+    inverse: list[Any] = []
+    x = list(right)
+    for i in range(n):
+        for j in range(i):
+            scaled[i][j] = let(f"v{i + 1}{j + 1}", D[i][j] - sum(scaled[i][k] * L[j][k] for k in range(j)))
+        for j in range(i):
+            L[i][j] = let(f"L{i + 1}{j + 1}", scaled[i][j] * inverse[j])
+        pivot = let(f"d{i + 1}", D[i][i] - sum(scaled[i][k] * L[i][k] for k in range(i)))
+        inverse.append(let(f"e{i + 1}", 1 / pivot))
+        x[i] = let(f"z{i + 1}", x[i] - sum(L[i][k] * x[k] for k in range(i)))
+    for i in reversed(range(n)):
+        x[i] = let(f"x{i + 1}", x[i] * inverse[i] - sum(L[k][i] * x[k] for k in range(i + 1, n)))
+    return x
+
+
+def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame: int) -> SymbolicFunction:
+    recorder, n, p = author.recorder(), chain.n, len(columns)
+    q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
+    moving = motion(chain, frame, q, qd, qdd, recorder)
+    parts = [torques(chain, unit_lumps(n, column), moving, qdd, recorder) for column in columns]
+    Y = [part[i] for i in range(n) for part in parts]
+    return author.function(
+        "regressor",
+        ("q", "qd", "qdd"),
+        ("Y", Y, (n, p), "torque by lump", "derivative of the torques by the lumped parameters"),
+        recorder,
+        "tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
+        "Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990",
+    )

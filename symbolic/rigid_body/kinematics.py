@@ -1,0 +1,202 @@
+"""Where the end-effector is, how it moves, and what a mass there asks of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+from symbolic.model_file.arm import Arm
+from symbolic.rigid_body.base_parameters import unit_lumps
+from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
+from symbolic.rigid_body.newton_euler import Chain, motion, torques
+from symbolic.straightline import Recorder
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Symbols q, qd, qdd, tau of an arm with n joints, and their units (mixed arms have both)."""
+
+    types: tuple[str, ...]
+
+    def symbols(self, name: str) -> list[sp.Symbol]:
+        return [sp.Symbol(f"{name}{i + 1}", real=True) for i in range(len(self.types))]
+
+    def unit(self, revolute: str, prismatic: str) -> str:
+        """One unit if all joints are of one type, else "a or b", joint by joint."""
+        kinds = dict.fromkeys(revolute if t == "revolute" else prismatic for t in self.types)
+        return " or ".join(kinds)
+
+    def argument(self, name: str) -> Argument:
+        """The input q, qd, qdd or tau."""
+        unit, meaning = {
+            "q": (self.unit("rad", "m"), "joint positions"),
+            "qd": (self.unit("rad/s", "m/s"), "joint rates"),
+            "qdd": (self.unit("rad/s^2", "m/s^2"), "joint accelerations"),
+            "tau": (self.unit("N m", "N"), "joint torques"),
+        }[name]
+        return Argument(name, tuple(self.symbols(name)), (len(self.types),), unit, meaning)
+
+    @property
+    def force(self) -> str:
+        return self.unit("N m", "N")
+
+
+@dataclass(frozen=True)
+class Author:
+    """Writes SymbolicFunctions over the same inputs and the same struct."""
+
+    coordinates: Coordinates
+    struct: Struct
+
+    def recorder(self) -> Recorder:
+        """A recorder whose definitions cannot clash with inputs or parameters."""
+        inputs = (s.name for name in ("q", "qd", "qdd", "tau") for s in self.coordinates.symbols(name))
+        return Recorder([*inputs, *(s.name for s in self.struct.symbols)])
+
+    def function(
+        self,
+        name: str,
+        inputs: Sequence[str | Argument],
+        output: tuple[str, Sequence[Any], tuple[int, ...], str, str],
+        recorder: Recorder,
+        doc: str,
+        source: str,
+    ) -> SymbolicFunction:
+        """inputs: names of joint vectors, or arguments; output: name, expressions, shape, unit, meaning."""
+        label, values, shape, unit, meaning = output
+        expressions = tuple(sp.sympify(v) for v in values)
+        arguments = tuple(i if isinstance(i, Argument) else self.coordinates.argument(i) for i in inputs)
+        return SymbolicFunction(
+            name,
+            arguments,
+            (Output(label, expressions, shape, unit, meaning),),
+            doc,
+            source,
+            recorder.live(expressions),
+            self.struct,
+        )
+
+
+def functions(author: Author, arm: Arm, chain: Chain, frame: int) -> list[SymbolicFunction]:
+    """tip, tip_jacobian, tip_load, moment_jacobian. `chain`: lengths in m, gravity in m/s²."""
+    return [_tip(author, chain), _tip_jacobian(author, chain), _tip_load(author, chain, frame), _moment(author, arm)]
+
+
+def base_coordinates(vector: Components, directions: dict[int, tuple[Any, Any]]) -> tuple[Any, Any]:
+    """(x, y) of a vector given by components along directions (cos, sin)."""
+    x: Any = 0
+    y: Any = 0
+    for k, (along, across) in vector.items():
+        c, s = directions[k]
+        x, y = x + along * c - across * s, y + along * s + across * c
+    return x, y
+
+
+def directions(revolute: Sequence[bool], q: Sequence[Any], recorder: Recorder) -> dict[int, tuple[Any, Any]]:
+    """(cos, sin) of the absolute angle of every frame."""
+    result: dict[int, tuple[Any, Any]] = {0: (sp.Integer(1), sp.Integer(0))}
+    angle: Any = 0
+    for i, turns in enumerate(revolute):
+        if turns:
+            angle = recorder.let(f"theta{i + 1}", angle + q[i])
+            result[i + 1] = recorder.sincos(angle)
+    return result
+
+
+def _tip(author: Author, chain: Chain) -> SymbolicFunction:
+    recorder, q = author.recorder(), author.coordinates.symbols("q")
+    x, y = base_coordinates(distal_points(chain, q)[-1], directions(chain.revolute, q, recorder))
+    angle = sum(q[i] for i, turns in enumerate(chain.revolute) if turns)
+    return author.function(
+        "tip",
+        ("q",),
+        ("p", (x, y, angle), (3,), "m, m, rad", "x, y and absolute angle of the last link"),
+        recorder,
+        "Position and angle of the end-effector, the distal point of the last link.",
+        "Forward kinematics; p_4 of equation (12)",
+    )
+
+
+def _tip_jacobian(author: Author, chain: Chain) -> SymbolicFunction:
+    recorder, q = author.recorder(), author.coordinates.symbols("q")
+    turned = directions(chain.revolute, q, recorder)
+    columns = _columns(distal_points(chain, q)[-1], chain, turned, recorder)
+    rows = [[x for x, _ in columns], [y for _, y in columns], [int(turns) for turns in chain.revolute]]
+    unit = author.coordinates.unit("m/rad", "1")
+    return author.function(
+        "tip_jacobian",
+        ("q",),
+        ("J", [e for row in rows for e in row], (3, chain.n), unit, "rows x, y, angle"),
+        recorder,
+        "Derivative of the end-effector's position and angle by q.",
+        "J of equation (1)",
+    )
+
+
+def _columns(
+    point: Components,
+    chain: Chain,
+    turned: dict[int, tuple[Any, Any]],
+    recorder: Recorder,
+    weights: Sequence[Any] | None = None,
+) -> list[tuple[Any, Any]]:
+    """∂point/∂q_i in base coordinates, for a point on the last link: sums from the tip inwards.
+
+    weights (n,): by how much the point moves per slide of joint i; 1 for a plain point.
+    """
+    x: Any = 0
+    y: Any = 0
+    columns: list[tuple[Any, Any]] = [(0, 0)] * chain.n
+    for i in reversed(range(chain.n)):
+        slope = derivative(point, chain, i)
+        dx, dy = base_coordinates({slope[0]: slope[1:]}, turned) if slope else (0, 0)
+        if chain.revolute[i]:
+            x, y = recorder.let(f"x{i + 1}", x + dx), recorder.let(f"y{i + 1}", y + dy)
+            columns[i] = (x, y)
+        else:
+            weight = 1 if weights is None else weights[i]
+            columns[i] = (weight * dx, weight * dy)
+    return columns
+
+
+def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
+    recorder, n = author.recorder(), chain.n
+    q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
+    moving = motion(chain, frame, q, qd, qdd, recorder)
+    load = torques(chain, unit_lumps(n, ("mu", n - 1)), moving, qdd, recorder)
+    return author.function(
+        "tip_load",
+        ("q", "qd", "qdd"),
+        ("load", load, (n,), author.coordinates.unit("N m/kg", "N/kg"), "torque per unit mass"),
+        recorder,
+        "Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).",
+        "Newton-Euler recursion with one point mass",
+    )
+
+
+def _moment(author: Author, arm: Arm) -> SymbolicFunction:
+    recorder, q = author.recorder(), author.coordinates.symbols("q")
+    lengths = tuple(rational(j.link.length) for j in arm.joints)
+    chain = Chain(tuple(j.type == "revolute" for j in arm.joints), lengths, None)
+    total: Components = {}
+    masses = [rational(j.link.mass) for j in arm.joints]
+    for i, (joint, point) in enumerate(zip(arm.joints, distal_points(chain, q)[:-1], strict=True)):
+        along, across = (rational(c) for c in joint.link.com)
+        centre = moved(point, chain.frames[i], along if chain.revolute[i] else along + q[i], across)
+        for frame, (x, y) in centre.items():
+            total = moved(total, frame, masses[i] * x, masses[i] * y)
+    outer = [sum(masses[i:], sp.Integer(0)) for i in range(chain.n)]
+    columns = _columns(total, chain, directions(chain.revolute, q, recorder), recorder, outer)
+    rows = [*(x for x, _ in columns), *(y for _, y in columns)]
+    return author.function(
+        "moment_jacobian",
+        ("q",),
+        ("M", rows, (2, chain.n), author.coordinates.unit("kg m/rad", "kg"), "rows x, y"),
+        recorder,
+        "Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
+        "Potential energy V = -gravity . sum m_i c_i",
+    )

@@ -1,0 +1,263 @@
+"""D, C and g from kinetic and potential energy: the source of truth for all dynamics.
+
+Written in absolute angles theta_k (and slides), where every vector is a sum of X e(theta_k) + Y e'(theta_k),
+e' across e, and products of vectors are cosines and sines of theta_k − theta_l. Nothing is simplified: nothing
+needs to be. T = ½ Σ A_ij θ̇_i θ̇_j, C by Christoffel symbols (so that Ḋ − 2C is skew), g = ∂V/∂q.
+
+The same functions take the physical parameters of the model file, for the proof, or the lumped ones, for
+emission: a Body says which. Source: Spong & Vidyasagar 1989; equation (1) of the paper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from symbolic.model_file.arm import Arm
+from symbolic.rigid_body.base_parameters import exact
+from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps
+from symbolic.straightline import Exact, Notes
+
+Components = dict[int, tuple[Any, Any]]
+"""A vector: frame k -> (X, Y), meaning the sum of X e(theta_k) + Y e'(theta_k)."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """What moves with one link: a mass at `at`, a first moment `moment` without mass about `about`, an inertia."""
+
+    mass: Any
+    at: Components
+    moment: tuple[Any, Any]
+    about: Components
+    inertia: Any
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """Row by row in SymPy: D (n, n), C (n, n), g (n,), with tau = D qdd + C qd + g; V the potential energy."""
+
+    D: list[list[sp.Expr]]
+    C: list[list[sp.Expr]]
+    g: list[sp.Expr]
+    V: sp.Expr
+
+
+def theta(k: int) -> sp.Expr:
+    """Absolute angle of frame k; the base is frame 0."""
+    return sp.Symbol(f"theta{k}", real=True) if k else sp.Integer(0)
+
+
+def distal_points(chain: Chain, q: list[Any]) -> list[Components]:
+    """The base's point and the distal point of every link, n + 1 vectors."""
+    points: list[Components] = [{}]
+    for i, frame in enumerate(chain.frames):
+        reach = chain.lengths[i] if chain.revolute[i] else chain.lengths[i] + q[i]
+        points.append(moved(points[-1], frame, reach, 0))
+    return points
+
+
+def moved(point: Components, frame: int, along: Any, across: Any) -> Components:
+    """The point moved by (along, across) in a frame."""
+    x, y = point.get(frame, (0, 0))
+    return {**point, frame: (x + along, y + across)}
+
+
+def physical_bodies(arm: Arm, chain: Chain, q: list[Any]) -> list[Body]:
+    """Masses at the centres of mass, as the model file states them, in exact numbers."""
+    bodies = []
+    points = distal_points(chain, q)
+    for i, joint in enumerate(arm.joints):
+        link = joint.link
+        along, across = rational(link.com[0]), rational(link.com[1])
+        if not chain.revolute[i]:
+            along = along + q[i]
+        centre = moved(points[i], chain.frames[i], along, across)
+        bodies.append(Body(rational(link.mass), centre, (0, 0), {}, rational(link.inertia)))
+    return bodies
+
+
+def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
+    """The same arm as newton_euler.Lumps describes it."""
+    points = distal_points(chain, q)
+    return [
+        Body(
+            lumps.mu[i],
+            points[i + 1],
+            (lumps.h[i], lumps.hy[i]),
+            points[i] if chain.revolute[i] else points[i + 1],
+            lumps.J[i],
+        )
+        for i in range(chain.n)
+    ]
+
+
+def rational(value: float) -> sp.Rational:
+    """The decimal number that a person wrote."""
+    fraction = exact(value)
+    return sp.Rational(fraction.numerator, fraction.denominator)
+
+
+def derivative(point: Components, chain: Chain, joint: int) -> tuple[int, Any, Any] | None:
+    """∂point/∂(absolute coordinate of `joint`) as (frame, X, Y), for a point outwards of the joint."""
+    if chain.revolute[joint]:
+        x, y = point.get(joint + 1, (0, 0))
+        return None if x == 0 and y == 0 else (joint + 1, -y, x)
+    return (chain.frames[joint], 1, 0)
+
+
+def mechanics(
+    chain: Chain, bodies: list[Body], rotors: list[Any], q: list[Any], qd: list[Any], notes: Notes | None = None
+) -> Mechanics:
+    """D, C, g of a chain of bodies, in q and q̇.
+
+    rotors (n,) see the relative rates: T += ½ I_i q̇_i². `notes` names the coefficients, or leaves all in one piece.
+    """
+    notes = notes or Exact()
+    n, coordinates = chain.n, [theta(i + 1) if r else q[i] for i, r in enumerate(chain.revolute)]
+    A = _inertia(chain, bodies, set(q), notes)
+    slopes = {(i, j, k): sp.diff(A[i][j], x) for i in range(n) for j in range(i, n) for k, x in enumerate(coordinates)}
+
+    def slope(i: int, j: int, k: int) -> sp.Expr:
+        return slopes[min(i, j), max(i, j), k]
+
+    rates = _absolute_rates(chain, qd, notes)
+    C = [
+        [sum((slope(i, j, k) + slope(i, k, j) - slope(j, k, i)) / 2 * rates[k] for k in range(n)) for j in range(n)]
+        for i in range(n)
+    ]
+    V = _potential(chain, bodies)
+    g = [sp.diff(V, x) for x in coordinates]
+    back = _relative_angles(chain, q, A, C, g, V)
+    D = relative(chain, [[_replace(e, back, notes, "A") for e in row] for row in A], notes, "D")
+    for i in range(n):
+        D[i][i] = D[i][i] + rotors[i]
+    C = relative(chain, [[_replace(e, back, notes, "C") for e in row] for row in C], notes, "C")
+    g = relative_vector(chain, [_replace(e, back, notes, "g") for e in g], notes, "g")
+    return Mechanics(D, C, g, _replace(V, back, Exact(), "V"))
+
+
+def _inertia(chain: Chain, bodies: list[Body], slides: set[Any], notes: Notes) -> list[list[sp.Expr]]:
+    """A (n, n) in absolute coordinates, upper triangle filled and mirrored."""
+    n = chain.n
+    terms: dict[tuple[int, int], list[tuple[Any, tuple[int, Any, Any], tuple[int, Any, Any]]]] = {}
+
+    def add(i: int, j: int, factor: Any, u: tuple[int, Any, Any] | None, v: tuple[int, Any, Any] | None) -> None:
+        if u is not None and v is not None and factor != 0:
+            terms.setdefault((i, j), []).append((factor, u, v))
+
+    own = [[sp.Integer(0)] * n for _ in range(n)]
+    for last, body in enumerate(bodies):
+        frame = chain.frames[last]
+        moving = [derivative(body.at, chain, i) for i in range(last + 1)]
+        for i in range(last + 1):
+            for j in range(i, last + 1):
+                add(i, j, body.mass, moving[i], moving[j])
+        if not frame:
+            continue
+        turning = frame - 1
+        own[turning][turning] += body.inertia
+        # The first moment's energy is (rate of its base point) · (rate of the moment).
+        hx, hy = body.moment
+        for i in range(last + 1):
+            base = derivative(body.about, chain, i)
+            add(min(i, turning), max(i, turning), 2 if i == turning else 1, base, (frame, -hy, hx))
+    A = [[sp.Integer(0)] * n for _ in range(n)]
+    for i in range(n):
+        for j in range(i, n):
+            A[i][j] = A[j][i] = own[i][j] + _products(terms.get((i, j), []), f"m{i + 1}{j + 1}", slides, notes)
+    return A
+
+
+def _products(
+    terms: list[tuple[Any, tuple[int, Any, Any], tuple[int, Any, Any]]], name: str, slides: set[Any], notes: Notes
+) -> sp.Expr:
+    """Σ factor u · v, collected by pair of frames."""
+    cosines: dict[tuple[int, int], Any] = {}
+    sines: dict[tuple[int, int], Any] = {}
+    for factor, (k, x, y), (l, x2, y2) in terms:
+        sign = 1 if k <= l else -1
+        pair = (min(k, l), max(k, l))
+        cosines[pair] = cosines.get(pair, 0) + factor * (x * x2 + y * y2)
+        sines[pair] = sines.get(pair, 0) + sign * factor * (y * x2 - x * y2)
+    total = sp.Integer(0)
+    for collected, function in ((cosines, sp.cos), (sines, sp.sin)):
+        for (k, l), value in collected.items():
+            coefficient = sp.sympify(value)
+            if not coefficient.free_symbols & slides:  # it is differentiated by slides
+                coefficient = notes.let(name, coefficient)
+            total += coefficient * function(theta(l) - theta(k))
+    return total
+
+
+def _absolute_rates(chain: Chain, qd: list[Any], notes: Notes) -> list[Any]:
+    rates: list[Any] = []
+    w: Any = 0
+    for i, revolute in enumerate(chain.revolute):
+        w = notes.let(f"w{i + 1}", w + qd[i]) if revolute else w
+        rates.append(w if revolute else qd[i])
+    return rates
+
+
+def _potential(chain: Chain, bodies: list[Body]) -> sp.Expr:
+    """V = −Σ gravity · (mass times position + first moment)."""
+    if chain.gravity is None:
+        return sp.Integer(0)
+    total = sp.Integer(0)
+    for last, body in enumerate(bodies):
+        weights = {k: (body.mass * x, body.mass * y) for k, (x, y) in body.at.items()}
+        for k, (x, y) in moved(weights, chain.frames[last], *body.moment).items():
+            along, across = gravity_along(chain.gravity, theta(k))
+            total -= x * along + y * across
+    return total
+
+
+def gravity_along(gravity: Gravity, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """Components of gravity along and across a direction."""
+    if angle == 0:
+        return gravity.x, gravity.y
+    if gravity.y == 0:
+        return gravity.x * sp.cos(angle), -gravity.x * sp.sin(angle)
+    if gravity.x == 0:
+        return gravity.y * sp.sin(angle), gravity.y * sp.cos(angle)
+    turned = angle - gravity.angle
+    return gravity.strength * sp.cos(turned), -gravity.strength * sp.sin(turned)
+
+
+def _relative_angles(chain: Chain, q: list[Any], *parts: Any) -> dict[sp.Expr, sp.Expr]:
+    """Every cos and sin of absolute angles -> the same of sums of joint angles."""
+    absolute = {}
+    angle: Any = 0
+    for i, revolute in enumerate(chain.revolute):
+        if revolute:
+            angle = angle + q[i]
+            absolute[theta(i + 1)] = angle
+    found: set[sp.Expr] = set()
+    flat = [e for part in parts for e in (part if isinstance(part, list) else [part])]
+    for e in [x for row in flat for x in (row if isinstance(row, list) else [row])]:
+        found |= sp.sympify(e).atoms(sp.sin, sp.cos)
+    return {f: f.func(f.args[0].xreplace(absolute)) for f in found}
+
+
+def _replace(expr: Any, back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -> Any:
+    return notes.let(name, sp.sympify(expr).xreplace(back))
+
+
+def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, name: str) -> list[list[Any]]:
+    """SᵀMS: from absolute coordinates to q, as sums from the tip inwards."""
+    rows = [relative_vector(chain, row, notes, name) for row in matrix]
+    columns = [relative_vector(chain, list(column), notes, name) for column in zip(*rows, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def relative_vector(chain: Chain, vector: list[Any], notes: Notes, name: str) -> list[Any]:
+    """Sᵀv: a revolute joint turns all frames further out."""
+    result: list[Any] = list(vector)
+    total: Any = 0
+    for i in reversed(range(chain.n)):
+        if chain.revolute[i]:
+            total = notes.let(name, total + vector[i])
+            result[i] = total
+    return result

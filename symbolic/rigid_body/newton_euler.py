@@ -1,0 +1,182 @@
+"""Inverse dynamics as a recursion on lumped parameters: what is emitted.
+
+It stands here once and runs on SymPy symbols, fractions and residues modulo a prime (see
+straightline.py). What makes it short:
+
+- Rates and angles are absolute, and all vectors are written in the frame of one chosen link, whose
+  own angle is therefore 0. Without gravity the arm's absolute orientation does not matter at all.
+- The x components of acceleration and force are carried with the opposite sign (b = −a_x, G = −F_x),
+  so that, with (lc, ls) = l (cos, sin), b += al ls + w² lc, y += al lc − w² ls and a moment is
+  lc F + ls G: no negation anywhere.
+- A link is a point mass mu at its distal point, a first moment (h, hy) without mass, an inertia J.
+  Which of them a link really needs is decided in lumps.py; the others are 0 and vanish.
+
+Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1987 (base parameters).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from symbolic.straightline import Notes
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """The vector (x, y), 0 where exactly 0, and the same as strength and angle (with x-axis)."""
+
+    x: Any
+    y: Any
+    strength: Any
+    angle: Any
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Types and lengths of the links from the base outwards; `lengths` in any unit, gravity in the same per s²."""
+
+    revolute: tuple[bool, ...]
+    lengths: tuple[Any, ...]
+    gravity: Gravity | None
+
+    @property
+    def n(self) -> int:
+        return len(self.revolute)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Frame of link 1..n, named after the last revolute joint before it; 0 is the base."""
+        frames, last = [], 0
+        for i, revolute in enumerate(self.revolute, 1):
+            last = i if revolute else last
+            frames.append(last)
+        return tuple(frames)
+
+
+@dataclass(frozen=True)
+class Lumps:
+    """Inertial parameters of the links, (n,) each, 0 where a link has none.
+
+    mu   point mass at the distal point
+    h    first moment along the link, without mass: about the joint if revolute, about the distal point if prismatic
+    hy   the same across the link
+    J    inertia that turns with the link
+    I    rotor inertia, which sees the joint's own acceleration only
+    """
+
+    mu: tuple[Any, ...]
+    h: tuple[Any, ...]
+    hy: tuple[Any, ...]
+    J: tuple[Any, ...]
+    I: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class LinkMotion:
+    """Everything that does not depend on inertia; lists run over links 1..n at index i − 1, b and y from the base.
+
+    reach is the vector from one distal point to the next, in the frame of the recursion.
+    """
+
+    w2: list[Any]
+    al: list[Any]
+    direction: list[tuple[Any, Any]]
+    reach: list[tuple[Any, Any]]
+    b: list[Any]
+    y: list[Any]
+
+
+def inverse_dynamics(
+    chain: Chain, lumps: Lumps, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes
+) -> list[Any]:
+    """Joint torques or forces (n,) with all vectors in the frame of revolute joint `frame` (0: the base's)."""
+    return torques(chain, lumps, motion(chain, frame, q, qd, qdd, notes), qdd, notes)
+
+
+def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes) -> LinkMotion:
+    """Absolute rates and accelerations, from the base outwards; gravity enters as an acceleration of the base."""
+    let = notes.let
+    direction, orientation = _directions(chain, frame, q, notes)
+    b0, y0 = _base_acceleration(chain.gravity, orientation, notes)
+    m = LinkMotion([], [], [], [], [b0], [y0])
+    w: Any = 0
+    al: Any = 0
+    for i in range(chain.n):
+        k, length, (c, s) = i + 1, chain.lengths[i], direction[chain.frames[i]]
+        b, y = m.b[-1], m.y[-1]
+        if chain.revolute[i]:
+            w, al = let(f"w{k}", w + qd[i]), let(f"al{k}", al + qdd[i])
+            w2 = let(f"ww{k}", w * w)
+            lc, ls = let(f"lc{k}", length * c), let(f"ls{k}", length * s)
+            b, y = let(f"b{k}", b + al * ls + w2 * lc), let(f"y{k}", y + al * lc - w2 * ls)
+        else:
+            w2, r = let(f"ww{k}", w * w), let(f"r{k}", length + q[i])
+            lc, ls = let(f"lc{k}", r * c), let(f"ls{k}", r * s)
+            inwards, across = let(f"u{k}", r * w2 - qdd[i]), let(f"v{k}", 2 * qd[i] * w + r * al)
+            b = let(f"b{k}", b + inwards * c + across * s)
+            y = let(f"y{k}", y + across * c - inwards * s)
+        for values, value in zip(
+            (m.w2, m.al, m.direction, m.reach, m.b, m.y), (w2, al, (c, s), (lc, ls), b, y), strict=True
+        ):
+            values.append(value)
+    return m
+
+
+def torques(chain: Chain, lumps: Lumps, m: LinkMotion, qdd: list[Any], notes: Notes) -> list[Any]:
+    """Forces and moments, from the tip inwards."""
+    let = notes.let
+    tau: list[Any] = [0] * chain.n
+    F: Any = 0
+    G: Any = 0
+    N: Any = 0
+    for i in reversed(range(chain.n)):
+        k, mu, w2, al, (c, s), (lc, ls) = i + 1, lumps.mu[i], m.w2[i], m.al[i], m.direction[i], m.reach[i]
+        hc = let(f"hc{k}", lumps.h[i] * c - lumps.hy[i] * s)
+        hs = let(f"hs{k}", lumps.h[i] * s + lumps.hy[i] * c)
+        if chain.revolute[i]:
+            # The first moment acts at the joint: it adds to the force only after the distal force took its lever.
+            G, F = let(f"G{k}", G + mu * m.b[k]), let(f"F{k}", F + mu * m.y[k])
+            N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * m.y[i] + hs * m.b[i])
+            G, F = let(f"G{k}", G + al * hs + w2 * hc), let(f"F{k}", F + al * hc - w2 * hs)
+            tau[i] = N + lumps.I[i] * qdd[i]
+        else:
+            G = let(f"G{k}", G + mu * m.b[k] + al * hs + w2 * hc)
+            F = let(f"F{k}", F + mu * m.y[k] + al * hc - w2 * hs)
+            N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * m.y[k] + hs * m.b[k])
+            tau[i] = s * F - c * G + lumps.I[i] * qdd[i]
+    return tau
+
+
+def _directions(chain: Chain, frame: int, q: list[Any], notes: Notes) -> tuple[dict[int, tuple[Any, Any]], Any]:
+    """(cos, sin) of every frame relative to `frame`, and the absolute angle of `frame`."""
+    revolute = [i for i, r in enumerate(chain.revolute, 1) if r]
+    directions: dict[int, tuple[Any, Any]] = {frame: (1, 0)}
+    angle: Any = 0
+    for j in (j for j in revolute if j > frame):
+        angle = notes.let(f"a{j}", angle + q[j - 1])
+        directions[j] = notes.sincos(angle)
+    angle, inner = 0, [0, *(j for j in revolute if j < frame)]
+    for outer, j in zip([frame, *reversed(inner[1:])], reversed(inner), strict=True):
+        if outer == 0:
+            break
+        # Frames further inwards have negative angles; the sign of the sine is carried in front of it.
+        angle = notes.let(f"a{j}", angle + q[outer - 1])
+        c, s = notes.sincos(angle)
+        directions[j] = (c, -s)
+    return directions, angle
+
+
+def _base_acceleration(gravity: Gravity | None, orientation: Any, notes: Notes) -> tuple[Any, Any]:
+    """(b, y) of the base, accelerated against gravity, in a frame turned by `orientation` (an int: not at all)."""
+    if gravity is None:
+        return 0, 0
+    if isinstance(orientation, int):
+        return gravity.x, -gravity.y
+    if gravity.x != 0 and gravity.y != 0:
+        c, s = notes.sincos(notes.let("a_gravity", orientation - gravity.angle))
+        return notes.let("b0", gravity.strength * c), notes.let("y0", gravity.strength * s)
+    c, s = notes.sincos(orientation)
+    if gravity.y == 0:
+        return notes.let("b0", gravity.x * c), notes.let("y0", gravity.x * s)
+    return notes.let("b0", gravity.y * s), notes.let("y0", -gravity.y * c)

@@ -1,0 +1,191 @@
+"""The plan of the house: which room stands on which, over all packages; lazy imports and those for types count, too."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+ROOMS = """
+symbolic.primitives symbolic.units symbolic.straightline symbolic.functions
+symbolic.effects
+symbolic.grammar
+symbolic.model_file
+symbolic.rigid_body
+symbolic.contact
+symbolic.model
+symbolic.controller_law
+
+codegen.pages codegen.disk
+codegen.tape codegen.effect_functions
+codegen.c
+codegen.casadi
+codegen.metadata
+codegen.render
+codegen.toolchain
+codegen.firmware
+codegen.verify
+codegen.prepare
+
+runtime.files runtime.plain_json runtime.wording
+runtime.model
+runtime.recordings
+runtime.motion
+runtime.estimation
+runtime.diagnosis
+runtime.simulation
+runtime.planning
+runtime.loop
+runtime.experiments
+runtime.hardware
+runtime.execution
+runtime.sweep
+runtime.report
+runtime.study
+runtime.workspace
+runtime.cli
+"""
+"""From the ground up: a room imports those above it in this list and nothing else. Rooms of one line stand side by
+side and may lean on those left of them."""
+
+ORDER = [room for line in ROOMS.splitlines() for room in line.split()]
+BOTH_ENDS = {"runtime.workspace", "runtime.cli"}
+"""They alone may see the equations and the generators from the side of the recordings."""
+CHECKS = "symbolic.model_file.checks"
+"""How a user's file is checked and what an error says: for every package, and without SymPy."""
+
+
+def modules() -> dict[str, Path]:
+    """Dotted name -> file, of the three packages."""
+    found = {}
+    for package in ("symbolic", "codegen", "runtime"):
+        for path in (ROOT / package).rglob("*.py"):
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            found[name.removesuffix(".__init__")] = path
+    return found
+
+
+@cache
+def imports() -> dict[str, frozenset[str]]:
+    """Module -> the modules of ours that it imports, anywhere in it."""
+    known = modules()
+    return {name: frozenset(_imported(path, known)) - {name} for name, path in known.items()}
+
+
+def _imported(path: Path, known: dict[str, Path]) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{path}: imports are absolute"
+            found |= {
+                f"{node.module}.{a.name}" if f"{node.module}.{a.name}" in known else str(node.module)
+                for a in node.names
+            }
+    return found & known.keys()
+
+
+def room(module: str) -> str | None:
+    """The room of a module; None for the page of a package."""
+    return next((r for r in ORDER if module == r or module.startswith(r + ".")), None)
+
+
+def reached(start: str) -> set[str]:
+    """All modules that one imports, and those that they import, and so on."""
+    seen, todo = set(), [start]
+    while todo:
+        for module in imports()[todo.pop()] - seen:
+            seen.add(module)
+            todo.append(module)
+    return seen
+
+
+def test_every_module_stands_in_a_room() -> None:
+    packages = {"symbolic", "codegen", "runtime"}
+    assert [m for m in modules() if room(m) is None and m not in packages] == []
+    assert [r for r in ORDER if not any(room(m) == r for m in modules())] == []
+
+
+def test_no_room_climbs() -> None:
+    """Of every module, and of all that it reaches, none lies in a later room."""
+    wrong = []
+    for module in sorted(modules()):
+        here = room(module)
+        for other in sorted(imports()[module] if here else ()):
+            there = room(other)
+            if there is not None and ORDER.index(there) > ORDER.index(here or ""):
+                wrong.append(f"{module} imports {other}")
+    assert wrong == []
+
+
+def test_no_module_reaches_itself() -> None:
+    assert [m for m in sorted(modules()) if m in reached(m)] == []
+
+
+@pytest.mark.parametrize("package", ["symbolic", "codegen", "runtime"])
+def test_data_flows_one_way(package: str) -> None:
+    """symbolic <- codegen, and generated <- runtime: transitively, but for the rooms that see both ends."""
+    foreign = {"symbolic": ("codegen", "runtime"), "codegen": ("runtime",), "runtime": ("symbolic", "codegen")}[package]
+    wrong = [
+        f"{module} reaches {other}"
+        for module in sorted(modules())
+        if module.split(".")[0] == package and room(module) not in BOTH_ENDS
+        for other in sorted(reached(module))
+        if other.split(".")[0] in foreign and other not in {CHECKS, "symbolic.model_file", "symbolic"}
+    ]
+    assert wrong == []
+
+
+def test_a_recording_never_climbs_on_its_way_to_a_verdict() -> None:
+    way = ["runtime.recordings", "runtime.motion", "runtime.estimation", "runtime.diagnosis", "runtime.report"]
+    assert [ORDER.index(r) for r in way] == sorted(ORDER.index(r) for r in way)
+
+
+def test_a_public_class_has_a_name_of_its_own() -> None:
+    where: dict[str, list[str]] = {}
+    for module, path in modules().items():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                where.setdefault(node.name, []).append(module)
+    assert {name: places for name, places in where.items() if len(places) > 1} == {}
+
+
+FORBIDDEN = {
+    "symbolic": {"numpy", "scipy", "casadi", "jinja2", "tests"},
+    "codegen": {"tests"},
+    "runtime": {"sympy", "jinja2", "tests"},
+}
+"""What a package leaves to others, beside its own kind; the report's page alone fills a template in `runtime`."""
+
+
+@pytest.mark.parametrize("package", FORBIDDEN)
+def test_packages_of_others_stay_where_they_belong(package: str) -> None:
+    wrong = []
+    for module, path in modules().items():
+        allowed = {"jinja2"} if room(module) == "runtime.report" else set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = (
+                [a.name for a in node.names] if isinstance(node, ast.Import) else [getattr(node, "module", None) or ""]
+            )
+            if isinstance(node, ast.Import | ast.ImportFrom) and module.split(".")[0] == package:
+                wrong += [f"{module}: {n}" for n in names if n.split(".")[0] in FORBIDDEN[package] - allowed]
+    assert wrong == []
+
+
+def test_loading_compiled_code_imports_no_sympy() -> None:
+    imported = "import runtime.model.loader, runtime.planning.scenario_file, sys"
+    script = f"{imported}; print(sorted({{m.split('.')[0] for m in sys.modules}} & {{'sympy', 'codegen'}}))"
+    run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_the_top_level_has_no_other_folders_of_code() -> None:
+    with_code = {p.parent.name for p in ROOT.glob("*/*.py")}
+    assert with_code <= {"symbolic", "codegen", "generated", "runtime", "tests"}
