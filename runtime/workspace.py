@@ -156,6 +156,12 @@ def effects_library(effects_file: Path | None) -> dict[str, Effect]:
     return {**LIBRARY, **{effect.name: effect for effect in own}}
 
 
+def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> Source:
+    """The arm that a scenario file names: a model file beside it, or one that comes with the toolkit."""
+    beside = scenario.parent / model
+    return Source.read(beside, effects_file) if beside.exists() else Source.shipped(model, effects_file)
+
+
 def open_model(path: Path | str, effects_file: Path | None = None) -> Model:
     """The model of a model file, ready to evaluate: for notebooks, and as every verb does it."""
     return Source.read(Path(path), effects_file).model()

@@ -49,13 +49,15 @@ runtime.sweep
 runtime.report
 runtime.study
 runtime.workspace
+runtime.notebook
+runtime.import_name
 runtime.cli
 """
 """From the ground up: a room imports those above it in this list and nothing else. Rooms of one line stand side by
 side and may lean on those left of them."""
 
 ORDER = [room for line in ROOMS.splitlines() for room in line.split()]
-BOTH_ENDS = {"runtime.workspace", "runtime.cli"}
+BOTH_ENDS = {"runtime.workspace", "runtime.notebook", "runtime.import_name", "runtime.cli"}
 """They alone may see the equations and the generators from the side of the recordings."""
 CHECKS = "symbolic.model_file.checks"
 """How a user's file is checked and what an error says: for every package, and without SymPy."""

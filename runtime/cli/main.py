@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 import typer
-
-# The matrices here are small: threads of the linear algebra library would only wait for each other. This
-# must be said before NumPy is imported; who says otherwise in the environment is heard.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from runtime.cli import (
     add,

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import NO, emit
-from runtime.workspace import Source, UsageError
-
-if TYPE_CHECKING:
-    from runtime.planning.scenario import Scenario
+from runtime.workspace import UsageError, scenario_source
 
 app = typer.Typer()
-
-
-def scenario_source(scenario: Scenario, path: Path, effects: Path | None) -> Source:
-    """The arm of a scenario: a model file beside it, or one that comes with the toolkit."""
-
-    beside = path.parent / scenario.model
-    return Source.read(beside, effects) if beside.exists() else Source.shipped(scenario.model, effects)
 
 
 @app.command(epilog="Example: tendon optimize runtime/study/scenario1.toml --out plan.json --plot plan.png")
@@ -52,7 +42,7 @@ def optimize(
     targets = [path for path in (out, model_out, plot) if path is not None]
     check_writable(json, *targets)
     asked = scenario_file.read(scenario)
-    source = scenario_source(asked, scenario, effects)
+    source = scenario_source(asked.model, scenario, effects)
     for path in targets:
         if path.resolve() in {scenario.resolve(), source.path.resolve()}:
             raise UsageError(f"{path}: is read here; choose another name to write to")

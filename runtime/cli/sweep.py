@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.optimize import scenario_source
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import NO, emit
-from runtime.workspace import UsageError
+from runtime.workspace import UsageError, scenario_source
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -110,7 +109,7 @@ def _read(path: Path, effects: Path | None) -> tuple[Scenario, Model]:
     from runtime.report.terminal import pages
 
     asked = scenario_file.read(path)
-    source = scenario_source(asked, path, effects)
+    source = scenario_source(asked.model, path, effects)
     source.arm()
     with pages.working("deriving and compiling the model"):
         model = source.model()

@@ -8,6 +8,7 @@ import io
 import itertools
 import math
 import os
+import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ class RecordingError(ValueError):
     """A recording that cannot be used; the message is one line with the file and, where it applies, the line."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """Samples of n joints in SI; positions are rad or m, torques N m or N, by the joint's type.
 
@@ -71,6 +72,17 @@ class Recording:
         """Median step, s."""
         return _median_step(self.t, self.run)
 
+    def save(self, path: Path | str) -> None:
+        """As `write`."""
+        write(path, self)
+
+    def __repr__(self) -> str:
+        n, samples = self.q.shape
+        extra = [name for name in ("qd", "q_link", "tau_link", "tau_rigid", "force") if getattr(self, name) is not None]
+        extra += ["temperature"] * any(c is not None for c in self.temperature)
+        what = f"{n} joint{'s' if n > 1 else ''}, {samples} samples, {samples * self.dt:.4g} s at {1 / self.dt:.4g} Hz"
+        return f"{self.path}: {what}" + (f", with {', '.join(extra)}" if extra else "")
+
 
 def read(
     path: Path | str,
@@ -87,6 +99,15 @@ def read(
     """
     joints = [{"type": "revolute"}] * model if isinstance(model, int) else model["joints"]
     return _Reader(_shown(path), joints, mapping or {}, allow_gaps).read(Path(path))
+
+
+def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> int:
+    """How many joints a recording's header, or the mapping, names: q1, q2, … Raises RecordingError."""
+    reader = _Reader(_shown(path), [], mapping or {}, False)
+    header = reader.decode(reader.load(Path(path))).lstrip("\n").partition("\n")[0]
+    named = {cell.split("[")[0].strip().lower() for cell in re.split("[,;\t]", header)} | set(mapping or {})
+    numbers = itertools.takewhile(lambda k: f"q{k}" in named, itertools.count(1))
+    return max(1, sum(1 for _ in numbers))
 
 
 class _Reader:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from runtime.estimation.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
 from runtime.motion import spectrum
 from runtime.report.plots import joint_plots, style, time_plots
-from runtime.report.summary import relative_floor
+from runtime.report.summary import ResultSummary, relative_floor
 
 Array = NDArray[np.float64]
 
@@ -32,10 +34,25 @@ _LONGEST_NAME = 34
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure on the page: the SVG element, and in words what it shows."""
+    """A figure of a result: the SVG element for a page, in words what it shows, and the figure itself.
+
+    In a notebook it draws itself, on white, without a magic line.
+    """
 
     svg: Markup
     caption: str
+    figure: Figure = field(repr=False, compare=False)
+
+    def save(self, path: Path | str) -> None:
+        """The figure as a file: .svg, .png or .pdf. Raises OSError."""
+        style.save(self.figure, Path(path))
+
+    def _repr_html_(self) -> str:
+        name = hashlib.sha256(self.svg.encode()).hexdigest()[:12]
+        text = style.svg(self.figure, name)
+        box = "display:inline-block;margin:0 1em 1em 0;background:#fff;color:#1f2730"
+        drawing, caption = text[text.index("<svg") :], escape(self.caption)
+        return f'<figure style="{box}">{drawing}<figcaption>{caption}</figcaption></figure>'
 
 
 def drawn(figure: Figure, name: str, caption: str) -> Drawn:
@@ -53,7 +70,7 @@ def drawn(figure: Figure, name: str, caption: str) -> Drawn:
         text = text.replace(code, f"var(--{colour})")
     text = re.sub(r"\n\s*", "\n", text)
     text = text.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
-    return Drawn(Markup(text), caption)
+    return Drawn(Markup(text), caption, figure)
 
 
 def label(step: Step) -> str:
@@ -77,6 +94,16 @@ def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None
         title,
         held_out_floor,
     )
+
+
+def of_result(summary: ResultSummary) -> list[Drawn]:
+    """Of every joint the error from step to step, then its torque and residual."""
+    found = []
+    for i in range(len(summary.first.joints)):
+        caption = f"Error of joint {i + 1} after each step; the marks across the bars are the noise floor."
+        found.append(drawn(error(summary.steps, i, summary.held_out_floor(i)), f"error{i + 1}", caption))
+        found += of_joint(summary.first, summary.last, i, summary.findings_at(i))
+    return found
 
 
 def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:

@@ -1,0 +1,1 @@
+"""The verbs for notebooks and scripts; imported as `tendon`."""

@@ -1,0 +1,174 @@
+"""Results of verbs in a notebook: a few lines, figures that draw themselves, and everything that --json writes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from runtime.diagnosis.diagnose import Diagnosis
+from runtime.estimation.compare import Comparison
+from runtime.estimation.identify import Identification
+from runtime.loop.improve import Improvement
+from runtime.notebook.arm import LoadedArm, PathOrText
+from runtime.plain_json import plain
+from runtime.planning.optimize import Plan
+from runtime.planning.results import document as plan_document
+from runtime.report import in_short
+from runtime.report.page import page_figures
+from runtime.report.page.html_page import write_report
+from runtime.report.page.page_figures import Drawn
+from runtime.report.plots import plan_plots
+from runtime.report.summary import ResultSummary
+from runtime.report.terminal import loop_pages, pages, plan_pages
+
+Document = dict[str, Any]
+
+
+class ResultFigures(Sequence[Drawn]):
+    """Figures of a result; the last line of a cell draws them all, an item one of them."""
+
+    def __init__(self, drawn: Sequence[Drawn]) -> None:
+        self._drawn = tuple(drawn)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._drawn[index]
+
+    def __len__(self) -> int:
+        return len(self._drawn)
+
+    def __iter__(self) -> Iterator[Drawn]:
+        return iter(self._drawn)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"[{k}] {figure.caption}" for k, figure in enumerate(self._drawn))
+
+    def _repr_html_(self) -> str:
+        return "".join(figure._repr_html_() for figure in self._drawn)
+
+
+class _Result(ABC):
+    """What all results have in common: `result` says a few lines, `result.show()` what the terminal says."""
+
+    _page: Callable[[Mapping[str, Any]], None]
+
+    @property
+    @abstractmethod
+    def json(self) -> Document:
+        """Every figure, as --json writes it."""
+
+    def __repr__(self) -> str:
+        return "\n".join(in_short.lines(self.json))
+
+    def show(self) -> None:
+        """Print what the command line prints."""
+        type(self)._page(self.json)
+
+
+@dataclass(frozen=True, repr=False)
+class IdentificationResult(_Result):
+    """arm: with the values that were identified in its text."""
+
+    identification: Identification
+    arm: LoadedArm
+
+    _page = staticmethod(pages.identify)
+
+    @cached_property
+    def json(self) -> Document:
+        """As `tendon identify --json`."""
+        found: Document = plain(self.identification.to_json())
+        return found
+
+    def save(self, path: PathOrText) -> None:
+        """Write the model file with the identified values. Raises OSError."""
+        self.arm.save(path)
+
+
+class _Loop(_Result):
+    """Results that have steps of a model, each fitted: they draw figures and write a report."""
+
+    summary: ResultSummary
+
+    @property
+    def json(self) -> Document:
+        """As --json writes it."""
+        return self.summary.document
+
+    @cached_property
+    def figures(self) -> ResultFigures:
+        """The error, then every joint's torque and residual."""
+        return ResultFigures(page_figures.of_result(self.summary))
+
+    def report(self, directory: PathOrText) -> Path:
+        """Write the HTML page into a directory; its path. Raises OSError."""
+        return write_report(Path(directory), self.summary)
+
+
+@dataclass(frozen=True, repr=False)
+class ComparisonResult(_Loop):
+    """Where the model fails."""
+
+    comparison: Comparison
+    summary: ResultSummary
+
+    _page = staticmethod(loop_pages.compare)
+
+
+@dataclass(frozen=True, repr=False)
+class DiagnosisResult(_Loop):
+    """Which effect is missing."""
+
+    diagnosis: Diagnosis
+    summary: ResultSummary
+
+    _page = staticmethod(loop_pages.diagnosis)
+
+    @property
+    def verdict(self) -> str:
+        """ "effect", "clean", "unexplained" or "refused"."""
+        return self.diagnosis.verdict
+
+
+@dataclass(frozen=True, repr=False)
+class ImprovementResult(_Loop):
+    """What was added, and how the error fell; arm: the improved one."""
+
+    improvement: Improvement
+    summary: ResultSummary
+    arm: LoadedArm
+
+    _page = staticmethod(loop_pages.improvement)
+
+    def save(self, path: PathOrText) -> None:
+        """Write the improved model file. Raises OSError."""
+        self.arm.save(path)
+
+
+@dataclass(frozen=True, repr=False)
+class PlanResult(_Result):
+    """A planned motion; arm: with the plan's springs and contact in its text."""
+
+    plan: Plan
+    arm: LoadedArm
+
+    _page = staticmethod(plan_pages.plan)
+
+    @cached_property
+    def json(self) -> Document:
+        """As `tendon optimize --json`."""
+        found: Document = plain(plan_document(self.arm.model, self.plan))
+        return found
+
+    @cached_property
+    def figures(self) -> ResultFigures:
+        """Positions and torques of one cycle."""
+        figure = plan_plots.plan(self.json)
+        return ResultFigures([page_figures.drawn(figure, "plan", "Positions and torques of one cycle.")])
+
+    def save(self, path: PathOrText) -> None:
+        """Write the trajectory, for `tendon execute`. Raises OSError."""
+        self.plan.trajectory.write(Path(path))

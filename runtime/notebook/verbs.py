@@ -1,0 +1,139 @@
+"""The verbs of the command line as functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis import diagnose as diagnosis
+from runtime.estimation import compare as comparison
+from runtime.estimation import identify as identification
+from runtime.loop import held_out as held_outs
+from runtime.loop import improve as loop
+from runtime.notebook.arm import LoadedArm, PathOrText, Recorded
+from runtime.notebook.results import (
+    ComparisonResult,
+    DiagnosisResult,
+    IdentificationResult,
+    ImprovementResult,
+    PlanResult,
+)
+from runtime.planning import optimize as optimizer
+from runtime.planning import scenario_file
+from runtime.recordings.recording import Recording
+from runtime.report.follow_up import Invocation, about
+from runtime.report.summary import ResultSummary
+from runtime.simulation import simulate as simulation
+from runtime.workspace import scenario_source
+
+Recordings = Recorded | Sequence[Recorded]
+
+
+def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) -> IdentificationResult:
+    """Fit the parameters of the arm's structure to recordings.
+
+    skew   samples by which the torque leads the motion; None: estimated
+    """
+    found = identification.identify(arm.model, arm.recordings(recordings), skew)
+    return IdentificationResult(found, arm.with_text(arm.source.put(arm.text, found.to_json())))
+
+
+def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
+    """Where does the model fail? The residual of every joint, and what it follows."""
+    data = arm.recordings(recordings)
+    result = comparison.compare(arm.model, data)
+    return ComparisonResult(result, ResultSummary(result, _invocation(arm, data)))
+
+
+def diagnose(arm: LoadedArm, recordings: Recordings) -> DiagnosisResult:
+    """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"."""
+    data = arm.recordings(recordings)
+    result = diagnosis.diagnose(arm.model, data, wider=arm.source.guesses)
+    return DiagnosisResult(result, ResultSummary(result, _invocation(arm, data)))
+
+
+def improve(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -> ImprovementResult:
+    """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one."""
+    fitted, held = arm.recordings(recordings), arm.recordings(held_out)
+    source = arm.source
+    result = loop.improve(source.text, source.model, source.add, source.put, fitted, held, wider=source.guesses)
+    floors = held_outs.floors(result.steps[-1].identification, held)
+    summary = ResultSummary(result, _invocation(arm, fitted, held), floors)
+    return ImprovementResult(result, summary, arm.with_text(result.model_text))
+
+
+def add(arm: LoadedArm, effect: str, joint: int | None = None) -> LoadedArm:
+    """The arm with an effect more, its values unknown until they are identified. Nothing is written."""
+    return arm.with_text(arm.source.add(arm.text, effect, joint))
+
+
+def simulate(
+    arm: LoadedArm,
+    hide: str | Sequence[str] = (),
+    seed: int = 0,
+    seconds: float = 40.0,
+    motion: PathOrText | NDArray[np.float64] | None = None,
+    repeats: int = 2,
+    noise: float = simulation.NOISE,
+    signals: str = "",
+) -> Recording:
+    """A recording of the model itself, at 1 kHz, to try a diagnosis on.
+
+    hide      effects that the model file does not have: "stribeck@1" or "stribeck@1:torque=0.6,speed=0.15"
+    seconds   length of the motion, in `repeats` equal parts; or `motion`, positions (n, N) at 1 kHz or a CSV
+    noise     standard deviation of the torque's noise, part of the torque's rms
+    signals   further ones that are recorded: q_link, tau_link, temperature
+    """
+    hidden = [simulation.parse_hidden(text, arm.model) for text in ([hide] if isinstance(hide, str) else hide)]
+    path = (
+        motion
+        if motion is None or isinstance(motion, np.ndarray)
+        else simulation.read_motion(Path(motion), arm.model.n)
+    )
+    extra = simulation.parse_extra(signals)
+    made, _ = simulation.simulate(arm.model, hidden, seed, path, seconds, repeats, noise, extra)
+    return made
+
+
+def optimize(
+    scenario: PathOrText,
+    cycle_time: float | None = None,
+    friction: bool | None = None,
+    springs: bool = True,
+    starts: int | None = None,
+    seed: int = 0,
+    effects: PathOrText | None = None,
+) -> PlanResult:
+    """Plan motion and springs of a scenario file together; the arm is the one that the file names.
+
+    cycle_time   s, and friction: in place of the file's     springs: with the file's, or bare
+    starts       random first guesses; None: few     Raises Infeasible if no motion meets all constraints.
+    """
+    path = Path(scenario)
+    asked = scenario_file.read(path)
+    source = scenario_source(asked.model, path, None if effects is None else Path(effects))
+    arm = LoadedArm(source)
+    case = scenario_file.fitted(asked, arm.model, str(path))
+    case = case if springs else case.without_springs()
+    case = replace(
+        case,
+        cycle_time=case.cycle_time if cycle_time is None else cycle_time,
+        friction=case.friction if friction is None else friction,
+    )
+    plan = optimizer.optimize(arm.model, case, starts, seed)
+    mounted = source.mounted(plan.trajectory.springs, plan.trajectory.contact)
+    return PlanResult(plan, arm.with_text(mounted))
+
+
+def _invocation(arm: LoadedArm, fitted: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Invocation:
+    """What the same would be on the command line, for the commands that follow from a result."""
+    return Invocation(
+        arm.source.path,
+        tuple(r.path for r in fitted),
+        tuple(r.path for r in held_out),
+        about=about(arm.text),
+    )
