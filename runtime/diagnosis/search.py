@@ -160,9 +160,11 @@ class Search:
         if pair is not None:
             self.findings += pair
             self.steps += [f.after for f in pair]
+            self._leave_out_replaced()
         elif finding is not None:
             self.findings.append(finding)
             self.steps.append(finding.after)
+            self._leave_out_replaced()
             for _ in range(MOST_FINDINGS):
                 if not self._reconsider():
                     break
@@ -304,6 +306,20 @@ class Search:
             self._rebuild(kept, shapes)
             return True
         return False
+
+    def _leave_out_replaced(self) -> None:
+        """A finding that the last one generalises stands in no structure any more: it was a special case of that one,
+        whose evidence is then counted from where the replaced one began."""
+        kept = [f for f in self.findings if f.term in self.steps[-1].shapes]
+        if len(kept) == len(self.findings):
+            return
+        self._taken_back |= {f.term for f in self.findings} - {f.term for f in kept}
+        self.findings = kept
+        self._rebuild(kept, {})
+        last = self.findings[-1]
+        alone = rank(self._field_of(last.before), [last.term], last.before.floors).best
+        if alone is not None:
+            self.findings[-1] = replace(last, evidence=alone)
 
     def _rebuild(self, kept: Sequence[Finding], shapes: Mapping[Term, Values]) -> None:
         known = {**dict(self._so_far()), **shapes}
