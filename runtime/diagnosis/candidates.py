@@ -17,6 +17,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
+from runtime.diagnosis.settings import (
+    EXCERPT_SAMPLES,
+    REFINE_ACCURACY,
+    REFINE_REACH,
+    REFINE_START,
+    REFINE_STEPS,
+    TRIED_SHAPES,
+)
 from runtime.estimation import grids
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
@@ -24,11 +32,6 @@ from runtime.estimation.regressors import Regressors
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
-
-_EXCERPT = 60_000
-"""Samples on which shapes are searched, for one joint; fewer for more, as the root of their number."""
-_REFINE_STEPS = 14
-_TRIED = 4
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ class CandidateField:
 
     @property
     def _excerpt_samples(self) -> int:
-        return round(_EXCERPT / self.model.n**0.5)
+        return round(EXCERPT_SAMPLES / self.model.n**0.5)
 
     @cached_property
     def excerpt(self) -> tuple[Regressors, Ground]:
@@ -228,8 +231,8 @@ class CandidateField:
             return None
         if len(scored) > 1:
             # The quick gain lets the base's friction turn negative; of the best few, it is seen who needs that.
-            tried = [(self._exact(ground, term, choices[k]), k) for gain, k in scored[:_TRIED] if np.isfinite(gain)]
-            scored = [max(tried)]
+            few = [k for gain, k in scored[:TRIED_SHAPES] if np.isfinite(gain)]
+            scored = [max((self._exact(ground, term, choices[k]), k) for k in few)]
         gain, chosen = scored[0]
         shape = choices[chosen]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
@@ -268,14 +271,15 @@ class CandidateField:
             nonlocal best
             moved = start * np.exp(z * scale) if logarithmic else start + z * scale
             shape = {**candidate.shape, **dict(zip(moving, map(float, moved), strict=True))}
-            if np.any(np.abs(z) > 1.5) or not grids.within(self.excerpt[0], term, shape):
+            if np.any(np.abs(z) > REFINE_REACH) or not grids.within(self.excerpt[0], term, shape):
                 return float("inf")
             gain = self._gain(ground, term, shape)
             best = max(best, (gain, shape), key=lambda item: item[0])
             return -gain
 
-        simplex = np.vstack([np.zeros(len(moving)), 0.5 * np.eye(len(moving))])
-        options = {"maxfev": _REFINE_STEPS * len(moving), "initial_simplex": simplex, "xatol": 0.02, "fatol": 0.0}
+        simplex = np.vstack([np.zeros(len(moving)), REFINE_START * np.eye(len(moving))])
+        ends = {"maxfev": REFINE_STEPS * len(moving), "xatol": REFINE_ACCURACY, "fatol": 0.0}
+        options = {**ends, "initial_simplex": simplex}
         minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
         there, here = (self._exact(ground, term, shape) for shape in (best[1], candidate.shape))
         if there <= here:

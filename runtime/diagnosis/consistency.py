@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.diagnosis.settings import CONTRADICTS, MATERIAL, ONLY_NOISE, SIGMAS_OF_INTERVAL
 from runtime.estimation.covariance import Estimate, Inference, infer
 from runtime.estimation.identify import Identification
 from runtime.estimation.problem import Fit, Problem, Skew
@@ -22,14 +23,6 @@ from runtime.model.terms import Term
 from runtime.wording import quantity
 
 Array = NDArray[np.float64]
-
-_SIGNIFICANT = 5.0
-"""Standard deviations of a difference."""
-_MATERIAL = 0.1
-"""Part of the larger value."""
-_NOISE = 1.5
-"""Residual over the instruments' noise up to which a recording holds nothing else."""
-_OF_INTERVAL = 2 * 1.96
 
 
 @dataclass(frozen=True)
@@ -93,7 +86,7 @@ class Tables:
     @property
     def each_is_noise(self) -> bool:
         """Whether every recording alone is fitted to the noise: then nothing but the arm differs."""
-        return all(table.left < _NOISE for table in self.tables)
+        return all(table.left < ONLY_NOISE for table in self.tables)
 
     @property
     def refusal(self) -> str:
@@ -176,8 +169,8 @@ def _apart(
     for (one, a), (two, b) in combinations(zip(tables, estimates, strict=True), 2):
         spread = float(np.hypot(_deviation(a), _deviation(b)))
         difference = abs(a.value - b.value)
-        material = difference > _MATERIAL * max(abs(a.value), abs(b.value))
-        if spread > 0 and difference > _SIGNIFICANT * spread and material:
+        material = difference > MATERIAL * max(abs(a.value), abs(b.value))
+        if spread > 0 and difference > CONTRADICTS * spread and material:
             apart = one.fit.coefficients[part] - two.fit.coefficients[part]
             if _worth(identification, part, apart, floors):
                 found.append((difference / spread, (one.name, two.name), (a, b)))
@@ -191,7 +184,7 @@ def _deviation(e: Estimate) -> float:
     """Standard deviation; infinite where a recording alone does not tell the parameter."""
     if e.interval is None or not np.all(np.isfinite([e.value, *e.interval])):
         return float("inf")
-    return (e.interval[1] - e.interval[0]) / _OF_INTERVAL
+    return (e.interval[1] - e.interval[0]) / SIGMAS_OF_INTERVAL
 
 
 def _worth(identification: Identification, part: slice, apart: Array, floors: Sequence[float]) -> bool:

@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows
-from runtime.diagnosis.gates import LEAST_EFFECT, Weighing, WhitenedGround
+from runtime.diagnosis.gates import Weighing, WhitenedGround
+from runtime.diagnosis.settings import (
+    LEAST_EFFECT,
+    LIMIT_DOUBLINGS,
+    LIMIT_FINE,
+    LIMIT_OF_ITS_OWN,
+    LIMIT_SIGMAS,
+    LIMIT_START,
+    NO_TORQUE,
+)
 from runtime.estimation import grids
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
@@ -27,14 +36,6 @@ from runtime.wording import quantity
 
 Array = NDArray[np.float64]
 
-_FINE = 1.2
-"""Ratio of an amount that is seen to one that is not, at which a search for the limit ends."""
-_SIGMAS = 1.645
-"""With noise of another draw, 95 % of recordings would still show the effect."""
-_DOUBLINGS = 11
-_NOTHING = 1e-9
-_ITS_OWN = 1.5
-"""Torque over that with the parameter at its weakest: below, others of the shape make it, as the flanks of a gap do."""
 _OF_A_SPRING = ("stiffness", "damping")
 
 
@@ -96,7 +97,7 @@ def _neutral(block: CandidateBlock) -> Array | None:
     if not columns[0].any():
         return np.zeros(len(columns) - 1)
     found = np.linalg.lstsq(columns[1:].T, -columns[0], rcond=None)[0]
-    return found if np.allclose(found @ columns[1:], -columns[0], atol=_NOTHING * np.abs(columns[0]).max()) else None
+    return found if np.allclose(found @ columns[1:], -columns[0], atol=NO_TORQUE * np.abs(columns[0]).max()) else None
 
 
 def _typical(shapes: Sequence[Values]) -> Values:
@@ -122,7 +123,7 @@ def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, n
     own = weighing.own(one)
     if own == 0.0 or weighing.doubts(one):
         return None
-    start = 0.5 * LEAST_EFFECT * weighing.floor / own
+    start = LIMIT_START * LEAST_EFFECT * weighing.floor / own
     # What the noise holds of the torque by chance may only make it harder to see.
     held, spread = weighing.luck(one)
     if weighing.block.lower[0] < 0 < held:
@@ -130,19 +131,19 @@ def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, n
     least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one), start)
     if least is None:
         return None
-    values = library.recover(term.effect, neutral + (least + _SIGMAS * spread) * np.abs(one[1:]), shape)
+    values = library.recover(term.effect, neutral + (least + LIMIT_SIGMAS * spread) * np.abs(one[1:]), shape)
     name = library.effects[term.effect].linear[0].name
     rest = {k: v for k, v in values.items() if k != name and np.isfinite(v)}
     return Limit(term, name, "above", values[name], unit_of(field.model, term, name), rest)
 
 
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
-    """The smallest amount that is seen, to a factor of _FINE; None if none is."""
-    high = next((a for a in start * 2.0 ** np.arange(_DOUBLINGS) if seen(float(a))), None)
+    """The smallest amount that is seen, to a factor of LIMIT_FINE; None if none is."""
+    high = next((a for a in start * 2.0 ** np.arange(LIMIT_DOUBLINGS) if seen(float(a))), None)
     if high is None:
         return None
     low, high = 0.5 * float(high), float(high)
-    while high > _FINE * low:
+    while high > LIMIT_FINE * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if seen(middle) else (middle, high)
     return high
@@ -169,7 +170,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
         if weighing.doubts(whole):
             return False
         held, spread = weighing.luck(whole)
-        whole[0] -= max(held, 0.0) + _SIGMAS * spread
+        whole[0] -= max(held, 0.0) + LIMIT_SIGMAS * spread
         return _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
 
     strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
@@ -180,7 +181,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     shape = weakest_first[first][0]
     if first > 0:
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
-    if len(shape) > 1 and freed * _size(bench, term, shape) < _ITS_OWN * np.nanmin(sizes):
+    if len(shape) > 1 and freed * _size(bench, term, shape) < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
         return None
     shape = _softened(shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
@@ -232,8 +233,8 @@ def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, free
 
 
 def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
-    """The weakest shape that is seen between one that is not and one that is, to a factor of _FINE."""
-    while max(shape[name], unseen[name]) > _FINE * min(shape[name], unseen[name]):
+    """The weakest shape that is seen between one that is not and one that is, to a factor of LIMIT_FINE."""
+    while max(shape[name], unseen[name]) > LIMIT_FINE * min(shape[name], unseen[name]):
         middle = {k: float(np.sqrt(shape[k] * unseen[k])) for k in shape}
         shape, unseen = (middle, unseen) if seen(middle) else (shape, middle)
     return shape

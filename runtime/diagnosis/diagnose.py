@@ -10,7 +10,8 @@ from runtime.diagnosis import consistency, detection_limits, telling_signals
 from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
 from runtime.diagnosis.remainder import after_effect, physics, remainder
-from runtime.diagnosis.search import LEAST_MOVING_S, MOST_FINDINGS, Finding, Search, Step, seconds_moving
+from runtime.diagnosis.search import Finding, Search, Step, seconds_moving
+from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, MOST_FINDINGS
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared
@@ -19,11 +20,7 @@ from runtime.model.terms import structure
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
 
-_LEAST_EXPLAINED = 0.5
-"""Part of what is above the noise floor that findings must explain where physics is left after them."""
 _DISAGREES = 0.05
-_FAR_MORE = 1.8
-"""Evidence (fall of BIC) of a guess over that of the findings from which these are taken to stand for it."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +172,7 @@ def _verdict(
         return "refused", disagreement + compared.refusal
     for i in {f.joint_index for f in search.findings}:
         rest = physics(last, i)
-        if rest and _explained(first, last, i) < _LEAST_EXPLAINED:
+        if rest and _explained(first, last, i) < LEAST_EXPLAINED:
             near = ", ".join(str(f.term) for f in search.findings if f.joint_index == i)
             share = 100 * _explained(first, last, i)
             return "unexplained", (
@@ -205,7 +202,7 @@ def _outdone(search: Search, wider: Wider) -> str | None:
             continue
         found = best(first, *wider(), (i,))
         named = sum(f.evidence.delta_bic for f in here)
-        if found is None or found.finding.evidence.delta_bic < _FAR_MORE * named:
+        if found is None or found.finding.evidence.delta_bic < FAR_MORE * named:
             continue
         if found.finding.after.fitted.rms[i] < last.fitted.rms[i]:
             info = found.finding.after.identification.model.library.effects[found.term.effect]

@@ -19,15 +19,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.folds import FOLDS, NormalEquations
+from runtime.diagnosis.settings import LEAST_OWN, MOST_LAGS
+from runtime.estimation.folds import NormalEquations
 from runtime.estimation.least_squares import bounded, inverse
+from runtime.estimation.settings import FOLDS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_MOST_LAGS = 12
-LEAST_OWN = 1e-4
-"""Part of a column's square that the base must leave of it for the column to count as the candidate's own."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +114,9 @@ class Rows:
 
     def autoregression(self, residual: Array) -> Array:
         """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
-        covariance = np.zeros(_MOST_LAGS + 1)
+        covariance = np.zeros(MOST_LAGS + 1)
         r = np.where(self.use, residual, 0.0)
-        for lag in range(min(_MOST_LAGS, len(r) - 1) + 1):
+        for lag in range(min(MOST_LAGS, len(r) - 1) + 1):
             pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
             covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
         return _levinson(covariance, self.count)

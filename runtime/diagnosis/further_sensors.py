@@ -14,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import FOLDS, LEAST_OWN, CandidateBlock, Ground
+from runtime.diagnosis.evidence import CandidateBlock, Ground
+from runtime.diagnosis.settings import (
+    HALF_OF_TORQUE,
+    LARGEST_QUANTILE,
+    LEAST_LAG,
+    LEAST_OWN,
+    LOADED,
+    OF_TWIST,
+    SENSOR_SIGMAS,
+)
 from runtime.estimation.regressors import Regressors, Signals
+from runtime.estimation.settings import FOLDS
 from runtime.model.terms import Term, joints_of
 from runtime.motion.motion import Piece
 
 Array = NDArray[np.float64]
-
-HALF = 0.5
-"""Between all of a candidate's torque and none of it."""
-LEAST_LAG = 0.3
-"""Part of its torque below which the lag contradicts a transmission: inertia that is not well known scales the lag."""
-_SIGMAS = 3.0
-_LOADED = 0.25
-"""Part of the largest transmitted torque above which both flanks of a gap are surely touched."""
-_OF_TWIST = 0.2
-"""Part of the twist's spread below which a wrong gap is a matter of its value and not of its being there."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Echo:
     spread: float
 
     def above(self, part: float) -> bool:
-        return self.part - _SIGMAS * self.spread > part
+        return self.part - SENSOR_SIGMAS * self.spread > part
 
     def below(self, part: float) -> bool:
-        return self.part + _SIGMAS * self.spread < part
+        return self.part + SENSOR_SIGMAS * self.spread < part
 
     def __str__(self) -> str:
-        return f"{100 * self.part:.0f} ± {100 * _SIGMAS * self.spread:.0f} % of its torque".replace("-", "−")
+        return f"{100 * self.part:.0f} ± {100 * SENSOR_SIGMAS * self.spread:.0f} % of its torque".replace("-", "−")
 
 
 def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -> Echo | None:
@@ -98,7 +98,7 @@ class FurtherSensors:
             return ()
         if gives_way and found.below(LEAST_LAG):
             return (f"the link-side encoder does not show it: the link lags by {found}",)
-        if not gives_way and found.above(HALF):
+        if not gives_way and found.above(HALF_OF_TORQUE):
             return (f"the link-side encoder shows that the transmission gives way instead: the lag makes up {found}",)
         return ()
 
@@ -117,8 +117,8 @@ class FurtherSensors:
             loads.append(piece.in_band(np.asarray(signals.get("load", own))))
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
-        largest = float(np.quantile(np.abs(carried), 0.99))
-        use = motion.moving(own) & (np.abs(carried) > _LOADED * largest)
+        largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
+        use = motion.moving(own) & (np.abs(carried) > LOADED * largest)
         torque = carried[use] / largest
         base = np.array([np.ones_like(torque), torque, torque**3])
         step = _beyond(base, np.sign(torque))
@@ -127,12 +127,12 @@ class FurtherSensors:
             return ()
         # No gap is negative; what comes out below zero is how far a spring's curve departs from a cubic.
         shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
-        apart, spread = shown - modelled, _SIGMAS * float(np.hypot(there.spread, has.spread))
-        alike = min(shown, modelled) > HALF * max(shown, modelled)
+        apart, spread = shown - modelled, SENSOR_SIGMAS * float(np.hypot(there.spread, has.spread))
+        alike = min(shown, modelled) > HALF_OF_TORQUE * max(shown, modelled)
         if apart > 0 and model.library.effects[candidate.term.effect].generalises:
             # It is more than a spring: a wider gap is a matter of its values.
             return ()
-        if alike or abs(apart) < max(spread, _OF_TWIST * float(np.std(both[0, use]))):
+        if alike or abs(apart) < max(spread, OF_TWIST * float(np.std(both[0, use]))):
             return ()
         unit = model.joints[own].position_unit
         play = f"{abs(2 * apart):.2g} ± {2 * spread:.1g} {unit}"
@@ -198,9 +198,9 @@ class FurtherSensors:
         found = echo(np.concatenate(torques), np.concatenate(seen)) if torques else None
         if found is None:
             return ()
-        if side == "link" and found.below(HALF):
+        if side == "link" and found.below(HALF_OF_TORQUE):
             return (f"the torque sensor at the output does not feel it, as it would on the link: {found}",)
-        if side == "motor" and found.above(HALF):
+        if side == "motor" and found.above(HALF_OF_TORQUE):
             return (f"the torque sensor at the output feels it, as it would not on the motor: {found}",)
         return ()
 

@@ -16,29 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import LEAST_OWN, CandidateBlock, Ground, vuong
+from runtime.diagnosis.evidence import CandidateBlock, Ground, vuong
 from runtime.diagnosis.further_sensors import FurtherSensors
+from runtime.diagnosis.settings import (
+    BIC_APART,
+    FINALISTS,
+    FINALISTS_OF_A_JOINT,
+    LEAST_DELTA_BIC,
+    LEAST_EFFECT,
+    LEAST_ERROR_FALL,
+    LEAST_LIKELIHOOD_GAIN,
+    LEAST_OWN,
+    LEAST_SHARE,
+    MOST_NOISE,
+    OF_WHAT_IS_LEFT,
+    VUONG_APART,
+    WORTH_A_LOOK,
+)
 from runtime.estimation.folds import NormalEquations
 from runtime.model.terms import Term, joints_of
 from runtime.wording import whole
 
 Array = NDArray[np.float64]
 
-LEAST_DELTA_BIC = 30.0
-LEAST_LIKELIHOOD_GAIN = 15.0
-LEAST_ERROR_FALL = 0.01
-LEAST_EFFECT = 0.15
-LEAST_SHARE = 0.2
-MOST_NOISE = 0.4
-"""Part of its own torque (of the square) that a second reading of the encoders may change."""
-VUONG_APART = 2.33
-BIC_APART = 10.0
 _EXPLAINS = "it explains"
-_FINALISTS = 8
-_OF_WHAT_IS_LEFT = 0.3
-_OF_A_JOINT = 3
-_WORTH = 0.004
-"""Fall of the squared error on the excerpt from which a candidate is looked at on the whole; of one joint."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ class Figures:
         least = LEAST_LIKELIHOOD_GAIN
         yield gain > least, f"held-out log-likelihood gains {whole(gain)}, not {least:g}"
         fall = 1 - np.sqrt(max(1 - self.cv_gain, 0.0))
-        yield bool(fall > LEAST_ERROR_FALL), "held-out error does not fall by 1 %"
+        yield bool(fall > LEAST_ERROR_FALL), f"held-out error does not fall by {100 * LEAST_ERROR_FALL:g} %"
 
 
 @dataclass
@@ -289,7 +290,7 @@ def rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) 
         equations = ground.equations(block)
         error, left = float(equations.held_out[0].sum()), ground.residual(equations.coefficients, block)
         # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
-        if error > _OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.rows, left, strict=True)):
+        if error > OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.rows, left, strict=True)):
             finalists.append(candidate)
             blocks.append(block)
             held.append(error)
@@ -314,11 +315,11 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     errors = {c.term: held(c) for c in found}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
-    least = (1 - _WORTH / field.model.n) * float(ground.equations(None).held_out[0].sum())
-    hopeful = [c for c in scored if errors[c.term] < least] or scored[:_OF_A_JOINT]
-    chosen = hopeful[:_FINALISTS]
+    least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.equations(None).held_out[0].sum())
+    hopeful = [c for c in scored if errors[c.term] < least] or scored[:FINALISTS_OF_A_JOINT]
+    chosen = hopeful[:FINALISTS]
     for joint in {c.term.joint for c in hopeful}:
-        of_joint = [c for c in hopeful if c.term.joint == joint][:_OF_A_JOINT]
+        of_joint = [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
         chosen += [c for c in of_joint if c not in chosen]
     chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
     return chosen

@@ -14,6 +14,7 @@ from typing import Any
 from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank
 from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
 from runtime.estimation.compare import series
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
@@ -22,11 +23,6 @@ from runtime.model.terms import Structure, Term
 
 Wider = Callable[[], tuple[Model, Collection[str]]]
 """Opens the same arm with a library that holds guesses, too, and says which of its effects are guesses."""
-
-_FINALISTS = 3
-"""Of each number of parameters, how many guesses meet in the last comparison."""
-_REACH = 0.95
-"""Part of the best guess's fall of BIC from which a simpler one is preferred to it."""
 
 
 @dataclass(frozen=True)
@@ -102,13 +98,13 @@ def _rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float])
     finalists: list[Term] = []
     for size in sorted({len(info[t.effect].parameters) for t in terms}):
         equals = [t for t in terms if len(info[t.effect].parameters) == size]
-        finalists += [e.term for e in rank(field, equals, floors).ranked[:_FINALISTS]]
+        finalists += [e.term for e in rank(field, equals, floors).ranked[:GUESS_FINALISTS]]
     return rank(field, finalists, floors)
 
 
 def _nearly_best(verdict: Verdict) -> list[Evidence]:
     """Those within reach of the best, the one with the fewest parameters first."""
-    least = _REACH * verdict.ranked[0].delta_bic
+    least = GUESS_REACH * verdict.ranked[0].delta_bic
     near = [e for e in verdict.ranked if e.passes and e.delta_bic >= least]
     return sorted(near, key=lambda e: (e.parameters, -e.delta_bic))
 

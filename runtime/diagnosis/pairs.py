@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, Ground
+from runtime.diagnosis.settings import PAIR_BEAM, PAIR_SHIFT
 from runtime.model.terms import Term
 
 Array = NDArray[np.float64]
-
-_BEAM = 6
-_SHIFT = 0.05
-"""Of a grid's step: how far a shape is moved to see what its error would do."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,7 @@ class CandidatePair:
 def search(field: CandidateField, candidates: Sequence[Candidate]) -> list[CandidatePair]:
     """The best partner for each of the best candidates, the best pair first."""
     found: dict[frozenset[Term], CandidatePair] = {}
-    for first in sorted(candidates, key=lambda c: -c.gain)[:_BEAM]:
+    for first in sorted(candidates, key=lambda c: -c.gain)[:PAIR_BEAM]:
         pair = _partner(field, first)
         if pair is not None:
             key = frozenset(pair.terms)
@@ -72,7 +69,7 @@ def _beside(field: CandidateField, first: Candidate) -> tuple[Ground, float]:
     theta = np.append(1.0, solution.coefficients[ground.size :])
     moves = []
     for name in field.moving(first.term):
-        step = _SHIFT * field.grid_step(first, name)
+        step = PAIR_SHIFT * field.grid_step(first, name)
         logarithmic = field.logarithmic(first.term)
         at = first.shape[name]
         shape = {**first.shape, name: at * float(np.exp(step)) if logarithmic else at + step}

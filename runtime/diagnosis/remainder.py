@@ -5,20 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.diagnosis.search import Step
+from runtime.diagnosis.settings import (
+    ABOVE_NOISE,
+    BURST_POWER,
+    FORM_ABOVE_NOISE,
+    FORM_PART,
+    LEAST_WHITE,
+    SLOW_AND_BURSTS,
+    SLOW_DENSITY,
+    TIMES_SAID,
+)
 from runtime.estimation.compare import structure_shares
 from runtime.model.loader import EffectInfo
 from runtime.motion import spectrum
-
-_ABOVE_NOISE = 1.15
-_FORM = 0.1
-_FORM_ABOVE_NOISE = 1.03
-"""Part of the variance that comes back, and level over the instruments' noise, from which a named effect leaves
-something that its law should have explained."""
-_SLOW = 3.2
-_BURST = 5.0
-_BOTH = (2.3, 3.0)
-"""Slow parts and bursts that together are no chance, though neither would be enough."""
-_MOST_TIMES = 5
 
 
 def remainder(step: Step, joint: int) -> str | None:
@@ -30,7 +29,7 @@ def physics(step: Step, joint: int) -> str | None:
     """That something comes back with the motion, in words."""
     s = step.joints[joint]
     # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
-    if s.floor.repeatable(s.rms) and s.rms > _ABOVE_NOISE * s.floor.spectrum:
+    if s.floor.repeatable(s.rms) and s.rms > ABOVE_NOISE * s.floor.spectrum:
         part = min(1.0, ((s.floor.repeating or 0.0) / s.rms) ** 2)
         return (
             f"{100 * part:.0f} % of its variance comes back with the motion, so physics is left: "
@@ -61,7 +60,7 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
     """What is left at a joint (0-based) once an effect was named and added, in words; None if it is noise."""
     s = step.joints[joint]
     part = (s.floor.repeating or 0.0) ** 2 / s.rms**2 if s.rms else 0.0
-    if part < _FORM or s.rms < _FORM_ABOVE_NOISE * s.floor.spectrum:
+    if part < FORM_PART or s.rms < FORM_ABOVE_NOISE * s.floor.spectrum:
         return outside(step, joint)
     shares = structure_shares(s)
     strongest = max(shares, key=lambda name: shares[name])
@@ -80,17 +79,17 @@ def outside(step: Step, joint: int) -> str | None:
     signs = []
     noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
     read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
-    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
+    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), LEAST_WHITE * s.rms**2) if use.any() else 1.0
     worst, rows = spectrum.bursts(residual, use, white + _smooth(read**2, motion.row_rate), motion.row_rate)
     slow = spectrum.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
-    both = slow > _BOTH[0] and worst > _BOTH[1]
+    both = slow > SLOW_AND_BURSTS[0] and worst > SLOW_AND_BURSTS[1]
     line = spectrum.strongest_line(residual, motion.row_rate)
     if line is not None:
         signs.append(f"{100 * line.share:.0f} % of it is at {line.frequency:.2f} Hz")
-    if (slow > _SLOW or both) and line is None:
+    if (slow > SLOW_DENSITY or both) and line is None:
         signs.append(f"it is {slow:.1f} times as dense at low frequencies as in the rest of the band")
-    if worst > _BURST or both:
-        times = ", ".join(f"{t:.0f}" for t in motion.row_time[rows][:_MOST_TIMES])
+    if worst > BURST_POWER or both:
+        times = ", ".join(f"{t:.0f}" for t in motion.row_time[rows][:TIMES_SAID])
         signs.append(f"it comes in bursts, at {times} s")
     if not signs:
         return None

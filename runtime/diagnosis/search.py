@@ -10,8 +10,20 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.gates import BIC_APART, LEAST_DELTA_BIC, Evidence, Verdict, judge, rank
+from runtime.diagnosis.gates import Evidence, Verdict, judge, rank
 from runtime.diagnosis.pairs import CandidatePair
+from runtime.diagnosis.settings import (
+    BIC_APART,
+    CLEARLY_LESS,
+    HELD_OUT_FALLS_TO,
+    LEAST_DELTA_BIC,
+    LEAST_FALL,
+    LEAST_MOVING_S,
+    MOST_FINDINGS,
+    MOST_PAIRS,
+    MOST_RIVALS,
+    PAIR_WORTH_FITTING,
+)
 from runtime.estimation.compare import JointSeries, errors, series
 from runtime.estimation.folds import bic
 from runtime.estimation.identify import Identification, identify_motion
@@ -21,16 +33,6 @@ from runtime.model.terms import Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
-
-MOST_FINDINGS = 6
-LEAST_MOVING_S = 2.0
-_LEAST_FALL = 0.005
-_MOST_RIVALS = 4
-_CLEARLY_LESS = 0.01
-_WORTH_FITTING = 0.97
-_VOUCHED = 0.95
-"""To which part of its square the error on held-out recordings must fall."""
-_MOST_PAIRS = 2
 
 
 @dataclass(frozen=True)
@@ -199,12 +201,12 @@ class Search:
         (a bristle from dry friction) shows only when everything is refitted.
         """
         rivals = verdict.rivals if verdict else ()
-        contenders = [e for e in (verdict.ranked if verdict else ()) if e.term in rivals][:_MOST_RIVALS]
+        contenders = [e for e in (verdict.ranked if verdict else ()) if e.term in rivals][:MOST_RIVALS]
         best, after = evidence, self._with(step, evidence.candidate)
         for rival in contenders:
             other = self._with(step, rival.candidate)
             joint = joints_of(self.model, rival.term)[0]
-            if other.fitted.rms[joint] < (1 - _CLEARLY_LESS) * after.fitted.rms[joint]:
+            if other.fitted.rms[joint] < (1 - CLEARLY_LESS) * after.fitted.rms[joint]:
                 best, after = rival, other
         return best, after
 
@@ -212,10 +214,10 @@ class Search:
         """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any,
         by more than chance."""
         own = joints_of(self.model, term) if term.joint is None else (term.joint - 1,)
-        falls = any(after.fitted.rms[i] < (1 - _LEAST_FALL) * before.fitted.rms[i] for i in own)
+        falls = any(after.fitted.rms[i] < (1 - LEAST_FALL) * before.fitted.rms[i] for i in own)
         if before.held_out is None or after.held_out is None:
             return falls
-        return falls and sum(r**2 for r in after.held_out.relative) < _VOUCHED * sum(
+        return falls and sum(r**2 for r in after.held_out.relative) < HELD_OUT_FALLS_TO * sum(
             r**2 for r in before.held_out.relative
         )
 
@@ -228,8 +230,8 @@ class Search:
         found = pairs.search(ground, [e.candidate for e in self.last.ranked])
         found = [p for p in found if not self._taken_back & set(p.terms)]
         own = [p for p in found if taken in p.terms]
-        least = _WORTH_FITTING * own[0].gain if own else 0.0
-        others = [p for p in found if taken not in p.terms and p.gain > least][:_MOST_PAIRS]
+        least = PAIR_WORTH_FITTING * own[0].gain if own else 0.0
+        others = [p for p in found if taken not in p.terms and p.gain > least][:MOST_PAIRS]
         if not others:
             return None
         steps = [self._with(step, p.first, p.second) for p in others]

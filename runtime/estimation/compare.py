@@ -11,6 +11,16 @@ from numpy.typing import NDArray
 
 from runtime.estimation.identify import Identification, identify
 from runtime.estimation.regressors import Regressors, Signals
+from runtime.estimation.settings import (
+    FRICTION_RANGE,
+    FRICTION_SPEEDS,
+    HARDLY_POSITIVE,
+    INERTIA_CONFIGURATIONS,
+    MOST_BY_CHANCE,
+    MOST_CORRELATION,
+    STRUCTURE_BINS,
+    STRUCTURE_LEAST_SHARE,
+)
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
@@ -19,12 +29,6 @@ from runtime.motion.noise_floor import Floor, floor
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
-
-_BINS = 24
-_LEAST_SHARE = 0.02
-_CONFIGURATIONS = 60
-_HARDLY = 0.01
-"""Of the smallest eigenvalue of the file's own D: a fit that has less stopped at the bound."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,7 @@ def _pairs(regressors: Regressors) -> list[tuple[Signals, Any]]:
 def structure_json(series: JointSeries) -> list[dict[str, Any]]:
     """Signals over which the residual is structured, the first first, as `tendon compare --json` has them."""
     shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
-    return [{"signal": signal, "share": share} for signal, share in shares if share > _LEAST_SHARE]
+    return [{"signal": signal, "share": share} for signal, share in shares if share > STRUCTURE_LEAST_SHARE]
 
 
 def structure_shares(series: JointSeries) -> dict[str, float]:
@@ -170,7 +174,7 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
     """
     r = series.residual
     total = float(np.sum((r - r.mean()) ** 2)) if len(r) else 0.0
-    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * _BINS]
+    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * STRUCTURE_BINS]
     if total == 0 or not sides:
         return dict.fromkeys(series.signals(), 0.0)
     between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
@@ -178,7 +182,7 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
     for use in sides:
         part = r[use] - r[use].mean()
         weight = float(part @ part)
-        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, 0.999)) if weight else 0.0
+        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, MOST_CORRELATION)) if weight else 0.0
         independent = max(2.0, len(part) * (1 - lag) / (1 + lag))
         for name, values in series.signals().items():
             if name != "direction" and weight:
@@ -191,13 +195,13 @@ def _share(r: Array, total: float, values: Array, independent: float) -> float:
 
     Chance is the number of bins over the number of independent samples, from the correlation time.
     """
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, _BINS + 1)[1:-1]))
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, STRUCTURE_BINS + 1)[1:-1]))
     index = np.searchsorted(edges, values)
     count = np.bincount(index)
     explained = float(np.sum(np.bincount(index, weights=r) ** 2 / np.maximum(count, 1))) / total
     bins = int(np.count_nonzero(count))
     by_chance = (bins - 1) / max(independent - 1, bins)
-    return float(np.clip((explained - by_chance) / (1 - min(by_chance, 0.99)), 0.0, 1.0))
+    return float(np.clip((explained - by_chance) / (1 - min(by_chance, MOST_BY_CHANCE)), 0.0, 1.0))
 
 
 def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
@@ -256,12 +260,12 @@ def improper_inertia(identification: Identification) -> list[str]:
     model, motion = identification.model, identification.motion
     if motion.rigid_given:
         return []
-    q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in motion.pieces], axis=1)
+    q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // INERTIA_CONFIGURATIONS)] for p in motion.pieces], axis=1)
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
     fitted, given = (
         float(np.linalg.eigvalsh(np.moveaxis(model.inertia(q, x), 2, 0)).min()) for x in (lumps, model.lump_values)
     )
-    if fitted > _HARDLY * given:
+    if fitted > HARDLY_POSITIVE * given:
         return []
     return [
         "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
@@ -275,7 +279,7 @@ def range_warnings(identification: Identification) -> list[str]:
     found = []
     for i, joint in enumerate(model.joints):
         fastest = _fastest(motion, i)
-        turn = active_from(identification, i, 4 * fastest)
+        turn = active_from(identification, i, FRICTION_RANGE * fastest)
         if turn is not None:
             found.append(
                 f"joint {i + 1}: the friction found drives the joint from {turn:.3g} {joint.position_unit}/s on; "
@@ -291,7 +295,7 @@ def _fastest(motion: Motion, joint: int) -> float:
 def active_from(identification: Identification, joint: int, up_to: float) -> float | None:
     """Smallest speed up to which the joint's summed static friction stops dissipating; None if it never does."""
     model, prediction = identification.model, identification.fit.prediction
-    speeds = np.linspace(up_to / 400, up_to, 400)
+    speeds = np.linspace(up_to / FRICTION_SPEEDS, up_to, FRICTION_SPEEDS)
     worst: float | None = None
     for direction in (1.0, -1.0):
         total = np.zeros_like(speeds)

@@ -14,14 +14,18 @@ from runtime.model.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
+from runtime.estimation.settings import (
+    INTERVAL_SIGMAS,
+    SCORE_BLOCK_S,
+    SEPARABLE,
+    SHAPE_STEP,
+    TANGLED_SHARE,
+    VALUE_STEP,
+    VALUE_STEP_AT_0,
+)
 from runtime.wording import number
 
 Array = NDArray[np.float64]
-
-_BLOCK_S = 1.0
-_SIGMAS = 1.96
-_SEPARABLE = 1e-4
-_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     there = np.flatnonzero(np.diag(bread) > 0)
     part, scale = np.ix_(there, there), np.sqrt(np.diag(bread)[there])
     value, vector = np.linalg.eigh(bread[part] / np.outer(scale, scale))
-    unseen = value < _SEPARABLE**2 * value.max(initial=1e-300)
+    unseen = value < SEPARABLE**2 * value.max(initial=1e-300)
     inverse = np.where(unseen, 0.0, 1 / np.where(unseen, 1.0, value))
     inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
     # What no row says anything of has no end to its interval.
@@ -111,7 +115,7 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
     interval = None
     if fit.skew_free:
-        spread = _SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
+        spread = INTERVAL_SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
         interval = (fit.skew - spread, fit.skew + spread)
     return Inference(lumps, values, fit.skew, interval)
 
@@ -140,7 +144,7 @@ def shape_steps(problem: Problem, fit: Fit) -> list[tuple[Term, str, float]]:
         for name, value in fit.shapes[term].items():
             parameter = problem.model.library.effects[term.effect].parameter(name)
             if parameter.grid is not None and parameter.grid.continuous:
-                found.append((term, name, 1e-3 * abs(value) if value else 1e-3))
+                found.append((term, name, SHAPE_STEP * abs(value) if value else SHAPE_STEP))
     return found
 
 
@@ -157,7 +161,7 @@ def shape_derivative(problem: Problem, fit: Fit, term: Term, name: str, step: fl
 def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:
     size = len(jacobian[0])
     motion = problem.motion
-    block = np.floor(motion.row_time / _BLOCK_S).astype(int) + motion.row_piece * 1_000_000
+    block = np.floor(motion.row_time / SCORE_BLOCK_S).astype(int) + motion.row_piece * 1_000_000
     _, index = np.unique(block, return_inverse=True)
     scores = np.zeros((index.max() + 1, size))
     bread = np.zeros((size, size))
@@ -175,14 +179,14 @@ def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int
     """By index of an unknown, the names of those with which it can only be told together; null: of those `there`."""
     found: dict[int, set[str]] = {}
     for direction in null.T:
-        members = there[np.abs(direction) > _SHARE]
+        members = there[np.abs(direction) > TANGLED_SHARE]
         for k in members:
             found.setdefault(int(k), set()).update(names[int(j)] for j in members if j != k)
     return {k: tuple(sorted(others)) for k, others in found.items()}
 
 
 def _estimate(value: float, variance: float, unit: str, others: tuple[str, ...]) -> Estimate:
-    spread = _SIGMAS * float(np.sqrt(max(variance, 0.0)))
+    spread = INTERVAL_SIGMAS * float(np.sqrt(max(variance, 0.0)))
     told = not others and np.isfinite(spread)
     return Estimate(float(value), (float(value) - spread, float(value) + spread) if told else None, unit, others)
 
@@ -202,7 +206,7 @@ def _term_estimates(
     for k in range(len(where)):
         moved, moved_shape = coefficients.copy(), dict(shape)
         at = moved[k] if k < len(moved) else shape[free[k - len(moved)]]
-        step = 1e-5 * abs(at) if at else 1e-8
+        step = VALUE_STEP * abs(at) if at else VALUE_STEP_AT_0
         if k < len(moved):
             moved[k] += step
         else:

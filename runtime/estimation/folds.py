@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.least_squares import bounded, rank
+from runtime.estimation.settings import FOLDS
 
 Array = NDArray[np.float64]
-
-FOLDS = 10
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.regressors import Regressors
+from runtime.estimation.settings import GRID_EDGE
 from runtime.model.loader import ParameterInfo
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
-
-_EDGE = 0.02
 
 
 def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[float, float]:
@@ -93,7 +92,7 @@ def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
     values = axis(regressors, term, parameter, shape)
     ends = np.array([values[0], shape[parameter.name], values[-1]])
     x = np.log(np.maximum(ends, 1e-300)) if parameter.grid.spacing == "log" else ends
-    return bool(x[1] - x[0] < _EDGE * (x[2] - x[0]) or x[2] - x[1] < _EDGE * (x[2] - x[0]))
+    return bool(x[1] - x[0] < GRID_EDGE * (x[2] - x[0]) or x[2] - x[1] < GRID_EDGE * (x[2] - x[0]))
 
 
 def within(regressors: Regressors, term: Term, shape: Values) -> bool:

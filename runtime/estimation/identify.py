@@ -21,6 +21,19 @@ from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.problem import Fit, Problem, Skew
 from runtime.estimation.regressors import PREDICTED, Regressors
+from runtime.estimation.settings import (
+    HOLD,
+    NOMINAL_SKEW,
+    PREDICTION_PASSES,
+    SAME_INERTIA,
+    SEARCH_EVALUATIONS,
+    SEARCH_FALL,
+    SEARCH_INSIDE,
+    SEARCH_STEP,
+    SKEW_RANGE,
+    SKEW_SIGMAS,
+    SKEWS_APART,
+)
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, rigid_inertia
@@ -28,14 +41,6 @@ from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
-
-HOLD = (-0.25, 1.0)
-"""Samples between a torque and the encoder reading beside it that a hold can explain."""
-NOMINAL_SKEW = 0.5
-_SKEW_RANGE = (-3.5, 3.5)
-_SKEWS_APART = 0.25
-_SKEW_SIGMAS = 4.0
-_PASSES = 3
 
 
 def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
@@ -84,12 +89,12 @@ def solve(
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
     problem, fit = _refine(model, motion, known, shapes, at, free, prediction)
-    for _ in range(_PASSES - 1 if needs else 0):
+    for _ in range(PREDICTION_PASSES - 1 if needs else 0):
         before = fit.prediction.lumps
         if not _drivable(model, motion, needs, fit.prediction):
             break
         problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction)
-        if np.allclose(before, fit.prediction.lumps, rtol=1e-3):
+        if np.allclose(before, fit.prediction.lumps, rtol=SAME_INERTIA):
             break
     return problem, fit
 
@@ -145,13 +150,13 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     common = skew
     for _ in range(2):
         shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
-        common = Skew(float(np.clip(common.at + shift, *_SKEW_RANGE)), "shared")
+        common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
     solved = problem.solve(shapes, Skew(common.at, "each"))
     spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
     seen = spread > 0
-    own, margin = (common.at + solved.shifts)[seen], _SKEW_SIGMAS * spread[seen]
+    own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]
     low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
-    if low - high < _SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]:
+    if low - high < SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]:
         return replace(common, at=float(np.clip(common.at, *HOLD))), True
     nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
     held = problem.model.n > 1 and HOLD[0] <= nearest <= HOLD[1]
@@ -186,9 +191,9 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Te
         parts = problem.solve(unpack(z), skew).residual
         return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
 
-    z0 = np.clip((np.array(x0) - lo) / scale, 1e-6, 1 - 1e-6)
-    found = least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=1e-4, xtol=1e-4, ftol=1e-6, max_nfev=12)
-    return unpack(found.x)
+    z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
+    ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
+    return unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
 
 
 @dataclass(frozen=True)

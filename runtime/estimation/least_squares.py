@@ -9,20 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from runtime.estimation.settings import INERTIA_CUTS, INERTIA_MARGIN, OPTIMAL, RANK, RIDGES, SOLVER_ACCURACY, WELL_POSED
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_CUTS = 30
-_RANK = 1e-9
-_WELL_POSED = 1e-3
-"""Smallest pivot of a scaled Cholesky factor below which directions may be unseen."""
-_MARGIN = 1e-6
-_ACCURACY = 1e-8
-_OPTIMAL = 1e-10
-"""Of the largest moment per column's size: where the cost falls by less towards the inside, a bound is kept."""
-_RIDGES = (1e-12, 1e-9, 1e-6)
-"""Of the mean curvature: makes directions that the data do not see unique and moves nothing that they do see. The
-solver gives up where a Hessian is singular to rounding, or is not positive definite after the noise is taken off."""
 
 
 def solve(gram: Array, moment: Array, near: Array | None = None) -> Array:
@@ -42,11 +32,11 @@ def solve(gram: Array, moment: Array, near: Array | None = None) -> Array:
         return theta
     scaled = gram / np.outer(size, size)
     factor, failed = lapack.dpotrf(scaled, lower=True)
-    if not failed and np.diagonal(factor).min() > _WELL_POSED:
+    if not failed and np.diagonal(factor).min() > WELL_POSED:
         answer: Array = lapack.dpotrs(factor, moment / size, lower=True)[0] / size
         return answer
     value, vector = np.linalg.eigh(scaled)
-    seen = value > _RANK * value[-1]
+    seen = value > RANK * value[-1]
     begin = np.zeros(len(moment)) if near is None else near
     rest = moment / size - scaled @ (begin * size)
     return begin + (vector[:, seen] @ ((vector[:, seen].T @ rest) / value[seen])) / size
@@ -64,7 +54,7 @@ def rank(gram: Array) -> int:
     if not there.any():
         return 0
     value = np.linalg.eigvalsh(gram[np.ix_(there, there)] / np.outer(size[there], size[there]))
-    return int(np.sum(value > _RANK * value[-1]))
+    return int(np.sum(value > RANK * value[-1]))
 
 
 def bounded(gram: Array, moment: Array, lower: Array, upper: Array, near: Array | None = None) -> Array:
@@ -83,7 +73,7 @@ def bounded(gram: Array, moment: Array, lower: Array, upper: Array, near: Array 
         fall = (moment - gram @ theta) / size
         inward = np.where(loose, np.where(theta > lower, -fall, fall), 0.0)
         at = int(np.argmax(inward))
-        if inward[at] <= _OPTIMAL * float(np.max(np.abs(moment) / size)):
+        if inward[at] <= OPTIMAL * float(np.max(np.abs(moment) / size)):
             break
         tried, now_held = _released(gram, moment, lower, upper, near, theta, held, at)
         if _cost(gram, moment, tried) < _cost(gram, moment, theta):
@@ -171,10 +161,10 @@ def minimise(
     # What the program seeks is counted from there, so that its ridge holds it there.
     g, m, cuts = gram / np.outer(scale, scale), (moment - gram @ begin) / scale, []
     lowest, highest = (lower - begin) * scale, (upper - begin) * scale
-    for _ in range(_CUTS):
+    for _ in range(INERTIA_CUTS):
         cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
         a = np.array(cuts)
-        scaled = _quadratic_program(g, m, lowest, highest, a, _MARGIN - a @ (begin * scale))
+        scaled = _quadratic_program(g, m, lowest, highest, a, INERTIA_MARGIN - a @ (begin * scale))
         theta = begin + _snapped(scaled, lowest, highest) / scale
         cut = violated(theta)
         if cut is None:
@@ -184,7 +174,7 @@ def minimise(
 
 def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
     """Coefficients within the solver's accuracy of a bound, or beyond it, exactly on it."""
-    near = _ACCURACY * float(np.max(np.abs(theta), initial=0.0))
+    near = SOLVER_ACCURACY * float(np.max(np.abs(theta), initial=0.0))
     theta = np.where(theta < lower + near, lower, theta)
     return np.where(theta > upper - near, upper, theta)
 
@@ -193,7 +183,7 @@ def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, a: Array,
     """argmin ½ xᵀ g x − mᵀ x with lower <= x <= upper and a x >= least."""
     size, x = len(m), np.zeros(len(m))
     quiet = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
-    for ridge in _RIDGES:
+    for ridge in RIDGES:
         h = g + ridge * np.trace(g) / size * np.eye(size)
         solver = casadi.conic("fit", "qrqp", {"h": casadi.DM(h).sparsity(), "a": casadi.DM(a).sparsity()}, quiet)
         answer = solver(h=h, a=a, g=-m, lbx=lower, ubx=upper, lba=least, uba=np.full(len(a), np.inf))

@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Regressors
+from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure
 from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_CONFIGURATIONS = 60
-_KEPT_SYSTEMS = 8
 
 
 @dataclass(frozen=True)
@@ -195,7 +193,7 @@ class Problem:
         here = [t for t in self.layout.terms if joint in joints_of(self.model, t)]
         key = (joint, tuple((t, *shapes[t].values()) for t in here))
         if key not in self._systems:
-            if len(self._systems) > _KEPT_SYSTEMS * self.model.n:
+            if len(self._systems) > KEPT_SYSTEMS * self.model.n:
                 self._systems.clear()
             use = self.motion.moving(joint)
             x, fixed = self.rows(joint, shapes)
@@ -208,7 +206,9 @@ class Problem:
         """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
         if self.motion.rigid_given:
             return None
-        q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // _CONFIGURATIONS)] for p in self.motion.pieces], axis=1)
+        q = np.concatenate(
+            [p.q[:, :: max(1, p.q.shape[1] // INERTIA_CONFIGURATIONS)] for p in self.motion.pieces], axis=1
+        )
         value, vector = np.linalg.eigh(np.moveaxis(self.model.inertia(q, theta[self.layout.lumps]), 2, 0))
         worst = int(np.argmin(value[:, 0]))
         if value[worst, 0] > 0:

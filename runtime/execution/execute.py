@@ -24,7 +24,8 @@ from runtime.model.terms import Structure, Term
 from runtime.planning.trajectory import Trajectory
 from runtime.recordings.recording import Recording
 from runtime.simulation.plant import Plant
-from runtime.simulation.simulate import NOISE, RATE, Hidden, complete
+from runtime.simulation.settings import NOISE, RATE
+from runtime.simulation.simulate import Hidden, complete
 from runtime.simulation.true_effects import actual
 
 

@@ -22,14 +22,14 @@ from runtime.diagnosis.diagnose import diagnose
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, Repertoire, TorqueLimit, peaks, plans
 from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
+from runtime.experiments.settings import TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
-from runtime.simulation.simulate import MARGIN, NOISE, RATE, Hidden, SimulationError, parse_hidden
+from runtime.simulation.settings import MARGIN, NOISE, RATE
+from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
-
-_SEEDS = (1, 2)
 
 
 class ExperimentError(ValueError):
@@ -279,7 +279,7 @@ def propose(
     limit = TorqueLimit.of(bench)
     say("judging the pieces of motion")
     repertoire = Repertoire.of(bench, limit, Freedom())
-    seeds = [seed + s for s in _SEEDS]
+    seeds = [seed + s for s in TRIAL_SEEDS]
     choices = repertoire.choices()
     for choice in plans(choices):
         motion = repertoire.motion(choice)

@@ -15,13 +15,11 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.experiments.settings import CORNER_S, PAUSE
 from runtime.model.loader import JointInfo
-from runtime.simulation.simulate import MARGIN, RANGE, RATE, SPEED
+from runtime.simulation.settings import MARGIN, RANGE, RATE, SPEED
 
 Array = NDArray[np.float64]
-
-PAUSE = 0.4  # s at rest between pieces
-_SOFT = 0.05  # s over which a corner is rounded, twice
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def smooth(path: Array, seconds: float) -> Array:
     return np.convolve(np.convolve(padded, mean, "same"), mean, "same")[width:-width]
 
 
-def legs(corners: ArrayLike, speeds: ArrayLike, soft: float = _SOFT) -> Array:
+def legs(corners: ArrayLike, speeds: ArrayLike, soft: float = CORNER_S) -> Array:
     """Straight from 0 to each corner in turn and back to 0, at these speeds."""
     places = np.concatenate([[0.0], np.asarray(corners, dtype=float), [0.0]])
     pace = np.broadcast_to(np.asarray(speeds, dtype=float), len(places) - 1)
@@ -99,7 +97,7 @@ def over_the_range(speed: float, part: float = 1.0) -> Shape:
 
     def shape(envelope: Envelope, rng: np.random.Generator, ease: float) -> Array:
         reach = part * envelope.reach * rng.choice([-1.0, 1.0])
-        return legs([reach, -reach], ease * speed * envelope.speed, _SOFT / ease)
+        return legs([reach, -reach], ease * speed * envelope.speed, CORNER_S / ease)
 
     return shape
 
@@ -109,7 +107,7 @@ def _constant_speeds(envelope: Envelope, rng: np.random.Generator, ease: float) 
     speeds = ease * envelope.speed * rng.permutation(np.geomspace(0.01, 1.0, 8))
     far = np.minimum(envelope.reach, 1.2 * speeds) * rng.choice([-1.0, 1.0], len(speeds))
     corners = np.stack([far, np.zeros_like(far)], axis=1).ravel()
-    return legs(corners[:-1], np.repeat(speeds, 2), _SOFT / ease)
+    return legs(corners[:-1], np.repeat(speeds, 2), CORNER_S / ease)
 
 
 def _reversals(envelope: Envelope, rng: np.random.Generator, ease: float) -> Array:

@@ -10,26 +10,27 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.experiments.pieces import BROAD, PAUSE, Envelope, MotionPiece, in_sequence, pieces
+from runtime.experiments.pieces import BROAD, Envelope, MotionPiece, in_sequence, pieces
 from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
+from runtime.experiments.settings import (
+    LEAST_SECONDS,
+    LEAST_TIMES,
+    MEMORY_TORQUE,
+    MOST_PIECES,
+    NEAR_BEST,
+    ORDINARY_PIECE_SECONDS,
+    PAUSE,
+    SLOWER,
+    SLOWINGS,
+    SMALLER,
+    SURE,
+    VISIBLE,
+)
 from runtime.model.terms import joints_of
-from runtime.simulation.simulate import MARGIN, RATE, SimulationError, excitation
+from runtime.simulation.settings import MARGIN, RATE
+from runtime.simulation.simulate import SimulationError, excitation
 
 Array = NDArray[np.float64]
-
-_LEAST_SECONDS = 24.0
-"""A shorter motion is repeated: below, cross-validation has too little to hold out."""
-_SURE = 8.0
-"""Standard deviations by which a rival must miss the truth: a likelihood ratio well beyond chance."""
-_VISIBLE = 0.3
-"""Noise floors that a rival must leave of its own beside the base model: twice what a diagnosis asks for."""
-_NEAR_BEST = 0.7
-_MOST_PIECES = 4
-_MORE = 2.0
-_SMALLER = (1.0, 0.75, 0.5, 0.3)
-_SLOWER = 0.8
-_SLOWINGS = 8
-_ORDINARY_SECONDS = 16.0
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,11 @@ class PieceChoice:
 
     @property
     def visible(self) -> bool:
-        return min(s.rms for (_, other), s in self.separations.items() if other is None) > _VISIBLE
+        return min(s.rms for (_, other), s in self.separations.items() if other is None) > VISIBLE
 
     @property
     def enough(self) -> bool:
-        return self.visible and self.strength > _SURE
+        return self.visible and self.strength > SURE
 
     def _least(self, figure: str) -> float:
         against = [s for (_, other), s in self.separations.items() if other is not None]
@@ -107,7 +108,7 @@ class Repertoire:
 
     def choice(self, numbers: tuple[int, ...]) -> PieceChoice:
         once = sum(self.parts[k].shape[1] / RATE + PAUSE for k in numbers)
-        times = max(2, ceil(_LEAST_SECONDS / once))
+        times = max(LEAST_TIMES, ceil(LEAST_SECONDS / once))
         both = [k + half for half in (0, len(self.parts)) for k in numbers]
         return PieceChoice(numbers, times, times * once, self.ground.weigh(both, times / 2))
 
@@ -120,7 +121,7 @@ class Repertoire:
         found = [self.choice(numbers) for numbers in chosen]
         for key in ("rms", "strength"):
             best = max(found, key=lambda c: (getattr(c, key), -c.seconds))
-            while len(best.numbers) < min(_MOST_PIECES, len(self.parts)):
+            while len(best.numbers) < min(MOST_PIECES, len(self.parts)):
                 grown = [self.choice(tuple(sorted((*best.numbers, k)))) for k in count if k not in best.numbers]
                 best = max(grown, key=lambda c: getattr(c, key))
                 found.append(best)
@@ -141,7 +142,7 @@ def _subject(bench: TrialArm) -> list[int]:
 
 def _ordinary(bench: TrialArm) -> Array:
     """The ordinary excitation as a piece: displacements from the middle (n, N)."""
-    path = excitation(bench.model, np.random.default_rng(0), _ORDINARY_SECONDS, 1)
+    path = excitation(bench.model, np.random.default_rng(0), ORDINARY_PIECE_SECONDS, 1)
     return path - np.array([[Envelope.of(joint).middle] for joint in bench.model.joints])
 
 
@@ -165,7 +166,7 @@ class TorqueLimit:
     def of(cls, bench: TrialArm) -> TorqueLimit:
         largest = peaks(bench, bench.ordinary_path)
         for row, rival in zip(largest[1:], bench.rivals, strict=True):
-            row *= _MORE if bench.model.library.effects[rival.term.effect].states else np.inf
+            row *= MEMORY_TORQUE if bench.model.library.effects[rival.term.effect].states else np.inf
         for i, joint in enumerate(bench.model.joints):
             if joint.torque_limit is not None:
                 largest[:, i] = MARGIN * joint.torque_limit
@@ -179,7 +180,7 @@ def _within(bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, fac
     """Every piece as large and then as fast as the torques allow, without those that they do not allow at all."""
     subject = _subject(bench)
     found: dict[str, Array] = {}
-    for part in _SMALLER:
+    for part in SMALLER:
         envelopes = [replace(joint, reach=part * joint.reach) for joint in joints]
         for piece in pieces(envelopes, subject, lambda: _ordinary(bench)):
             made = _slowed(bench, joints, piece, limit, factor) if piece.name not in found else None
@@ -193,10 +194,10 @@ def _slowed(
 ) -> Array | None:
     """The piece as fast as the torques allow; None if they do not allow even the slowest."""
     # The slowest comes second: if it asks for too much, those between need not be tried.
-    for k in (0, _SLOWINGS, *range(1, _SLOWINGS)):
-        made = piece.make(_SLOWER**k)
+    for k in (0, SLOWINGS, *range(1, SLOWINGS)):
+        made = piece.make(SLOWER**k)
         allowed = limit.allows(bench, in_sequence([made], joints)[0], factor)
-        if k == _SLOWINGS:
+        if k == SLOWINGS:
             slowest = made
             if not allowed:
                 return None
@@ -213,11 +214,11 @@ def plans(choices: Sequence[PieceChoice]) -> Iterator[PieceChoice]:
     able = [c for c in choices if c.enough]
     if not able:
         surest = max((c.visible, c.strength) for c in choices)
-        near = [c for c in choices if (c.visible, c.strength) >= (surest[0], _NEAR_BEST * surest[1])]
+        near = [c for c in choices if (c.visible, c.strength) >= (surest[0], NEAR_BEST * surest[1])]
         yield min(near, key=lambda c: c.seconds)
         return
     best = max(able, key=lambda c: (c.rms, -c.seconds))
-    near = [c for c in able if c.rms >= _NEAR_BEST * best.rms]
+    near = [c for c in able if c.rms >= NEAR_BEST * best.rms]
     plainest = max(able, key=lambda c: (-len(c.numbers), c.rms))
     tried: list[tuple[int, ...]] = []
     for choice in (min(near, key=lambda c: c.seconds), plainest, best, max(able, key=lambda c: c.strength)):

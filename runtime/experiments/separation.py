@@ -22,18 +22,17 @@ from runtime.estimation.identify import prepared
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
 from runtime.estimation.regressors import Regressors
+from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
-from runtime.simulation.simulate import NOISE, Hidden, excitation, simulate
+from runtime.simulation.settings import NOISE
+from runtime.simulation.simulate import Hidden, excitation, simulate
 
 Array = NDArray[np.float64]
 
-_SECONDS, _REPEATS = 40.0, 2  # of the ordinary excitation
-
-_EXACT = 1e-4  # of a torque: no law is known better, and sums of squares are hardly
 
 Pair = tuple[int, int | None]
 """Numbers of the rival that is true and of the one that tries to explain it; None: nothing but the base model."""
@@ -62,7 +61,7 @@ class TrialArm:
     @classmethod
     def of(cls, model: Model, rivals: Sequence[Hidden], seed: int = 0, noise: float = NOISE) -> TrialArm:
         """`noise` as simulate() takes it, of the ordinary excitation's torque. Raises SimulationError."""
-        path = excitation(model, np.random.default_rng(seed), _SECONDS / _REPEATS, _REPEATS)
+        path = excitation(model, np.random.default_rng(seed), ORDINARY_SECONDS / ORDINARY_REPEATS, ORDINARY_REPEATS)
         plain, base = simulate(model, motion=path, noise=0.0)
         known = stated(model, base)
         complete = tuple(Hidden(r.term, simulate(known, [r], motion=path, noise=0.0)[1][r.term]) for r in rivals)
@@ -183,7 +182,7 @@ class MotionGround:
             moment = m[1:] - g[1:, 0]
             theta = bounded(g[1:, 1:], moment, lower, upper)
             least = min(least, float(fixed - 2 * theta @ moment + theta @ g[1:, 1:] @ theta))
-        return least - _EXACT**2 * whole
+        return least - EXACT**2 * whole
 
 
 def _shapes(bench: TrialArm, motion: Motion) -> list[list[dict[str, float]]]:

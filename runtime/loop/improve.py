@@ -8,7 +8,8 @@ from typing import Any
 
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_json
 from runtime.diagnosis.grammar_search import Wider
-from runtime.diagnosis.search import MOST_FINDINGS, Finding, Step
+from runtime.diagnosis.search import Finding, Step
+from runtime.diagnosis.settings import MOST_FINDINGS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording

@@ -16,20 +16,27 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from runtime.motion.filters import differentiator
+from runtime.motion.settings import (
+    CUTOFF_OF_SAMPLING,
+    DENSITY_SEGMENT,
+    ENCODER_SHARE,
+    ENOUGH_FOR_NOISE,
+    EXCITATION_CAUTION,
+    EXCITATION_WINDOW_S,
+    HIGHEST_CUTOFF,
+    LOWEST_CUTOFF,
+    SEGMENT_HALVES,
+    STEP_OF_ALL,
+    STEP_ONE,
+    STEP_QUANTILE,
+    STEP_ROUNDED,
+    STEP_SINGLE,
+    WHITE_FROM,
+    WHITE_TO,
+)
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
-
-_HIGHEST = 100.0
-_LOWEST = 8.0
-_OF_SAMPLING = 0.2
-_SEGMENT = 1024
-_ENOUGH = 200_000
-"""Samples from which the instruments' noise is known well enough."""
-_WINDOW_S = 1.0
-_CAUTION = 2.0
-_ENCODER_SHARE = 0.25
-"""Encoder noise as an inertial torque, relative to the torque noise in the band (variances)."""
 
 
 @dataclass(frozen=True)
@@ -48,37 +55,37 @@ class Band:
         return np.sqrt(self.torque_density * self.cutoff)
 
 
-def white_density(x: Array, rate: float, low: float = 0.3, high: float = 0.45) -> float:
-    """One-sided density of the white noise in x, from `low` to `high` of the sampling rate.
+def white_density(x: Array, rate: float) -> float:
+    """One-sided density of the white noise in x, near half the sampling rate, where no joint moves.
 
     Medians over time and frequency, so that shocks and single lines do not count as noise.
     """
-    f, density = welch(x[:_ENOUGH], rate, nperseg=min(_SEGMENT, len(x)), average="median")
-    inside = (f > low * rate) & (f < high * rate)
+    f, density = welch(x[:ENOUGH_FOR_NOISE], rate, nperseg=min(DENSITY_SEGMENT, len(x)), average="median")
+    inside = (f > WHITE_FROM * rate) & (f < WHITE_TO * rate)
     return float(np.median(density[inside]))
 
 
 def resolution(q: Array) -> float:
     """The step of which nearly all differences of q (N,) are multiples; 0 if there is none."""
-    steps = np.abs(np.diff(q[:_ENOUGH]))
+    steps = np.abs(np.diff(q[:ENOUGH_FOR_NOISE]))
     steps = steps[steps > 1e-12 * (np.ptp(q) + 1e-300)]
     if not len(steps):
         return 0.0
     # Printed digits round each position, hence each step by a little.
-    least = float(np.quantile(steps, 0.001))
-    size = float(np.median(steps[steps < 1.5 * least]))
+    least = float(np.quantile(steps, STEP_QUANTILE))
+    size = float(np.median(steps[steps < STEP_ONE * least]))
     multiples = steps / size
-    fits = np.abs(multiples - np.round(multiples)) < 0.1
-    return size if fits.mean() > 0.95 and (multiples < 1.5).mean() > 0.02 else 0.0
+    fits = np.abs(multiples - np.round(multiples)) < STEP_ROUNDED
+    return size if fits.mean() > STEP_OF_ALL and (multiples < STEP_ONE).mean() > STEP_SINGLE else 0.0
 
 
 def excitation(qdd: Array, rate: float, density: float) -> Array:
     """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
     the rest is noise of positions of this density."""
-    f, power = welch(qdd[:_ENOUGH], rate, nperseg=min(len(qdd), round(_WINDOW_S * rate)) // 2 * 2)
+    f, power = welch(qdd[:ENOUGH_FOR_NOISE], rate, nperseg=min(len(qdd), round(EXCITATION_WINDOW_S * rate)) // 2 * 2)
     noise = density * (2 * np.pi * f) ** 4
-    part = np.clip(1 - _CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
-    return np.where(f < _LOWEST, 1.0, part)
+    part = np.clip(1 - EXCITATION_CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
+    return np.where(f < LOWEST_CUTOFF, 1.0, part)
 
 
 def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
@@ -89,8 +96,8 @@ def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
     for r in recordings:
         if r.tau_rigid is None:
             return None
-        derive = differentiator(_LOWEST, 1 / r.dt)
-        for s in (s for s in r.segments if s.stop - s.start > 4 * derive.half):
+        derive = differentiator(LOWEST_CUTOFF, 1 / r.dt)
+        for s in (s for s in r.segments if s.stop - s.start > SEGMENT_HALVES * derive.half):
             qdd = np.array([derive(row)[2] for row in r.q[:, s]])
             moment += np.sum(qdd * r.tau_rigid[:, s.start + derive.half : s.stop - derive.half], axis=1)
             square += np.sum(qdd**2, axis=1)
@@ -112,14 +119,14 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
         position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
     with np.errstate(divide="ignore"):
-        balance = (5 * _ENCODER_SHARE * torque / (inertia**2 * position)) ** 0.25 / (2 * np.pi)
+        balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
     joint = int(np.argmin(balance))
-    ceiling = min(_HIGHEST, _OF_SAMPLING * rate)
-    cutoff = float(np.clip(balance[joint], _LOWEST, ceiling))
+    ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
+    cutoff = float(np.clip(balance[joint], LOWEST_CUTOFF, ceiling))
     cutoff = float(f"{cutoff:.3g}")
     if balance[joint] >= ceiling:
         reason = f"the position is clean enough for the whole band up to {cutoff:g} Hz"
-    elif balance[joint] <= _LOWEST:
+    elif balance[joint] <= LOWEST_CUTOFF:
         reason = f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
     else:
         who = f"the encoder noise of joint {joint + 1}"

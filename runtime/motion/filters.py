@@ -14,12 +14,19 @@ from numpy.typing import NDArray
 from scipy.signal import firwin, kaiserord, oaconvolve
 
 from runtime.model.loader import Library
+from runtime.motion.settings import (
+    BAND_OF_SAMPLING,
+    BAND_STOPBAND_DB,
+    MOST_DELAY,
+    ROWS_OVER_CUTOFF,
+    SMOOTHING_OF_SAMPLING,
+    SMOOTHING_OVER_CUTOFF,
+    SMOOTHING_STOPBAND_DB,
+    STOPBAND_OF_SAMPLING,
+    TRANSITION,
+)
 
 Array = NDArray[np.float64]
-
-SMOOTHING_OVER_CUTOFF = 3.0
-"""The position's smoothing stops at this multiple of the cut-off: inside the band it is flat."""
-_STOPBAND_DB = 70.0
 
 
 @dataclass(frozen=True)
@@ -47,9 +54,9 @@ def differentiator(cutoff: float, rate: float) -> Differentiator:
     frequency; the moments are then made exact, so that constants, ramps and parabolas come out
     exactly (a droop at DC would be read as an offset or a spring).
     """
-    cutoff = min(cutoff, 0.45 * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
-    passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, 0.499 * rate)
-    taps, beta = kaiserord(_STOPBAND_DB, (stopband - passband) / (rate / 2))
+    cutoff = min(cutoff, SMOOTHING_OF_SAMPLING * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
+    passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, STOPBAND_OF_SAMPLING * rate)
+    taps, beta = kaiserord(SMOOTHING_STOPBAND_DB, (stopband - passband) / (rate / 2))
     taps |= 1
     smoothing = firwin(taps, (passband + stopband) / rate, window=("kaiser", beta))
     pad, size = taps // 2, 8 * taps
@@ -102,12 +109,12 @@ class LowPass:
     library: Library
 
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
-        """x (..., N) -> (..., M): in-band samples at centres(N), of x delayed by `delay` samples (|delay| < 4)."""
+        """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
         return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
 
     def _kernel(self, delay: float) -> Array:
         n = np.arange(-self.half, self.half + 1) - delay
-        inside = np.clip(1 - (n / (self.half + 4.0)) ** 2, 0, None)
+        inside = np.clip(1 - (n / (self.half + MOST_DELAY)) ** 2, 0, None)
         window = np.i0(self.beta * np.sqrt(inside))
         kernel = np.sinc(2 * self.cutoff / self.rate * n) * window
         kernel /= kernel.sum()
@@ -126,6 +133,6 @@ class LowPass:
 
 def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
     """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
-    cutoff = min(cutoff, 0.39 * rate)
-    taps, beta = kaiserord(60.0, 0.5 * cutoff / (rate / 2))
-    return LowPass(cutoff, rate, max(1, int(rate / (2.5 * cutoff))), taps // 2, beta, library)
+    cutoff = min(cutoff, BAND_OF_SAMPLING * rate)
+    taps, beta = kaiserord(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
+    return LowPass(cutoff, rate, max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff))), taps // 2, beta, library)

@@ -14,23 +14,24 @@ from runtime.motion import sensors
 from runtime.motion.band import Band, excitation
 from runtime.motion.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
 from runtime.motion.sensors import NOTHING, Sensors, evenly
+from runtime.motion.settings import (
+    EXCERPT_WINDOW_KERNELS,
+    EXCERPT_WINDOWS,
+    HELD_RANGE,
+    LEAST_ROWS,
+    STANDSTILL_BLUR,
+    STANDSTILL_NOISE,
+    STANDSTILL_OF_TOP_SPEED,
+    STANDSTILL_PERIODS,
+    STANDSTILL_S,
+    STANDSTILL_SHARP_HZ,
+    TEMPERATURE_START,
+    TEMPERATURE_WINDOW_S,
+)
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_STANDSTILL_S = 0.004
-_SHARP_HZ = 50.0
-_BLUR = 2.1
-_MOST_PERIODS = 0.85
-"""Rows this close to standstill are left out: there the sign of the rate is noise. Below the sharp cut-off the encoder
-limits the band, and blurs when standstill was: by the filter's length, and by what the rate's noise makes of it; up to
-that part of a period of the cut-off."""
-_HELD = {"revolute": 5e-3, "prismatic": 5e-4}
-"""rad, m: a joint that never leaves a range like this is held by its friction, which has no direction then."""
-_NOISE_MULTIPLE = 4.0
-_OF_TOP_SPEED = 0.002
-_WINDOWS = 8
 
 
 @dataclass(frozen=True)
@@ -187,10 +188,10 @@ class Motion:
 
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
-    """At most _WINDOWS windows, each long against the filter, that begin on rows of the band."""
+    """At most EXCERPT_WINDOWS windows, each long against the filter, that begin on rows of the band."""
     factor, taps = piece.low_pass.factor, 2 * piece.low_pass.half + 1
-    length = max(samples // _WINDOWS, 10 * taps)
-    count = max(1, min(_WINDOWS, samples // length))
+    length = max(samples // EXCERPT_WINDOWS, EXCERPT_WINDOW_KERNELS * taps)
+    count = max(1, min(EXCERPT_WINDOWS, samples // length))
     starts = np.linspace(0, max(0, len(piece.t) - length), count) // factor * factor
     return [slice(int(s), int(s) + length) for s in starts]
 
@@ -198,8 +199,8 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
 def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
     still = np.abs(piece.qd[joint]) < standstill
     cutoff = piece.low_pass.cutoff
-    blurred = min(_STANDSTILL_S * (_SHARP_HZ / cutoff) ** _BLUR, _MOST_PERIODS / cutoff)
-    near = max(_STANDSTILL_S, blurred)
+    blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
+    near = max(STANDSTILL_S, blurred)
     reach = max(1, round(near / piece.dt))
     count = np.concatenate([[0], np.cumsum(still)])
     lo = np.clip(piece.centres - reach, 0, len(still))
@@ -218,7 +219,7 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         rate = 1 / recording.dt
         derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate, library)
         for segment in recording.segments:
-            if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + 10 * band_filter.factor:
+            if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + LEAST_ROWS * band_filter.factor:
                 piece = _piece(recording, number, segment, derive, band_filter, band)
                 pieces.append(replace(piece, sensors=sensors.read(recording, segment, derive, common)))
     if not pieces:
@@ -228,9 +229,9 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     top = np.max([np.abs(p.qd).max(axis=1) for p in pieces], axis=0)
     smoothing = 2 * band.cutoff
     noise = np.sqrt(band.position_density * (2 * np.pi) ** 2 * smoothing**3 / 3)
-    standstill = np.maximum(_NOISE_MULTIPLE * noise, _OF_TOP_SPEED * top)[:n]
+    standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)[:n]
     low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
-    held = high - low < [_HELD[kind] for kind in recordings[0].types]
+    held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
     motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
@@ -251,7 +252,8 @@ def _piece(
         temperature = recording.temperature[i] if i < len(recording.temperature) else None
         if temperature is not None:
             measured[i] = True
-            warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - np.median(temperature[:200])
+            start = np.median(temperature[:TEMPERATURE_START])
+            warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - start
     times = recording.t[segment] - recording.t[first]
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     t = times[0] + dt * (derive.half + np.arange(parts[0][0].size))
@@ -267,7 +269,7 @@ def _piece(
 
 def _smooth_temperature(x: Array, dt: float) -> Array:
     """Moving mean over a second: gears warm slowly, sensors are coarse."""
-    width = min(len(x), max(1, round(1.0 / dt)) | 1)
+    width = min(len(x), max(1, round(TEMPERATURE_WINDOW_S / dt)) | 1)
     padded = np.pad(x, width // 2, mode="edge")
     total = np.concatenate([[0.0], np.cumsum(padded)])
     return (total[width:] - total[:-width]) / width

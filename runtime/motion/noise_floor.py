@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Repeats
+from runtime.motion.settings import LASTING
 
 Array = NDArray[np.float64]
-
-_LASTING = 0.33
-"""Part of the residual's variance that must come back with the motion to count as repeatable."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Floor:
         """Whether the residual comes back with the motion; None where no motion was repeated."""
         if self.repeating is None:
             return None
-        return self.repeating**2 > _LASTING * rms**2
+        return self.repeating**2 > LASTING * rms**2
 
 
 def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: Array) -> Floor:

@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from runtime.motion.motion import Motion, Piece
+from runtime.motion.settings import (
+    REPEAT_ALIKE,
+    REPEAT_ALIKE_RATE,
+    REPEAT_LEAST_ROWS,
+    REPEAT_LEAST_S,
+    REPEAT_LEAST_TRAVEL,
+    REPEAT_SEARCH_HZ,
+    REPEAT_WINDOW_S,
+    REPEAT_WINDOWS,
+)
 
 Array = NDArray[np.float64]
-
-_WINDOW_S = 2.0
-_SEARCH_HZ = 50.0
-_ALIKE = 0.003
-_LEAST_S = 4.0
-_MOST_WINDOWS = 60
-"""Of a long recording, how many windows are looked for in the rest of it."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Repeats:
         both = [(residual[p.first], residual[p.second], use[p.first] & use[p.second]) for p in self.pairs]
         a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
         b = np.concatenate([y[k] for _, y, k in both]) if both else np.zeros(0)
-        if len(a) < 100:
+        if len(a) < REPEAT_LEAST_ROWS:
             return None
         noise = float(np.mean((a - b) ** 2) / 2)
         repeating = float(np.mean(a * b))
@@ -60,31 +63,31 @@ def find(motion: Motion) -> Repeats:
         start += len(piece.centres)
     rows = sum(len(p.first) for p in pairs)
     seconds = rows / motion.row_rate
-    return Repeats(tuple(pairs) if seconds >= _LEAST_S else (), seconds)
+    return Repeats(tuple(pairs) if seconds >= REPEAT_LEAST_S else (), seconds)
 
 
 def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     factor = piece.low_pass.factor
-    stride = max(1, round(1 / (piece.dt * _SEARCH_HZ * factor)))
+    stride = max(1, round(1 / (piece.dt * REPEAT_SEARCH_HZ * factor)))
     # A joint that is held comes back to where its friction leaves it; that says nothing of the motion.
     free = np.isfinite(standstill)
     q, qd, standstill = piece.q[free][:, piece.centres], piece.qd[free][:, piece.centres], standstill[free]
     coarse = q[:, ::stride]
-    width = round(_WINDOW_S / (piece.dt * factor * stride))
+    width = round(REPEAT_WINDOW_S / (piece.dt * factor * stride))
     found = []
-    for begin in range(0, coarse.shape[1] - 2 * width, width * max(1, coarse.shape[1] // (width * _MOST_WINDOWS))):
+    for begin in range(0, coarse.shape[1] - 2 * width, width * max(1, coarse.shape[1] // (width * REPEAT_WINDOWS))):
         window = coarse[:, begin : begin + width]
-        if not np.any(np.ptp(window, axis=1) > 0.02 * np.ptp(q, axis=1)):
+        if not np.any(np.ptp(window, axis=1) > REPEAT_LEAST_TRAVEL * np.ptp(q, axis=1)):
             continue
         lag = _same_later(coarse, window, begin, width)
         if lag is not None:
             found.append(_align(q, begin * stride, width * stride, lag * stride, stride))
-    tolerance = _ALIKE * np.ptp(q, axis=1)
+    tolerance = REPEAT_ALIKE * np.ptp(q, axis=1)
     rows = []
     for first, second in found:
         alike = np.sqrt(np.mean((q[:, first] - q[:, second]) ** 2, axis=1)) < tolerance
         rates = np.sqrt(np.mean((qd[:, first] - qd[:, second]) ** 2, axis=1))
-        quick = rates < 0.03 * np.abs(qd).max(axis=1) + standstill
+        quick = rates < REPEAT_ALIKE_RATE * np.abs(qd).max(axis=1) + standstill
         if alike.all() and quick.all():
             rows.append((first, second))
     return rows

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from runtime.motion.filters import Differentiator
+from runtime.motion.settings import EVEN_GRID
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_EVEN = 0.02
-"""Of a period: instants that depart less from an even grid count as on it."""
 _NAMES = ("q_link", "tau_link", "tau_rigid", "force")
 
 
@@ -95,7 +94,7 @@ def evenly(t: Array, x: Array, smooth: bool = False) -> Array:
     smooth: they have derivatives, as positions have.
     """
     even = np.linspace(t[0], t[-1], len(t))
-    if np.abs(t - even).max() < _EVEN * (t[-1] - t[0]) / (len(t) - 1):
+    if np.abs(t - even).max() < EVEN_GRID * (t[-1] - t[0]) / (len(t) - 1):
         return x
     if smooth:
         between: Array = make_interp_spline(t, x, k=3, axis=1)(even)

@@ -11,14 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term
 from runtime.simulation.plant_equations import RATE_WIDTH, PlantEquations, PlantError, PlantInstant
+from runtime.simulation.settings import FINER, GROWTH, GROWTH_AT, STEP
 
 Array = NDArray[np.float64]
-
-STEP = 1 / 16_000
-"""s; the longest step of the integration: a tenth of a radian of the fastest resonance of a geared joint."""
-_FINER = (1, 2, 4, 8)
-_GROWTH = 1.2
-"""A mode that grows by more within one step is none of the arm's: the step is too long for it."""
 
 
 class Plant:
@@ -34,7 +29,7 @@ class Plant:
         self.model, self.terms, self.period = model, terms, period
         self._substeps = 0
         coarsest = max(1, ceil(period / STEP - 1e-9))
-        one = next(filter(self._is_stable, (self._stepping(k * coarsest) for k in _FINER)), None)
+        one = next(filter(self._is_stable, (self._stepping(k * coarsest) for k in FINER)), None)
         if one is None:
             raise PlantError(
                 f"{model.name}: the arm with these effects is too stiff for steps of {self.step:.2g} s; "
@@ -98,9 +93,9 @@ class Plant:
         n = self.model.n
         begin = np.asarray(self._start_of(self._equations)(np.zeros(n))).ravel()
         # At rest itself, a bristle's law has a kink.
-        begin[n : 2 * n] = 0.1 * self.widths
+        begin[n : 2 * n] = GROWTH_AT * self.widths
         growth = np.asarray(derivative(begin, np.zeros(n)))
-        return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < _GROWTH)
+        return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < GROWTH)
 
     def _suspects(self) -> list[Term]:
         """Effects of whose rates and deflections a high frequency can come."""

@@ -26,22 +26,25 @@ from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import Motion, Piece
 from runtime.recordings.recording import MIN_SAMPLES, Recording
+from runtime.simulation.settings import (
+    AT_REST,
+    COUNT,
+    MARGIN,
+    NOISE,
+    RANGE,
+    RATE,
+    RISE,
+    SHARE,
+    SIZING_CUTOFF,
+    SLOW,
+    SPEED,
+    WARM,
+    WARMING,
+)
 
 Array = NDArray[np.float64]
 
-RATE = 1000.0  # samples a second
-CUTOFF = 40.0  # Hz; what is sized here is sized at full rate, so it only completes the motion
-COUNT = {"revolute": 2 * np.pi / 200_000, "prismatic": 1e-6}  # rad, m
-NOISE = 0.03  # of each joint's torque, root mean square
-SHARE = 0.2  # of the same, for each coefficient of an effect of which nothing is said
-SPEED = {"revolute": 2.5, "prismatic": 0.3}  # where the model file states no limit
-RANGE = {"revolute": 1.0, "prismatic": 0.15}  # to either side of the middle
-AT_REST = 1e-9  # of the largest rate: below that it is rounding
-MARGIN = 0.9  # of the limits of speed and range
-WARM, RISE = 24.0, 20.0  # degC at the start, K at the end where temperatures are recorded
-WARMING = 0.35  # of the recording's length
 EXTRA = ("q_link", "tau_link", "temperature")
-SLOW = (0.01, 0.02, 0.04, 0.08, 0.16)  # parts of the largest speed
 
 
 class SimulationError(ValueError):
@@ -214,7 +217,7 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
     qd = np.where(np.abs(qd) < AT_REST * np.abs(qd).max(), 0.0, qd)
     none = np.zeros((n, count))
     warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
-    filters = low_pass(CUTOFF, rate, library), differentiator(CUTOFF, rate)
+    filters = low_pass(SIZING_CUTOFF, rate, library), differentiator(SIZING_CUTOFF, rate)
     exact = (Smoother(np.ones(1)),) * n
     return Piece(0, 1, 1 / rate, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
 
@@ -246,7 +249,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     """Parameters that give the term a visible and not absurd part of the torque."""
     info = model.library.effects[term.effect]
     silent = np.zeros(model.n)
-    band = Band(CUTOFF, "simulated", silent, silent, silent)
+    band = Band(SIZING_CUTOFF, "simulated", silent, silent, silent)
     motion = Motion(band, (piece,), np.zeros(model.n))
     regressors = Regressors(model, motion, Prediction(model.lump_values, others))
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
 from runtime.estimation.covariance import Estimate
-from runtime.estimation.identify import NOMINAL_SKEW, Identification, identify_motion, prepared
+from runtime.estimation.identify import Identification, identify_motion, prepared
+from runtime.estimation.settings import NOMINAL_SKEW
 from runtime.execution.execute import execute
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows, vuong
-from runtime.estimation.folds import FOLDS
+from runtime.estimation.settings import FOLDS
 
 
 def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Rows:

@@ -20,7 +20,8 @@ from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peak
 from runtime.experiments.separation import MotionGround, TrialArm, stated
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
-from runtime.simulation.simulate import MARGIN, RATE, SimulationError, read_motion, simulate
+from runtime.simulation.settings import MARGIN, RATE
+from runtime.simulation.simulate import SimulationError, read_motion, simulate
 from runtime.workspace import open_model
 
 DRIVE = Path(__file__).resolve().parents[2] / "symbolic" / "arms" / "drive.toml"

@@ -12,7 +12,8 @@ from runtime.model.loader import Model, load_library, load_model
 from runtime.model.terms import Term
 from runtime.recordings import recording
 from runtime.simulation import demo_plant
-from runtime.simulation.simulate import NOISE, SimulationError, parse_hidden, read_motion, simulate
+from runtime.simulation.settings import NOISE
+from runtime.simulation.simulate import SimulationError, parse_hidden, read_motion, simulate
 from symbolic.model_file import reader
 from tests import plants
 

@@ -1,0 +1,246 @@
+"""Every number on which a verdict rests, with its unit, its reason and its source.
+
+Where the source says "development recordings", the number was set by hand on simulated recordings with development
+seeds (tests/judge), for verdicts and not by a derivation; tests/benchmarks/test_thresholds.py shows what halving and
+doubling it does. "Trial of a method" is one on 15 effects in a joint, 45 recordings with and 44 without a hidden
+effect, before this program. "By construction" says that another number would contradict how the thing is built.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from runtime.estimation.settings import INTERVAL_SIGMAS
+
+# the gates of a candidate -------------------------------------------------------------------------------------------
+
+LEAST_DELTA_BIC: Final = 30.0
+"""natural logarithm, doubled; fall of BIC on whitened rows that a candidate must reach: on clean recordings 10 alone
+would have named something on 23 of 30; trial of a method."""
+
+LEAST_LIKELIHOOD_GAIN: Final = 15.0
+"""natural logarithm; gain of the cross-validated likelihood on whitened rows, half of what BIC must fall by; trial of a
+method."""
+
+LEAST_ERROR_FALL: Final = 0.01
+"""part of the cross-validated error, RMS; a smaller fall is no improvement that a user would add an effect for; trial
+of a method."""
+
+LEAST_EFFECT: Final = 0.15
+"""part of the noise floor; torque, RMS, that only this candidate explains: less drowns; trial of a method."""
+
+LEAST_SHARE: Final = 0.2
+"""part of the variance above the noise floor; a candidate that explains less of what is left is not what is missing; a
+quarter in the trial of a method, a fifth after development recordings with two effects."""
+
+MOST_NOISE: Final = 0.4
+"""part of its own torque, of the square; so much a second reading of the encoders may change before it is the encoder's
+torque and not the candidate's; development recordings with coarse encoders."""
+
+LEAST_OWN: Final = 1e-4
+"""part of a column's square; so much the base must leave of it for the column to count as the candidate's own: a
+hundredth of its size; development recordings."""
+
+OF_WHAT_IS_LEFT: Final = 0.3
+"""part of what is left; where an error, after the noise that is compensated for, is less, noise is most of it, and
+nothing is known of the rest; development recordings with coarse encoders."""
+
+# rivals -------------------------------------------------------------------------------------------------------------
+
+VUONG_APART: Final = 2.33
+"""standard deviations; two candidates are told apart beyond it: one per cent of a normal distribution, on one side;
+trial of a method."""
+
+BIC_APART: Final = 10.0
+"""natural logarithm, doubled; two candidates are told apart beyond it: "very strong" (Kass & Raftery 1995); trial of a
+method."""
+
+MOST_RIVALS: Final = 4
+"""number of rivals; so many are refitted as a whole beside the first; time."""
+
+CLEARLY_LESS: Final = 0.01
+"""part of the error, RMS; a rival that leaves so much less when all is refitted takes the first's place; development
+recordings."""
+
+# the search over candidates -----------------------------------------------------------------------------------------
+
+EXCERPT_SAMPLES: Final = 60_000
+"""samples; on so many shapes are searched for one joint, fewer for more, as the root of their number; time, and
+development recordings, on which verdicts did not suffer."""
+
+TRIED_SHAPES: Final = 4
+"""number of shapes; of the quick ranking the first are weighed with every coefficient within its bounds; development
+recordings."""
+
+REFINE_STEPS: Final = 14
+"""number of evaluations a shape parameter; a simplex has come to rest then; development recordings."""
+
+REFINE_START: Final = 0.5
+"""grid steps; the first simplex reaches halfway to the neighbour; by construction."""
+
+REFINE_REACH: Final = 1.5
+"""grid steps; a refined shape stays nearer, as the neighbours were tried; by construction."""
+
+REFINE_ACCURACY: Final = 0.02
+"""grid steps; a finer place changes no verdict; development recordings."""
+
+WORTH_A_LOOK: Final = 0.004
+"""part of the squared error on the excerpt, for one joint; a candidate whose fall is less is not looked at on the
+whole: it passes no gate there; time, and development recordings."""
+
+FINALISTS: Final = 8
+"""number of candidates; the best on the excerpt are refined and weighed on the whole; development recordings."""
+
+FINALISTS_OF_A_JOINT: Final = 3
+"""number of candidates; of every joint so many are among them, lest one joint fill the list; development recordings."""
+
+MOST_LAGS: Final = 12
+"""rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
+
+# pairs of effects ---------------------------------------------------------------------------------------------------
+
+PAIR_BEAM: Final = 6
+"""number of candidates; a partner is sought for each of the best; development recordings with two effects."""
+
+PAIR_SHIFT: Final = 0.05
+"""grid steps; so far a shape is moved to see what its error would do; between rounding and curvature."""
+
+PAIR_WORTH_FITTING: Final = 0.97
+"""part of the fall of the squared error with the single finding and its best partner; a pair without it must reach so
+much on the excerpt to be fitted on the whole; development recordings with two effects."""
+
+MOST_PAIRS: Final = 2
+"""number of pairs; so many are fitted on the whole; time."""
+
+# a finding, refitted ------------------------------------------------------------------------------------------------
+
+MOST_FINDINGS: Final = 6
+"""number of findings; an end to a search whose base model must be wrong; a choice."""
+
+LEAST_MOVING_S: Final = 2.0
+"""s; a joint that moves for less says nothing of an effect; development recordings."""
+
+LEAST_FALL: Final = 0.005
+"""part of the error, RMS; refitted as a whole, the error at the effect's joint must fall by more; development
+recordings."""
+
+HELD_OUT_FALLS_TO: Final = 0.95
+"""part of the squared error on held-out recordings; an effect must bring it below, which chance does not; development
+recordings."""
+
+# what is left when nothing more passes ------------------------------------------------------------------------------
+
+LEAST_EXPLAINED: Final = 0.5
+"""part of what is above the noise floor; findings must explain so much where physics is left after them, or they only
+came nearest; development recordings with forms that are not the library's."""
+
+FAR_MORE: Final = 1.8
+"""ratio of falls of BIC; a guess whose evidence is so much more than that of the findings says that these stand for it;
+development recordings with laws that the library lacks."""
+
+ABOVE_NOISE: Final = 1.15
+"""ratio to the instruments' noise; a residual must be above it before what comes back with the motion is called
+physics: coarse steps come back, too; development recordings."""
+
+FORM_PART: Final = 0.1
+"""part of the variance; if as much comes back with the motion after an effect was added, its law should have explained
+more; development recordings with forms that are not the library's."""
+
+FORM_ABOVE_NOISE: Final = 1.03
+"""ratio to the instruments' noise; the same for the residual's level; development recordings with forms that are not
+the library's."""
+
+SLOW_DENSITY: Final = 3.2
+"""ratio of densities; low frequencies over the rest of the band from which a disturbance from outside is called slow;
+development recordings with and without disturbances."""
+
+BURST_POWER: Final = 5.0
+"""ratio of variances; the second worst second over most seconds from which they are called bursts; development
+recordings with and without disturbances."""
+
+SLOW_AND_BURSTS: Final = (2.3, 3.0)
+"""ratios as of the two before; both together are no chance, though neither would be enough; development recordings with
+disturbances."""
+
+LEAST_WHITE: Final = 0.5
+"""part of the residual's variance; at least as much is taken to be the torque's noise where bursts are looked for,
+though the encoder's were estimated larger; by construction."""
+
+TIMES_SAID: Final = 5
+"""number of times; so many bursts are listed; a line on a page, it decides no verdict."""
+
+# contradictions -----------------------------------------------------------------------------------------------------
+
+CONTRADICTS: Final = 5.0
+"""standard deviations of a difference; two values of a parameter, of two recordings or of the file and the data,
+contradict each other beyond it: intervals are too narrow where a model is not exact (of eight none held the truth of a
+simulated elasticity); development recordings of one arm."""
+
+MATERIAL: Final = 0.1
+"""part of the larger value; two values that differ by less do not contradict each other, however certain they are;
+development recordings of one arm."""
+
+SIGMAS_OF_INTERVAL: Final = 2 * INTERVAL_SIGMAS
+"""standard deviations; width of a 95 % interval; normal distribution."""
+
+ONLY_NOISE: Final = 1.5
+"""ratio to the instruments' noise; a recording whose residual is below, fitted alone, holds nothing else; development
+recordings of two arms."""
+
+# further sensors ----------------------------------------------------------------------------------------------------
+
+HALF_OF_TORQUE: Final = 0.5
+"""part of a candidate's torque; between all of it and none of it; by construction."""
+
+LEAST_LAG: Final = 0.3
+"""part of a candidate's torque; a smaller lag of the link contradicts a transmission: inertia that is not well known
+scales the lag; development recordings with link-side encoders."""
+
+SENSOR_SIGMAS: Final = 3.0
+"""standard deviations; what a sensor says against a candidate must be as sure; three in a thousand of a normal
+distribution."""
+
+LARGEST_QUANTILE: Final = 0.99
+"""part of all rows; the largest transmitted torque without single peaks; a choice."""
+
+LOADED: Final = 0.25
+"""part of the largest transmitted torque; above it a gap's flanks surely touch; development recordings with link-side
+encoders."""
+
+OF_TWIST: Final = 0.2
+"""part of the twist's spread; a smaller error of a gap is a matter of its value and not of its being there; development
+recordings with link-side encoders."""
+
+# guesses ------------------------------------------------------------------------------------------------------------
+
+GUESS_FINALISTS: Final = 3
+"""number of guesses of each number of parameters; so many meet in the last comparison, simple ones, too; development
+recordings with laws that the library lacks."""
+
+GUESS_REACH: Final = 0.95
+"""part of the best guess's fall of BIC; a simpler one within it is preferred; development recordings with laws that the
+library lacks."""
+
+# detection limits ---------------------------------------------------------------------------------------------------
+
+LIMIT_SIGMAS: Final = 1.645
+"""standard deviations; with noise of another draw 95 % of recordings would still show the effect; normal distribution,
+on one side."""
+
+LIMIT_FINE: Final = 1.2
+"""ratio of an amount that is seen to one that is not; a search for the limit ends there; what a user would call the
+same limit, and time."""
+
+LIMIT_START: Final = 0.5
+"""part of the least effect that passes the gates; a search for the limit begins there; by construction."""
+
+LIMIT_DOUBLINGS: Final = 11
+"""number of doublings; from the start a thousand times as much is reached: an effect that is not seen then has no
+limit; a choice."""
+
+LIMIT_OF_ITS_OWN: Final = 1.5
+"""ratio of torque to that with the parameter at its weakest; below, others of the shape make it, as the flanks of a gap
+do; development recordings."""
+
+NO_TORQUE: Final = 1e-9
+"""part of the largest torque; below it is rounding; double precision."""

@@ -1,0 +1,70 @@
+"""Every number by which an experiment is chosen and confirmed, with its unit, its reason and its source.
+
+Where the source says "a choice", the number was set by hand, so that the experiments of the tests are short and their
+diagnoses right. The motions themselves are in pieces.py.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+# the bench ----------------------------------------------------------------------------------------------------------
+
+ORDINARY_SECONDS: Final = 40.0
+"""s; the ordinary excitation on which rivals are tried first: what a user records; a choice."""
+
+ORDINARY_REPEATS: Final = 2
+"""number of times; the motion comes back once within those seconds, for a floor from repeats; by construction."""
+
+EXACT: Final = 1e-4
+"""part of a torque; no law is known better, and sums of squares are hardly; a choice."""
+
+TRIAL_SEEDS: Final = (1, 2)
+"""numbers beside the user's seed; of the noise of the recordings on which a motion must hold; time."""
+
+# what is enough -----------------------------------------------------------------------------------------------------
+
+SURE: Final = 8.0
+"""standard deviations; by so many a rival must miss the truth: a likelihood ratio well beyond chance; a choice."""
+
+VISIBLE: Final = 0.3
+"""noise floors; so much a rival must leave of its own beside the base model: twice what a diagnosis asks for."""
+
+NEAR_BEST: Final = 0.7
+"""part of the best separation; of the motions that reach it the shortest is taken; a choice."""
+
+# how a motion is composed -------------------------------------------------------------------------------------------
+
+LEAST_SECONDS: Final = 24.0
+"""s; a shorter motion is repeated: below, cross-validation has too little to hold out; a choice."""
+
+LEAST_TIMES: Final = 2
+"""number of times; a motion that comes back gives a floor, and friction that changes with time shows; by
+construction."""
+
+MOST_PIECES: Final = 4
+"""number of pieces; a choice does not grow beyond; a user's patience."""
+
+ORDINARY_PIECE_SECONDS: Final = 16.0
+"""s; the ordinary excitation as one piece among others; a choice."""
+
+PAUSE: Final = 0.4
+"""s; at rest between pieces: long against the filters; by construction."""
+
+CORNER_S: Final = 0.05
+"""s; over which a corner is rounded, twice, so that no torque jumps; a choice."""
+
+# how large and how fast ---------------------------------------------------------------------------------------------
+
+SMALLER: Final = (1.0, 0.75, 0.5, 0.3)
+"""parts of the range; tried from the largest to the smallest until the torques allow it; a choice."""
+
+SLOWER: Final = 0.8
+"""ratio of speeds; one step slower where a piece asks for too much torque; a choice."""
+
+SLOWINGS: Final = 8
+"""number of steps; down to a sixth of the speed; a choice."""
+
+MEMORY_TORQUE: Final = 2.0
+"""ratio to the torque on the ordinary excitation; so much a rival with a memory may ask for where no limit is stated,
+lest it be driven into resonance; a choice."""

@@ -1,0 +1,206 @@
+"""Every number by which a recording is prepared, with its unit, its reason and its source.
+
+Where the source says "development recordings", the number was set by hand on simulated recordings with development
+seeds (tests/judge), for verdicts and not by a derivation; tests/benchmarks/test_thresholds.py shows what halving and
+doubling it does. "By construction" says that another number would contradict how the thing is built.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+# the band in which model and measurement are compared ---------------------------------------------------------------
+
+ENCODER_SHARE: Final = 0.25
+"""part of the torque noise's variance in the band; as much the encoder's noise, as an inertial torque, may have: then
+whatever smooths accelerations cannot pass for physics; development recordings, on which an encoder 50 times coarser in
+an unchanged band took 14 of 15 names away."""
+
+HIGHEST_CUTOFF: Final = 100.0
+"""Hz; geared joints are not moved faster than that, and every further row costs time; development recordings."""
+
+LOWEST_CUTOFF: Final = 8.0
+"""Hz; below, the motion itself would be cut off, however coarse the encoder; development recordings."""
+
+CUTOFF_OF_SAMPLING: Final = 0.2
+"""part of the sampling rate; the smoothing, which stops at three times the cut-off, has no room above; by
+construction."""
+
+ENOUGH_FOR_NOISE: Final = 200_000
+"""samples; from so many the instruments' noise is known well enough, and a long recording costs no more; time."""
+
+DENSITY_SEGMENT: Final = 1024
+"""samples; a spectrum's bins are then narrow against the stretch in which noise is looked for; by construction."""
+
+WHITE_FROM: Final = 0.3
+"""part of the sampling rate; from there on a joint does not move, and what is left is noise; development recordings."""
+
+WHITE_TO: Final = 0.45
+"""part of the sampling rate; above, filters of the instruments end the spectrum; development recordings."""
+
+EXCITATION_WINDOW_S: Final = 1.0
+"""s; short against a change of the motion, long against a period of the lowest cut-off; development recordings."""
+
+EXCITATION_CAUTION: Final = 2.0
+"""ratio; the encoder's noise is taken for so much denser when it is asked which part of an acceleration is motion: its
+estimate varies, and noise that passes for load is amplified at a resonance; development recordings."""
+
+SEGMENT_HALVES: Final = 4
+"""number of half kernels; a stretch must hold two kernels to tell an inertia from a rigid-body torque; by
+construction."""
+
+# the step of a position ---------------------------------------------------------------------------------------------
+
+STEP_QUANTILE: Final = 0.001
+"""part of all differences; the least of them may be an error of printing; development recordings."""
+
+STEP_ONE: Final = 1.5
+"""ratio to the least step; what is below it is one step, what is above are several; halfway, by construction."""
+
+STEP_ROUNDED: Final = 0.1
+"""part of a step; printed digits round a multiple of it by no more; development recordings."""
+
+STEP_OF_ALL: Final = 0.95
+"""part of all differences; so many must be multiples: the rest are errors of printing; development recordings."""
+
+STEP_SINGLE: Final = 0.02
+"""part of all differences; so many must be single steps, or the "step" is a chance divisor; development recordings."""
+
+# filters ------------------------------------------------------------------------------------------------------------
+
+SMOOTHING_OVER_CUTOFF: Final = 3.0
+"""ratio to the cut-off; the position's smoothing stops there, so that it is flat inside the band; development
+recordings."""
+
+SMOOTHING_STOPBAND_DB: Final = 70.0
+"""dB; the second derivative raises noise at three cut-offs by (2 pi f)^2, and this takes it down again; development
+recordings."""
+
+BAND_STOPBAND_DB: Final = 60.0
+"""dB; what is folded back by the decimation is a thousandth; by construction."""
+
+TRANSITION: Final = 0.5
+"""part of the cut-off; from pass-band to stop-band of the band's filter, a quarter to either side of the cut-off; a
+compromise between the filter's length and the rows' rate."""
+
+ROWS_OVER_CUTOFF: Final = 2.5
+"""ratio of the rate of rows to the cut-off; just twice the stop-band, a quarter above the cut-off; sampling theorem."""
+
+BAND_OF_SAMPLING: Final = 0.39
+"""part of the sampling rate; with its transition the band's filter ends below half of it; by construction."""
+
+SMOOTHING_OF_SAMPLING: Final = 0.45
+"""part of the sampling rate; the middle between the smoothing's pass-band and stop-band lies no higher; by
+construction."""
+
+STOPBAND_OF_SAMPLING: Final = 0.499
+"""part of the sampling rate; a filter's design needs a stop-band below half of it; by construction."""
+
+MOST_DELAY: Final = 4.0
+"""samples; the band's filter has so much room to shift a torque, more than a skew is looked for; by construction."""
+
+# standstill ---------------------------------------------------------------------------------------------------------
+
+STANDSTILL_S: Final = 0.004
+"""s; rows this close to standstill are left out, as the sign of the rate is noise there; development recordings."""
+
+STANDSTILL_SHARP_HZ: Final = 50.0
+"""Hz; below this cut-off the encoder limits the band, and blurs when standstill was; development recordings."""
+
+STANDSTILL_BLUR: Final = 2.1
+"""power of the cut-off's period; one for the filter's length, the rest for what that makes of the noise of the rate;
+development recordings with coarse encoders."""
+
+STANDSTILL_PERIODS: Final = 0.85
+"""part of a period of the cut-off; a blurred standstill is left out up to so far; development recordings with coarse
+encoders."""
+
+STANDSTILL_NOISE: Final = 4.0
+"""standard deviations of the rate's noise; below, the sign of the rate is chance; a normal variable is beyond it once
+in 16,000 rows."""
+
+STANDSTILL_OF_TOP_SPEED: Final = 0.002
+"""part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
+recordings."""
+
+HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
+"""rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development
+recordings with held joints."""
+
+# pieces and excerpts ------------------------------------------------------------------------------------------------
+
+LEAST_ROWS: Final = 10
+"""rows; a stretch must leave so many after the filters, or it is dropped; by construction."""
+
+EXCERPT_WINDOWS: Final = 8
+"""number of windows; an excerpt is spread over the motion, and each window is long against the filter; development
+recordings."""
+
+EXCERPT_WINDOW_KERNELS: Final = 10
+"""number of the band filter's kernels; shorter windows would lose more at their ends than they hold; by
+construction."""
+
+TEMPERATURE_WINDOW_S: Final = 1.0
+"""s; gears warm slowly and sensors are coarse: a mean over so long loses nothing; by construction."""
+
+TEMPERATURE_START: Final = 200
+"""samples; the temperature from which a rise is counted is their median; by construction."""
+
+EVEN_GRID: Final = 0.02
+"""part of a period; instants that depart less from an even grid count as on it, and the recording is not interpolated;
+real recordings, whose controllers log steps of 10 and 12 ms."""
+
+# motion that comes back ---------------------------------------------------------------------------------------------
+
+REPEAT_WINDOW_S: Final = 2.0
+"""s; a stretch of motion that is looked for later in the recording: long enough not to be alike by chance; development
+recordings."""
+
+REPEAT_SEARCH_HZ: Final = 50.0
+"""Hz; the search sees the motion this often, before it aligns to the nearest row; time."""
+
+REPEAT_ALIKE: Final = 0.003
+"""part of a joint's range; positions that differ by less, RMS, are the same motion; development recordings, closed loop
+with noise."""
+
+REPEAT_ALIKE_RATE: Final = 0.03
+"""part of a joint's fastest rate, beside standstill's; rates that differ by less, RMS, are the same motion; development
+recordings, closed loop with noise."""
+
+REPEAT_LEAST_TRAVEL: Final = 0.02
+"""part of a joint's range; a window in which no joint moves by more comes back everywhere; development recordings."""
+
+REPEAT_LEAST_S: Final = 4.0
+"""s; less motion that comes back gives no floor; two windows."""
+
+REPEAT_LEAST_ROWS: Final = 100
+"""rows; from so many a variance is known to a seventh; chi-squared distribution."""
+
+REPEAT_WINDOWS: Final = 60
+"""number of windows; so many of a long recording are looked for in the rest of it; time."""
+
+LASTING: Final = 0.33
+"""part of the residual's variance; so much must come back with the motion for it to count as repeatable; development
+recordings with disturbances from outside."""
+
+# spectra of a residual ----------------------------------------------------------------------------------------------
+
+LINE_STANDS_OUT: Final = 0.1
+"""part of a residual's power; a frequency that holds more of it is a line; development recordings."""
+
+LINE_WIDTH: Final = 3
+"""bins; a Hann window spreads a peak over so many to either side, and the trend over as many at the beginning; by
+construction."""
+
+SLOW_PART: Final = 0.15
+"""part of the cut-off; below lie slow disturbances; development recordings with disturbances from outside."""
+
+WHITE_PART: Final = (0.35, 0.85)
+"""parts of the cut-off; between them noise is taken to be white: above slow physics, below the filter's edge;
+development recordings."""
+
+RESIDUAL_SEGMENT: Final = 256
+"""rows; a spectrum's bins are then narrow against the slow part of the band; by construction."""
+
+BURST_STRETCHES: Final = 3
+"""number of stretches of a second; with fewer, the second worst is no measure; by construction."""

@@ -1,0 +1,67 @@
+"""Every number that simulated recordings take where nobody says otherwise, with its unit, its reason and its source.
+
+"A choice" says that another number would do as well; the motions of the excitation are in simulate.py itself.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Final
+
+# recordings of a model itself ---------------------------------------------------------------------------------------
+
+RATE: Final = 1000.0
+"""Hz, samples a second; what controllers of geared arms log; a choice."""
+
+COUNT: Final = {"revolute": 2 * pi / 200_000, "prismatic": 1e-6}
+"""rad, m; step of the encoder, at the joint's output: 2,000 counts a turn of a motor behind a gear of 100; a choice."""
+
+NOISE: Final = 0.03
+"""part of each joint's torque, RMS; standard deviation of the recorded torque's noise; a choice."""
+
+SHARE: Final = 0.2
+"""part of the same, for each coefficient of a hidden effect of which nothing is said: moderate, and well visible; a
+choice."""
+
+SIZING_CUTOFF: Final = 40.0
+"""Hz; what is sized is sized at full rate, so it only completes the motion; a choice."""
+
+SPEED: Final = {"revolute": 2.5, "prismatic": 0.3}
+"""rad/s, m/s; of a joint whose model file states no limit; a choice."""
+
+RANGE: Final = {"revolute": 1.0, "prismatic": 0.15}
+"""rad, m to either side of the middle, of a joint whose model file states no limit; a choice."""
+
+MARGIN: Final = 0.9
+"""part of the limits of speed and range; so much is used, as a controller overshoots; a choice."""
+
+AT_REST: Final = 1e-9
+"""part of the largest rate; below it is rounding; double precision."""
+
+WARM: Final = 24.0
+"""degC; temperature at the start where temperatures are recorded; a choice."""
+
+RISE: Final = 20.0
+"""K; rise at the end where temperatures are recorded: what a gear takes in an hour of work; a choice."""
+
+WARMING: Final = 0.35
+"""part of the recording's length; time constant of that rise; a choice."""
+
+SLOW: Final = (0.01, 0.02, 0.04, 0.08, 0.16)
+"""parts of the largest speed; of the excitation's slow legs, over more than a decade, as Stribeck's curve asks; a
+choice."""
+
+# the plant ----------------------------------------------------------------------------------------------------------
+
+STEP: Final = 1 / 16_000
+"""s; the longest step of the integration: a tenth of a radian of the fastest resonance of a geared joint."""
+
+FINER: Final = (1, 2, 4, 8)
+"""ratios of that step; tried until the step is stable; a choice."""
+
+GROWTH: Final = 1.2
+"""ratio; a mode that grows by more within one step is none of the arm's: the step is too long for it; a choice."""
+
+GROWTH_AT: Final = 0.1
+"""part of dry friction's width; the rate at which growth is looked at: at rest itself a bristle's law has a kink; by
+construction."""
