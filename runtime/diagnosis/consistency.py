@@ -167,10 +167,9 @@ def _apart(
     """The two recordings that contradict each other most clearly on one parameter, if any do."""
     found = []
     for (one, a), (two, b) in combinations(zip(tables, estimates, strict=True), 2):
-        spread = float(np.hypot(_deviation(a), _deviation(b)))
+        spread = float(np.hypot(deviation(a), deviation(b)))
         difference = abs(a.value - b.value)
-        material = difference > MATERIAL * max(abs(a.value), abs(b.value))
-        if spread > 0 and difference > CONTRADICTS * spread and material:
+        if spread > 0 and contradict(a.value, b.value, spread):
             apart = one.fit.coefficients[part] - two.fit.coefficients[part]
             if _worth(identification, part, apart, floors):
                 found.append((difference / spread, (one.name, two.name), (a, b)))
@@ -180,8 +179,14 @@ def _apart(
     return [Contradiction(name, pair[0].unit, term, names, pair)]
 
 
-def _deviation(e: Estimate) -> float:
-    """Standard deviation; infinite where a recording alone does not tell the parameter."""
+def contradict(one: float, other: float, spread: float) -> bool:
+    """Whether two values of a parameter cannot both be right; `spread`: standard deviation of their difference."""
+    difference = abs(one - other)
+    return difference > CONTRADICTS * spread and difference > MATERIAL * max(abs(one), abs(other))
+
+
+def deviation(e: Estimate) -> float:
+    """Standard deviation; infinite where the data do not tell the parameter alone."""
     if e.interval is None or not np.all(np.isfinite([e.value, *e.interval])):
         return float("inf")
     return (e.interval[1] - e.interval[0]) / SIGMAS_OF_INTERVAL

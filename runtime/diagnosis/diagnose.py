@@ -20,8 +20,6 @@ from runtime.model.terms import structure
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
 
-_DISAGREES = 0.05
-
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -257,9 +255,6 @@ def _disagreement(model: Model, inference: Inference) -> str:
     """Inertial parameters of the file that the data contradict, as the beginning of a sentence."""
     wrong = []
     for lump, e in zip(model.lumps, inference.lumps, strict=True):
-        if e.interval is None:
-            continue
-        outside = not e.interval[0] <= lump.value <= e.interval[1]
-        if outside and abs(e.value - lump.value) > _DISAGREES * abs(lump.value):
+        if consistency.contradict(lump.value, e.value, consistency.deviation(e)):
             wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
     return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""

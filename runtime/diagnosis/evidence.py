@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from runtime.diagnosis.settings import LEAST_OWN, MOST_LAGS
 from runtime.estimation.folds import NormalEquations
 from runtime.estimation.least_squares import bounded, inverse
+from runtime.estimation.robust import lag_by_lag
 from runtime.estimation.settings import FOLDS
 
 Array = NDArray[np.float64]
@@ -356,13 +357,8 @@ def _levinson(covariance: Array, count: int) -> Array:
 def vuong(better: Array, worse: Array) -> float:
     """Vuong's statistic of two residuals (N,) with a variance robust to autocorrelation.
 
-    Source: Vuong 1989; Newey & West 1987 for the variance.
+    Source: Vuong 1989.
     """
     variance = float(better @ better) / len(better)
     gain = (worse**2 - better**2) / (2 * variance)
-    centred = gain - gain.mean()
-    lags = int(4 * (len(gain) / 100) ** (2 / 9)) + 1
-    spread = float(centred @ centred)
-    for lag in range(1, lags + 1):
-        spread += 2 * (1 - lag / (lags + 1)) * float(centred[lag:] @ centred[:-lag])
-    return float(gain.sum() / np.sqrt(max(spread, 1e-300)))
+    return float(gain.sum() / np.sqrt(max(lag_by_lag(gain), 1e-300)))

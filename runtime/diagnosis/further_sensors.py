@@ -25,6 +25,7 @@ from runtime.diagnosis.settings import (
     SENSOR_SIGMAS,
 )
 from runtime.estimation.regressors import Regressors, Signals
+from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import FOLDS
 from runtime.model.terms import Term, joints_of
 from runtime.motion.motion import Piece
@@ -53,7 +54,7 @@ def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -
     """Of a torque (N,) in what was measured (N,), both beyond what a base explains; None without any torque.
 
     noise   what encoder noise adds to each of them: it is compensated for as in `evidence`
-    The standard error holds for autocorrelated residuals (scores summed over stretches; Liang & Zeger 1986).
+    The standard error holds for autocorrelated residuals.
     """
     square, cross = float(torque @ torque), float(torque @ seen)
     if noise is not None:
@@ -62,8 +63,8 @@ def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -
         return None
     part = cross / square
     score = torque * (seen - part * torque)
-    sums = np.array([fold.sum() for fold in np.array_split(score, FOLDS)])
-    return Echo(part, float(np.sqrt(FOLDS / (FOLDS - 1) * (sums @ sums))) / square)
+    sums = np.array([[fold.sum()] for fold in np.array_split(score, FOLDS)])
+    return Echo(part, float(np.sqrt(over_stretches(sums)[0, 0])) / square)
 
 
 @dataclass

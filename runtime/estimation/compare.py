@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.identify import Identification, identify
+from runtime.estimation.problem import least_inertia
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.estimation.settings import (
     FRICTION_RANGE,
     FRICTION_SPEEDS,
     HARDLY_POSITIVE,
-    INERTIA_CONFIGURATIONS,
     MOST_BY_CHANCE,
     MOST_CORRELATION,
     STRUCTURE_BINS,
@@ -260,11 +260,8 @@ def improper_inertia(identification: Identification) -> list[str]:
     model, motion = identification.model, identification.motion
     if motion.rigid_given:
         return []
-    q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // INERTIA_CONFIGURATIONS)] for p in motion.pieces], axis=1)
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    fitted, given = (
-        float(np.linalg.eigvalsh(np.moveaxis(model.inertia(q, x), 2, 0)).min()) for x in (lumps, model.lump_values)
-    )
+    fitted, given = (least_inertia(model, motion, x)[0] for x in (lumps, model.lump_values))
     if fitted > HARDLY_POSITIVE * given:
         return []
     return [

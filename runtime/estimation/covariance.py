@@ -14,6 +14,7 @@ from runtime.model.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
+from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import (
     INTERVAL_SIGMAS,
     SCORE_BLOCK_S,
@@ -89,7 +90,7 @@ def _as_fit(e: Estimate) -> dict[str, Any]:
 
 
 def infer(problem: Problem, fit: Fit) -> Inference:
-    """Cluster-robust covariance over blocks of a second, shape parameters and skew included.
+    """Covariance that is robust to residuals that hang together within a block, shape parameters and skew included.
 
     Source: Liang & Zeger 1986 for the sandwich.
     """
@@ -171,8 +172,7 @@ def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[
         contribution = x * (w**2 * fit.residual[i])
         for k in range(size):
             scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))
-    used = len(scores)
-    return bread, scores.T @ scores * used / max(1, used - size)
+    return bread, over_stretches(scores)
 
 
 def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int, tuple[str, ...]]:

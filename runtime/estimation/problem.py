@@ -127,6 +127,15 @@ def _spread(values: Array, use: Mask) -> Array:
     return out
 
 
+def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Array, Array]:
+    """The smallest eigenvalue of D over configurations of the motion, kg m² (kg), with its direction (n,) and its
+    configuration (n, 1); `lumps` are base inertial parameters."""
+    q = np.concatenate([p.q[:, :: max(1, p.q.shape[1] // INERTIA_CONFIGURATIONS)] for p in motion.pieces], axis=1)
+    value, vector = np.linalg.eigh(np.moveaxis(model.inertia(q, lumps), 2, 0))
+    worst = int(np.argmin(value[:, 0]))
+    return float(value[worst, 0]), vector[worst, :, 0], q[:, worst : worst + 1]
+
+
 class Problem:
     """Least squares of one structure on one motion, for any shapes and skew."""
 
@@ -206,14 +215,9 @@ class Problem:
         """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
         if self.motion.rigid_given:
             return None
-        q = np.concatenate(
-            [p.q[:, :: max(1, p.q.shape[1] // INERTIA_CONFIGURATIONS)] for p in self.motion.pieces], axis=1
-        )
-        value, vector = np.linalg.eigh(np.moveaxis(self.model.inertia(q, theta[self.layout.lumps]), 2, 0))
-        worst = int(np.argmin(value[:, 0]))
-        if value[worst, 0] > 0:
+        least, v, at = least_inertia(self.model, self.motion, theta[self.layout.lumps])
+        if least > 0:
             return None
-        v, at = vector[worst, :, 0], q[:, worst : worst + 1]
         cut = np.zeros(len(theta))
         for k in range(len(self.model.lumps)):
             unit = np.zeros(len(self.model.lumps))
