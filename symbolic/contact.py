@@ -18,6 +18,17 @@ from symbolic.rigid_body.newton_euler import Chain
 from symbolic.straightline import Recorder
 
 W_UNIT = "m, m, rad, rad"
+NOTATION = {
+    "theta": "absolute angle of a link",
+    "c, s": "cosine and sine; c12 of q1 + q2",
+    "x, y": "extent of a link",
+    "r": "extents along y from here to the tip",
+    "w": "absolute rate of a link",
+    "ww": "w squared",
+    "al": "absolute acceleration of a link",
+    "ax, ay": "what links 1 and 2 have to add to the acceleration of p_4x, p_2y",
+}
+"""What these functions call their values, for whoever reads the generated code."""
 
 
 def applies(chain: Chain) -> bool:
@@ -67,6 +78,7 @@ def _coordinates(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
         recorder,
         "Coordinates w = phi(q) of the contact phase.",
         "Equation (13); p_2 is the end of link 2",
+        NOTATION,
     )
 
 
@@ -84,6 +96,7 @@ def _jacobian(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
         recorder,
         "J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.",
         "Equation (14)",
+        NOTATION,
     )
 
 
@@ -99,6 +112,7 @@ def _bias(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
         recorder,
         "b_w = (dJ_w/dt) qd.",
         "Equation (14), with the factor qd",
+        NOTATION,
     )
 
 
@@ -112,8 +126,8 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     c3, _ = recorder.sincos(w3)
     c4, _ = recorder.sincos(let("theta4", w3 + w4))
     x = let("x", w1 - l3 * c3 - l4 * c4)
-    cosine = let("c", (x * x + w2 * w2 - l1 * l1 - l2 * l2) / (2 * l1 * l2))
-    sine = let("s", elbow.symbols[0] * sp.sqrt(1 - cosine * cosine))
+    cosine = let("c2", (x * x + w2 * w2 - l1 * l1 - l2 * l2) / (2 * l1 * l2))
+    sine = let("s2", elbow.symbols[0] * sp.sqrt(1 - cosine * cosine))
     along, across = let("along", l1 + l2 * cosine), let("across", l2 * sine)
     q1 = let("first", sp.atan2(w2 * along - x * across, x * along + w2 * across))
     q2 = let("second", sp.atan2(sine, cosine))
@@ -124,6 +138,13 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
         recorder,
         "q = phi^-1(w) on the side of the elbow that is asked for; q_1 and q_2 within (-pi, pi].",
         "Equation (13), triangle of links 1 and 2",
+        {
+            "x": "x of the end of link 2",
+            "theta": "absolute angle of a link",
+            "c, s": "cosine and sine of q2",
+            "along, across": "end of link 2 in the frame of link 1",
+            "first, second": "q1, q2",
+        },
     )
 
 
@@ -151,4 +172,5 @@ def _acceleration(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
         recorder,
         "qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.",
         "Equation (14), solved for qdd",
+        NOTATION,
     )

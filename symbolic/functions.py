@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import sympy as sp
@@ -54,6 +55,7 @@ class SymbolicFunction:
     struct        the parameters, or None
     doc           one sentence: what it returns
     source        equation number of the paper or the literature
+    notation      what the names of the definitions stand for, without their numbers; "c, s": two of one kind
     """
 
     name: str
@@ -63,3 +65,4 @@ class SymbolicFunction:
     source: str
     definitions: tuple[tuple[sp.Symbol, sp.Expr], ...] = field(default=())
     struct: Struct | None = None
+    notation: Mapping[str, str] = field(default_factory=dict)

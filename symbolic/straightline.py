@@ -71,6 +71,20 @@ class Recorder:
 
 
 @dataclass(frozen=True)
+class Suffixed:
+    """A recorder's names with an end that tells several runs of one recursion apart."""
+
+    recorder: Recorder
+    end: str
+
+    def let(self, name: str, value: Any) -> sp.Expr:
+        return self.recorder.let(name + self.end, value)
+
+    def sincos(self, angle: Any) -> tuple[sp.Expr, sp.Expr]:
+        return self.recorder.sincos(angle)
+
+
+@dataclass(frozen=True)
 class Turn:
     """An angle as (cos, sin) in any ring: exact where the angle itself would not be."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from dataclasses import dataclass
 from fractions import Fraction
@@ -83,6 +84,18 @@ def describe(function: SymbolicFunction, tape: Tape) -> str:
     )
 
 
+def legend(function: SymbolicFunction, tape: Tape) -> str:
+    """What the names that the equations gave stand for, those that are left in the tape."""
+    stems = {found[0] for name in tape.names.values() if (found := re.match(r"[A-Za-z]+", name))}
+    return "; ".join(f"{names}: {text}" for names, text in function.notation.items() if stems & set(names.split(", ")))
+
+
+def notation(function: SymbolicFunction, tape: Tape) -> str:
+    """The legend as a comment at the head of a body, or nothing."""
+    text = legend(function, tape)
+    return "    " + comment(text).replace("\n", "\n    ") + "\n" if text else ""
+
+
 def struct_type(prefix: str, struct: Struct, precision: Precision) -> str:
     """The typedef of the parameters, a comment with unit and meaning a field."""
     fields = [
@@ -123,10 +136,11 @@ def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precisi
     lines, texts = Printer(precision.language, tape, leaves, _taken(function)).print()
     targets = [f"{o.name}[{i}]" for o in function.outputs for i in range(len(o.expressions))]
     lines = unused(function, tape) + lines + assign(targets, texts)
+    body = notation(function, tape) + indent(lines, 1)
     # A controller calls these in contact phases only, where there is time; their sines and cosines take much room.
     small = precision is F32 and function.name.startswith("contact_")
     attribute = f"{COMPACT} " if small else ""
-    return Routine(describe(function, tape), declaration(f"void {name}", arguments), indent(lines, 1), attribute)
+    return Routine(describe(function, tape), declaration(f"void {name}", arguments), body, attribute)
 
 
 def batch(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
@@ -171,7 +185,8 @@ def _struct_argument(prefix: str, function: SymbolicFunction, precision: Precisi
 
 
 def _taken(function: SymbolicFunction) -> frozenset[str]:
-    return frozenset({a.name for a in function.inputs} | {o.name for o in function.outputs})
+    struct = set() if function.struct is None else {function.struct.name}
+    return frozenset({"count", "k"} | struct | {a.name for a in function.inputs} | {o.name for o in function.outputs})
 
 
 def unused(function: SymbolicFunction, tape: Tape) -> list[str]:

@@ -18,7 +18,7 @@ from codegen.tape.tape import Tape
 from symbolic.effects.declaration import DT, SIGNALS, Effect
 from symbolic.functions import Output, SymbolicFunction
 
-_TAKEN = frozenset(s.name for s in SIGNALS)
+_TAKEN = frozenset({s.name for s in SIGNALS} | {"count", "s", "dt", "p", "x", "out", "k"})
 
 
 def types(precision: Precision, batch: bool) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import sympy as sp
 
-from codegen.c.c_code import F32, Routine, assign, comment, declaration, describe, indent, unused
+from codegen.c.c_code import F32, Routine, assign, comment, declaration, describe, indent, notation, unused
 from codegen.c.controller_records import COORDINATES, MAX_DEGREE, MIN_DEGREE, STATUS, controller_records
 from codegen.c.records import Record, size_lines
 from codegen.tape.printers import Printer
@@ -102,7 +102,8 @@ class Controller:
         lines = unused(function, tape) + lines
         lines += assign([f"{output.name}[{i}]" for i in range(len(texts))], texts)
         head = f"static inline void {function.name}"
-        return Routine(describe(function, tape), declaration(head, self._arguments(function)), indent(lines, 1))
+        body = notation(function, tape) + indent(lines, 1)
+        return Routine(describe(function, tape), declaration(head, self._arguments(function)), body)
 
     def probe(self) -> str:
         """C that gives the inner functions of a step names of their own, so that they can be called and compared."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from codegen.c.c_code import operations
+from codegen.c.c_code import legend, operations
 from codegen.tape.printers import CASADI, Printer
 from codegen.tape.tape import Tape
 from symbolic.functions import Output, SymbolicFunction
@@ -85,6 +85,7 @@ def _doc(function: SymbolicFunction, tape: Tape) -> str:
         *(f"in   {a.name} [{a.unit}]: {a.meaning}" for a in function.inputs),
         *(f"out  {o.name} [{o.unit}]: {o.meaning}" for o in function.outputs),
         f"Source: {function.source}",
+        *([f"Names: {names}"] if (names := legend(function, tape)) else []),
         f"Operations: {operations(tape)}",
     ]
     wrapped = [

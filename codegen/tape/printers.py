@@ -51,59 +51,16 @@ def float32(number: Fraction) -> str:
     return (text if "." in text or "e" in text else text + ".0") + "f"
 
 
-# Words of C and names of the parameters of generated functions; a temporary may not hide one of them.
 _C_WORDS = frozenset(
     [
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "asm",
-        "typeof",
-        "count",
-        "parameters",
-        "s",
-        "p",
-        "x",
-        "dt",
-        "k",
-        "out",
-        "NULL",
-        "bool",
-        "true",
-        "false",
+        *("auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"),
+        *("float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"),
+        *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"),
+        *("asm", "typeof", "NULL", "bool", "true", "false"),
     ]
 )
+_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "x", "dt", "k", "out"])
+"""What generated functions call their own arguments and their loop's index."""
 
 
 def _c(kind: str) -> Language:
@@ -139,7 +96,7 @@ def _casadi() -> Language:
         call=lambda op, arguments: f"{names[op]}({', '.join(arguments)})",
         pair=pair,
         assign=lambda name, text: f"{name} = {text}",
-        reserved=frozenset(keyword.kwlist) | {"ca", "parameters", "p", "x", "width", "dt"},
+        reserved=frozenset(keyword.kwlist) | {"ca"},
     )
 
 
@@ -147,7 +104,11 @@ C_DOUBLE, C_FLOAT, CASADI = _c("double"), _c("float"), _casadi()
 
 
 class Printer:
-    """Prints one tape; `leaves` says how each input is spelt, `names` what a definition would like to be called."""
+    """Prints one tape.
+
+    leaves   how each input is spelt
+    taken    the names of the function's arguments, which nothing else may have
+    """
 
     def __init__(self, language: Language, tape: Tape, leaves: Mapping[sp.Symbol, str], taken: frozenset[str]) -> None:
         self.language, self.tape, self.leaves = language, tape, leaves
@@ -159,7 +120,8 @@ class Printer:
         for i, node in enumerate(tape.nodes):
             if node.op in ("sin", "cos"):
                 self.angles.setdefault(node.args[0], {})[node.op] = i
-        self.named = 0
+        self.names = {i: self._fresh(name) for i, name in sorted(tape.names.items())}
+        self.numbered = 0
 
     def print(self) -> tuple[list[str], list[str]]:
         """(statements, one expression an output)."""
@@ -178,21 +140,22 @@ class Printer:
         """Sine and cosine of one angle together."""
         number = len([i for i in self.angles if i < angle]) + 1
         nodes = self.angles[angle]
-        names = {op: self._fresh(f"{op[0]}{number}") for op in nodes}
+        names = {op: self.names.get(i) or self._fresh(f"{op}_{number}") for op, i in nodes.items()}
         self.lines += self.language.pair(names.get("sin"), names.get("cos"), self.texts[angle][0])
         for op, i in nodes.items():
             self.texts[i] = names[op], _ATOM
         return list(nodes.values())
 
     def _statement(self, i: int, text: Text) -> Text:
-        """A name for what is read more than once or too long to stand inside another expression."""
-        node = self.tape.nodes[i]
-        if node.op in ("leaf", "const") or (self.uses[i] == 1 and len(text[0]) <= _LONGEST):
+        """A name for what has one, is read more than once or is too long to stand inside another expression."""
+        if self.tape.nodes[i].op in ("leaf", "const") or (self.uses[i] == 1 and i in self.tape.outputs):
             return text
-        if self.uses[i] == 1 and i in self.tape.outputs:
-            return text
-        self.named += 1
-        name = self._fresh(f"v{self.named}")
+        name = self.names.get(i)
+        if name is None:
+            if self.uses[i] == 1 and len(text[0]) <= _LONGEST:
+                return text
+            self.numbered += 1
+            name = self._fresh(f"t{self.numbered}")
         self.lines.append(self.language.assign(name, text[0]))
         return name, _ATOM
 
@@ -224,4 +187,5 @@ def _inside(text: Text, level: int) -> str:
 
 def identifier(name: str) -> bool:
     """Whether `name` can stand in C and in Python."""
-    return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in _C_WORDS | set(keyword.kwlist)
+    taken = _C_WORDS | _ARGUMENTS | set(keyword.kwlist)
+    return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in taken

@@ -2,14 +2,15 @@
 
 Equal values are numbered once (commutative operands in one order, a difference in one direction), signs
 travel with the reference until something needs them, numbers stay exact rationals until a printer rounds
-them, and what no output needs is removed.
+them, and what no output needs is removed. What a recursion has named keeps its name.
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -45,10 +46,14 @@ class Node(NamedTuple):
 
 @dataclass(frozen=True)
 class Tape:
-    """nodes in order of evaluation; outputs: positions in `nodes`, flat, in the order of the function's outputs."""
+    """nodes in order of evaluation; outputs: positions in `nodes`, flat, in the order of the function's outputs.
+
+    names   position -> what the equations call that value; no name stands twice
+    """
 
     nodes: tuple[Node, ...]
     outputs: tuple[int, ...]
+    names: Mapping[int, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, function: SymbolicFunction, lowering: Lowering = "exact") -> Tape:
@@ -172,12 +177,16 @@ class _Builder:
         self.memo: dict[sp.Expr, Ref] = {}
         # Exponentials of what is never positive: their node -> the node of what is never negative.
         self.falling: dict[int, int] = {}
+        self.names: dict[int, str] = {}
 
     def tape(self, outputs: Sequence[sp.Expr]) -> Tape:
         for symbol, expr in self.definitions:
-            self.memo[symbol] = self.value(expr)
+            sign, i = self.memo[symbol] = self.value(expr)
+            if sign > 0 and self.nodes[i].op not in ("leaf", "const"):
+                self.names.setdefault(i, symbol.name)
         refs = [self.value(e) for e in outputs]
-        return _live(self.nodes, [self.plain(self._turned(ref, refs)) for ref in refs])
+        plain = [self.plain(self._turned(ref, refs)) for ref in refs]
+        return _live(self.nodes, plain, self.names | directions(self.nodes))
 
     def node(self, op: str, *args: int, value: Any = None) -> int:
         node = Node(op, args, value)
@@ -417,7 +426,32 @@ class _Builder:
         return (s * r, self.node("div", i, j)) if i != j else self.const(Fraction(s * r))
 
 
-def _live(nodes: Sequence[Node], outputs: Sequence[int]) -> Tape:
+_JOINT = re.compile(r"q(\d+)")
+
+
+def directions(nodes: Sequence[Node]) -> dict[int, str]:
+    """The field's names of the cosines and sines of sums of joint angles: c23 is cos(q2 + q3)."""
+    names = {}
+    for i, node in enumerate(nodes):
+        if node.op in ("sin", "cos"):
+            joints = _joints(nodes, node.args[0])
+            if joints:
+                between = "_" if max(joints) > 9 else ""
+                names[i] = node.op[0] + between.join(map(str, sorted(joints)))
+    return names
+
+
+def _joints(nodes: Sequence[Node], i: int) -> list[int]:
+    """The numbers of the joints whose angles are added up at a node; none for any other value."""
+    node = nodes[i]
+    if node.op == "leaf":
+        found = _JOINT.fullmatch(node.value.name)
+        return [int(found[1])] if found else []
+    parts = [_joints(nodes, a) for a in node.args] if node.op == "add" else []
+    return [j for part in parts for j in part] if all(parts) else []
+
+
+def _live(nodes: Sequence[Node], outputs: Sequence[int], names: Mapping[int, str]) -> Tape:
     """Only what the outputs need, renumbered."""
     needed = set(outputs)
     for i in range(len(nodes) - 1, -1, -1):
@@ -429,4 +463,4 @@ def _live(nodes: Sequence[Node], outputs: Sequence[int]) -> Tape:
         if i in needed:
             place[i] = len(kept)
             kept.append(node._replace(args=tuple(place[a] for a in node.args)))
-    return Tape(tuple(kept), tuple(place[i] for i in outputs))
+    return Tape(tuple(kept), tuple(place[i] for i in outputs), {place[i]: n for i, n in names.items() if i in place})

@@ -146,9 +146,9 @@ float tendon_friction_patch_torque_f32(const tendon_sample_f32 *s, const float *
  * Operations: 10 operations (3 add, 2 sub, 3 mul, 1 div, 1 neg) and 2 ramp and 1 sgn */
 float tendon_lugre_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
-    const float v1 = p[1] * (s->qd - x[0] * (tendon_ramp_f32(s->qd) + tendon_ramp_f32(-s->qd)) / (1e-09f +
+    const float t1 = p[1] * (s->qd - x[0] * (tendon_ramp_f32(s->qd) + tendon_ramp_f32(-s->qd)) / (1e-09f +
         s->level));
-    return x[0] + v1 - s->level * tendon_sgn_f32(s->qd);
+    return x[0] + t1 - s->level * tendon_sgn_f32(s->qd);
 }
 
 /* lugre_start: Initial states.
@@ -180,10 +180,10 @@ void tendon_lugre_start_f32(const tendon_sample_f32 *s, const float *p, float *x
  * Operations: 11 operations (3 add, 1 sub, 4 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
 void tendon_lugre_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
 {
-    const float v1 = s->level * tendon_sgn_f32(s->qd);
-    const float v2 = tendon_exp_f32(-((tendon_ramp_f32(s->qd) + tendon_ramp_f32(-s->qd)) * (p[0] * dt) / (s->level +
+    const float t1 = s->level * tendon_sgn_f32(s->qd);
+    const float t2 = tendon_exp_f32(-((tendon_ramp_f32(s->qd) + tendon_ramp_f32(-s->qd)) * (p[0] * dt) / (s->level +
         1e-09f)));
-    const float next0 = v1 + (x[0] - v1) * v2;
+    const float next0 = t1 + (x[0] - t1) * t2;
     x[0] = next0;
 }
 
@@ -243,8 +243,8 @@ float tendon_linear_spring_torque_f32(const tendon_sample_f32 *s, const float *p
 float tendon_parallel_spring_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    const float v1 = p[2] - s->q;
-    return -tendon_gate_f32(v1, p[3] * p[1] + v1 * (p[0] * (p[1] * p[1])));
+    const float t1 = p[2] - s->q;
+    return -tendon_gate_f32(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
 }
 
 /* cable_torque: The pull of hoses and wires along the arm: a smooth curve over the position. c1 q + c2 q^2 + c3
@@ -259,8 +259,8 @@ float tendon_parallel_spring_torque_f32(const tendon_sample_f32 *s, const float 
 float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    const float v1 = s->q * s->q;
-    return p[3] * (v1 * v1) + (p[2] * (s->q * v1) + (p[0] * s->q + p[1] * v1));
+    const float t1 = s->q * s->q;
+    return p[3] * (t1 * t1) + (p[2] * (s->q * t1) + (p[0] * s->q + p[1] * t1));
 }
 
 /* end_stop_torque: A soft mechanical stop at one end of the range. k (q - q_e)+ + d qd in contact, mirrored for
@@ -276,8 +276,8 @@ float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const 
 float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    const float v1 = p[3] * (s->q - p[0]);
-    return tendon_gate_f32(v1, p[2] * s->qd + v1 * (p[3] * p[1]));
+    const float t1 = p[3] * (s->q - p[0]);
+    return tendon_gate_f32(t1, p[2] * s->qd + t1 * (p[3] * p[1]));
 }
 
 /* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
@@ -293,17 +293,17 @@ float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, con
  * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
 float tendon_spring_hysteresis_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
-    const float v1 = 0.14285715f * p[1];
-    const float v2 = x[4] - s->q;
-    const float v3 = 0.42857143f * p[1];
-    const float v4 = 0.71428573f * p[1];
-    const float v5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f32(x[0] - v1 - v2) - tendon_ramp_f32(x[1] - v2 -
-        v3);
-    const float v6 = 4.0f * s->q + (v5 - tendon_ramp_f32(x[2] - v2 - v4) - tendon_ramp_f32(x[3] - p[1] - v2) - 4.0f
+    const float t1 = 0.14285715f * p[1];
+    const float t2 = x[4] - s->q;
+    const float t3 = 0.42857143f * p[1];
+    const float t4 = 0.71428573f * p[1];
+    const float t5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f32(x[0] - t1 - t2) - tendon_ramp_f32(x[1] - t2 -
+        t3);
+    const float t6 = 4.0f * s->q + (t5 - tendon_ramp_f32(x[2] - t2 - t4) - tendon_ramp_f32(x[3] - p[1] - t2) - 4.0f
         * x[4]);
-    const float v7 = tendon_ramp_f32(v2 - (x[1] + v3)) + (tendon_ramp_f32(v2 - (x[0] + v1)) + (tendon_ramp_f32(v2 -
-        (p[1] + x[3])) + v6));
-    return 0.4375f * (p[0] * (tendon_ramp_f32(v2 - (x[2] + v4)) + v7)) / p[1];
+    const float t7 = tendon_ramp_f32(t2 - (x[1] + t3)) + (tendon_ramp_f32(t2 - (x[0] + t1)) + (tendon_ramp_f32(t2 -
+        (p[1] + x[3])) + t6));
+    return 0.4375f * (p[0] * (tendon_ramp_f32(t2 - (x[2] + t4)) + t7)) / p[1];
 }
 
 /* spring_hysteresis_start: Initial states.
@@ -343,18 +343,18 @@ void tendon_spring_hysteresis_start_f32(const tendon_sample_f32 *s, const float 
 void tendon_spring_hysteresis_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
 {
     (void)dt;
-    const float v1 = 0.14285715f * p[1];
-    const float v2 = x[4] - s->q;
-    const float v3 = x[0] - v2;
-    const float v4 = 0.42857143f * p[1];
-    const float v5 = x[1] - v2;
-    const float v6 = 0.71428573f * p[1];
-    const float v7 = x[2] - v2;
-    const float v8 = x[3] - v2;
-    const float next0 = tendon_ramp_f32(-(v1 + v3)) + (v3 - tendon_ramp_f32(x[0] - v1 - v2));
-    const float next1 = tendon_ramp_f32(-(v4 + v5)) + (v5 - tendon_ramp_f32(v5 - v4));
-    const float next2 = tendon_ramp_f32(-(v6 + v7)) + (v7 - tendon_ramp_f32(v7 - v6));
-    const float next3 = tendon_ramp_f32(-(p[1] + v8)) + (v8 - tendon_ramp_f32(x[3] - p[1] - v2));
+    const float t1 = 0.14285715f * p[1];
+    const float t2 = x[4] - s->q;
+    const float t3 = x[0] - t2;
+    const float t4 = 0.42857143f * p[1];
+    const float t5 = x[1] - t2;
+    const float t6 = 0.71428573f * p[1];
+    const float t7 = x[2] - t2;
+    const float t8 = x[3] - t2;
+    const float next0 = tendon_ramp_f32(-(t1 + t3)) + (t3 - tendon_ramp_f32(x[0] - t1 - t2));
+    const float next1 = tendon_ramp_f32(-(t4 + t5)) + (t5 - tendon_ramp_f32(t5 - t4));
+    const float next2 = tendon_ramp_f32(-(t6 + t7)) + (t7 - tendon_ramp_f32(t7 - t6));
+    const float next3 = tendon_ramp_f32(-(p[1] + t8)) + (t8 - tendon_ramp_f32(x[3] - p[1] - t2));
     const float next4 = s->q;
     x[0] = next0;
     x[1] = next1;
@@ -376,8 +376,8 @@ void tendon_spring_hysteresis_step_f32(const tendon_sample_f32 *s, float dt, con
 float tendon_torque_ripple_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    const float c1 = tendon_cos_f32(p[2] + s->ratio * (p[0] * s->q));
-    return p[1] * c1;
+    const float cos_1 = tendon_cos_f32(p[2] + s->ratio * (p[0] * s->q));
+    return p[1] * cos_1;
 }
 
 /* torque_saturation_torque: The motor's torque constant falls at large current, so that the current overstates the
@@ -478,34 +478,34 @@ void tendon_elasticity_start_f32(const tendon_sample_f32 *s, const float *p, flo
  * Operations: 89 operations (15 add, 10 sub, 61 mul, 3 div) */
 void tendon_elasticity_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
 {
-    const float v1 = 1.0f / s->link_inertia;
-    const float v2 = p[1] * v1;
-    const float v3 = dt * dt;
-    const float v4 = 0.16666667f * v3;
-    const float v5 = 0.6666667f * dt;
-    const float v6 = 0.41666666f * dt;
-    const float v7 = v1 * (1.3333334f * s->load - 0.33333334f * x[3]);
-    const float v8 = 2.0f * s->load - x[3];
-    const float v9 = v1 * v8;
-    const float v10 = x[1] + 0.25f * (dt * (3.0f * v7 + v9));
-    const float v11 = 0.75f * (dt * (x[1] + 0.083333336f * (dt * (5.0f * v7 - v9))));
-    const float v12 = v1 * p[0];
-    const float v13 = (1.0f + v2 * v6) * v10 - v2 * v11 - 0.33333334f * (v12 * (dt * x[0]));
-    const float v14 = s->link_inertia * s->link_inertia;
-    const float v15 = 1.0f / v14;
-    const float v16 = v3 * (p[1] * p[1]);
-    const float v17 = 1.0f - v4 * v12;
-    const float v18 = v11 + (x[0] - v6 * v10);
-    const float v19 = 4.0f * p[0];
-    const float v20 = 36.0f * v14;
-    const float v21 = v19 * (p[1] * (dt * v3)) + (v3 * (s->link_inertia * v19) + (6.0f * v16 + p[0] * p[0] * (v3 *
-        v3)));
-    const float v22 = v20 / (v20 + (24.0f * (dt * (p[1] * s->link_inertia)) + v21));
-    const float v23 = ((v2 * v4 + v5) * v13 + (0.16666667f * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
-    const float v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
-    const float next0 = v23;
-    const float next1 = v24;
-    const float next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
+    const float t1 = 1.0f / s->link_inertia;
+    const float t2 = p[1] * t1;
+    const float t3 = dt * dt;
+    const float t4 = 0.16666667f * t3;
+    const float t5 = 0.6666667f * dt;
+    const float t6 = 0.41666666f * dt;
+    const float t7 = t1 * (1.3333334f * s->load - 0.33333334f * x[3]);
+    const float t8 = 2.0f * s->load - x[3];
+    const float t9 = t1 * t8;
+    const float t10 = x[1] + 0.25f * (dt * (3.0f * t7 + t9));
+    const float t11 = 0.75f * (dt * (x[1] + 0.083333336f * (dt * (5.0f * t7 - t9))));
+    const float t12 = t1 * p[0];
+    const float t13 = (1.0f + t2 * t6) * t10 - t2 * t11 - 0.33333334f * (t12 * (dt * x[0]));
+    const float t14 = s->link_inertia * s->link_inertia;
+    const float t15 = 1.0f / t14;
+    const float t16 = t3 * (p[1] * p[1]);
+    const float t17 = 1.0f - t4 * t12;
+    const float t18 = t11 + (x[0] - t6 * t10);
+    const float t19 = 4.0f * p[0];
+    const float t20 = 36.0f * t14;
+    const float t21 = t19 * (p[1] * (dt * t3)) + (t3 * (s->link_inertia * t19) + (6.0f * t16 + p[0] * p[0] * (t3 *
+        t3)));
+    const float t22 = t20 / (t20 + (24.0f * (dt * (p[1] * s->link_inertia)) + t21));
+    const float t23 = ((t2 * t4 + t5) * t13 + (0.16666667f * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+    const float t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
+    const float next0 = t23;
+    const float next1 = t24;
+    const float next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
     const float next3 = s->load;
     x[0] = next0;
     x[1] = next1;
@@ -571,65 +571,65 @@ void tendon_backlash_start_f32(const tendon_sample_f32 *s, const float *p, float
  * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
 void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x)
 {
-    const float v1 = 0.5f * p[0];
-    const float v2 = v1 - x[0];
-    const float v3 = -v2;
-    const float v4 = p[2] * x[1];
-    const float v5 = tendon_gate_f32(v3, tendon_step_f32(v4 - v2 * p[1]));
-    const float v6 = x[0] + v1;
-    const float v7 = -v6;
-    const float v8 = tendon_gate_f32(v7, tendon_step_f32(-(v4 + p[1] * v6)));
-    const float v9 = v5 + v8;
-    const float v10 = dt * v9;
-    const float v11 = 1.0f / s->link_inertia;
-    const float v12 = (1.5f * s->load - 0.5f * x[4]) * v11;
-    const float v13 = 2.0f * v12;
-    const float v14 = x[1] * x[1];
-    const float v15 = 2.0f * x[0];
-    const float v16 = dt - (p[0] + v15) / (1e-07f + tendon_sqrt_f32(tendon_max_f32(1e-14f, v14 - v6 * v13)) - x[1]);
-    const float v17 = 0.5f * v12;
-    const float v18 = dt * x[1] + dt * dt * v17;
-    const float v19 = tendon_gate_f32(-(v6 + v18), 1.0f - tendon_step_f32(v7));
-    const float v20 = dt - (p[0] - v15) / (tendon_sqrt_f32(tendon_max_f32(1e-14f, v14 + v2 * v13)) + (x[1] +
+    const float t1 = 0.5f * p[0];
+    const float t2 = t1 - x[0];
+    const float t3 = -t2;
+    const float t4 = p[2] * x[1];
+    const float t5 = tendon_gate_f32(t3, tendon_step_f32(t4 - t2 * p[1]));
+    const float t6 = x[0] + t1;
+    const float t7 = -t6;
+    const float t8 = tendon_gate_f32(t7, tendon_step_f32(-(t4 + p[1] * t6)));
+    const float t9 = t5 + t8;
+    const float t10 = dt * t9;
+    const float t11 = 1.0f / s->link_inertia;
+    const float t12 = (1.5f * s->load - 0.5f * x[4]) * t11;
+    const float t13 = 2.0f * t12;
+    const float t14 = x[1] * x[1];
+    const float t15 = 2.0f * x[0];
+    const float t16 = dt - (p[0] + t15) / (1e-07f + tendon_sqrt_f32(tendon_max_f32(1e-14f, t14 - t6 * t13)) - x[1]);
+    const float t17 = 0.5f * t12;
+    const float t18 = dt * x[1] + dt * dt * t17;
+    const float t19 = tendon_gate_f32(-(t6 + t18), 1.0f - tendon_step_f32(t7));
+    const float t20 = dt - (p[0] - t15) / (tendon_sqrt_f32(tendon_max_f32(1e-14f, t14 + t2 * t13)) + (x[1] +
         1e-07f));
-    const float v21 = 1.0f - tendon_step_f32(v3);
-    const float v22 = v18 - v2;
-    const float v23 = 1.0f - v9;
-    const float v24 = (v16 * v19 + tendon_gate_f32(v22, v20 * v21)) * v23;
-    const float v25 = p[2] * v11;
-    const float v26 = v10 + v24;
-    const float v27 = v26 * v26;
-    const float v28 = 0.16666667f * v27;
-    const float v29 = 0.41666666f * v26;
-    const float v30 = 1.0f / dt;
-    const float v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f32(v22, v21) - v19) - v8))) + (2.0f * s->load - x[4]);
-    const float v32 = v11 * (v31 - v30 * (v26 * (0.6666667f * (s->load - x[4]))));
-    const float v33 = v11 * v31;
-    const float v34 = dt - v26;
-    const float v35 = x[1] + v12 * v34;
-    const float v36 = 0.25f * (v26 * (3.0f * v32 + v33)) + v35;
-    const float v37 = 0.75f * (v26 * (v35 + 0.083333336f * (v26 * (5.0f * v32 - v33))));
-    const float v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
-    const float v39 = p[1] * v11;
-    const float v40 = v26 * v39;
-    const float v41 = (1.0f + v25 * v29) * v36 - v25 * v37 - 0.33333334f * (v38 * v40);
-    const float v42 = s->link_inertia * s->link_inertia;
-    const float v43 = 1.0f / v42;
-    const float v44 = v27 * (p[2] * p[2]);
-    const float v45 = p[2] * v26;
-    const float v46 = 1.0f - v28 * v39;
-    const float v47 = v37 + (v38 - v29 * v36);
-    const float v48 = (v25 * v28 + (0.6666667f * v10 + 0.6666667f * v24)) * v41 + (v46 + (0.16666667f * (v43 * v44)
-        + 0.6666667f * (v11 * v45))) * v47;
-    const float v49 = 4.0f * p[1];
-    const float v50 = 36.0f * v42;
-    const float v51 = v49 * (s->link_inertia * v27) + (24.0f * (s->link_inertia * v45) + (6.0f * v44 + p[1] * p[1] *
-        (v27 * v27)));
-    const float v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
-    const float v53 = v52 * (v41 * v46 - v47 * (0.6666667f * v40 + v43 * (v28 * (p[1] * p[2]))));
-    const float next0 = v48 * v52;
-    const float next1 = v53;
-    const float next2 = v30 * (v53 - x[1]);
+    const float t21 = 1.0f - tendon_step_f32(t3);
+    const float t22 = t18 - t2;
+    const float t23 = 1.0f - t9;
+    const float t24 = (t16 * t19 + tendon_gate_f32(t22, t20 * t21)) * t23;
+    const float t25 = p[2] * t11;
+    const float t26 = t10 + t24;
+    const float t27 = t26 * t26;
+    const float t28 = 0.16666667f * t27;
+    const float t29 = 0.41666666f * t26;
+    const float t30 = 1.0f / dt;
+    const float t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f32(t22, t21) - t19) - t8))) + (2.0f * s->load - x[4]);
+    const float t32 = t11 * (t31 - t30 * (t26 * (0.6666667f * (s->load - x[4]))));
+    const float t33 = t11 * t31;
+    const float t34 = dt - t26;
+    const float t35 = x[1] + t12 * t34;
+    const float t36 = 0.25f * (t26 * (3.0f * t32 + t33)) + t35;
+    const float t37 = 0.75f * (t26 * (t35 + 0.083333336f * (t26 * (5.0f * t32 - t33))));
+    const float t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+    const float t39 = p[1] * t11;
+    const float t40 = t26 * t39;
+    const float t41 = (1.0f + t25 * t29) * t36 - t25 * t37 - 0.33333334f * (t38 * t40);
+    const float t42 = s->link_inertia * s->link_inertia;
+    const float t43 = 1.0f / t42;
+    const float t44 = t27 * (p[2] * p[2]);
+    const float t45 = p[2] * t26;
+    const float t46 = 1.0f - t28 * t39;
+    const float t47 = t37 + (t38 - t29 * t36);
+    const float t48 = (t25 * t28 + (0.6666667f * t10 + 0.6666667f * t24)) * t41 + (t46 + (0.16666667f * (t43 * t44)
+        + 0.6666667f * (t11 * t45))) * t47;
+    const float t49 = 4.0f * p[1];
+    const float t50 = 36.0f * t42;
+    const float t51 = t49 * (s->link_inertia * t27) + (24.0f * (s->link_inertia * t45) + (6.0f * t44 + p[1] * p[1] *
+        (t27 * t27)));
+    const float t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+    const float t53 = t52 * (t41 * t46 - t47 * (0.6666667f * t40 + t43 * (t28 * (p[1] * p[2]))));
+    const float next0 = t48 * t52;
+    const float next1 = t53;
+    const float next2 = t30 * (t53 - x[1]);
     const float next3 = x[2];
     const float next4 = s->load;
     x[0] = next0;
@@ -701,8 +701,8 @@ float tendon_coupled_friction_torque_f32(const tendon_sample_f32 *s, const float
 float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x)
 {
     (void)x;
-    const float v1 = p[3] - s->tip_y;
-    return -(s->tip_row * tendon_gate_f32(v1, p[0] * v1 + (p[1] - p[2] * tendon_sgn_f32(s->tip_yd))));
+    const float t1 = p[3] - s->tip_y;
+    return -(s->tip_row * tendon_gate_f32(t1, p[0] * t1 + (p[1] - p[2] * tendon_sgn_f32(s->tip_yd))));
 }
 
 /* plate_damping_torque: A damper beside the plate's spring; it needs the effect plate, whose position it shares.

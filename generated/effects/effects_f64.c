@@ -457,9 +457,9 @@ void tendon_friction_patch_torque_batch_f64(
  * Operations: 10 operations (3 add, 2 sub, 3 mul, 1 div, 1 neg) and 2 ramp and 1 sgn */
 double tendon_lugre_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
-    const double v1 = p[1] * (s->qd - x[0] * (tendon_ramp_f64(s->qd) + tendon_ramp_f64(-s->qd)) / (1e-09 +
+    const double t1 = p[1] * (s->qd - x[0] * (tendon_ramp_f64(s->qd) + tendon_ramp_f64(-s->qd)) / (1e-09 +
         s->level));
-    return x[0] + v1 - s->level * tendon_sgn_f64(s->qd);
+    return x[0] + t1 - s->level * tendon_sgn_f64(s->qd);
 }
 
 /* lugre_start: Initial states.
@@ -491,10 +491,10 @@ void tendon_lugre_start_f64(const tendon_sample_f64 *s, const double *p, double 
  * Operations: 11 operations (3 add, 1 sub, 4 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
 void tendon_lugre_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
 {
-    const double v1 = s->level * tendon_sgn_f64(s->qd);
-    const double v2 = tendon_exp_f64(-((tendon_ramp_f64(s->qd) + tendon_ramp_f64(-s->qd)) * (p[0] * dt) / (s->level
+    const double t1 = s->level * tendon_sgn_f64(s->qd);
+    const double t2 = tendon_exp_f64(-((tendon_ramp_f64(s->qd) + tendon_ramp_f64(-s->qd)) * (p[0] * dt) / (s->level
         + 1e-09)));
-    const double next0 = v1 + (x[0] - v1) * v2;
+    const double next0 = t1 + (x[0] - t1) * t2;
     x[0] = next0;
 }
 
@@ -514,12 +514,12 @@ void tendon_lugre_columns_batch_f64(
     }
     x[0] = 0.0;
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double v2 = x[0] - v1;
-        const double v3 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-        out[k] = v2;
-        out[count + k] = qd[k] - x[0] * v3;
-        const double next0 = v1 + v2 * tendon_exp_f64(-(v3 * (p[0] * dt)));
+        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
+        const double t2 = x[0] - t1;
+        const double t3 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
+        out[k] = t2;
+        out[count + k] = qd[k] - x[0] * t3;
+        const double next0 = t1 + t2 * tendon_exp_f64(-(t3 * (p[0] * dt)));
         x[0] = next0;
     }
 }
@@ -540,11 +540,11 @@ void tendon_lugre_torque_batch_f64(
     }
     x[0] = 0.0;
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double v2 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-        const double v3 = x[0] - v1;
-        out[k] = p[1] * (qd[k] - x[0] * v2) + v3;
-        const double next0 = v1 + v3 * tendon_exp_f64(-(v2 * (p[0] * dt)));
+        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
+        const double t2 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
+        const double t3 = x[0] - t1;
+        out[k] = p[1] * (qd[k] - x[0] * t2) + t3;
+        const double next0 = t1 + t3 * tendon_exp_f64(-(t2 * (p[0] * dt)));
         x[0] = next0;
     }
 }
@@ -565,11 +565,11 @@ void tendon_lugre_states_batch_f64(
     }
     x[0] = 0.0;
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double v2 = tendon_exp_f64(-((tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) * (p[0] * dt) /
+        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
+        const double t2 = tendon_exp_f64(-((tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) * (p[0] * dt) /
             (level[k] + 1e-09)));
         out[k] = x[0];
-        const double next0 = v1 + (x[0] - v1) * v2;
+        const double next0 = t1 + (x[0] - t1) * t2;
         x[0] = next0;
     }
 }
@@ -608,10 +608,10 @@ void tendon_thermal_friction_columns_batch_f64(
     const double *restrict unmeasured = s->unmeasured;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])));
+        const double t1 = warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])));
         out[k] = 0.0;
-        out[count + k] = v1 * tendon_sgn_f64(qd[k]);
-        out[2 * count + k] = v1 * qd[k];
+        out[count + k] = t1 * tendon_sgn_f64(qd[k]);
+        out[2 * count + k] = t1 * qd[k];
     }
 }
 
@@ -741,8 +741,8 @@ void tendon_linear_spring_torque_batch_f64(
 double tendon_parallel_spring_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    const double v1 = p[2] - s->q;
-    return -tendon_gate_f64(v1, p[3] * p[1] + v1 * (p[0] * (p[1] * p[1])));
+    const double t1 = p[2] - s->q;
+    return -tendon_gate_f64(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
 }
 
 /* parallel_spring_columns along `count` samples, 3 rows in `out`. */
@@ -757,10 +757,10 @@ void tendon_parallel_spring_columns_batch_f64(
     const double *restrict q = s->q;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[2] - q[k];
+        const double t1 = p[2] - q[k];
         out[k] = 0.0;
-        out[count + k] = -tendon_ramp_f64(v1);
-        out[2 * count + k] = -tendon_step_f64(v1);
+        out[count + k] = -tendon_ramp_f64(t1);
+        out[2 * count + k] = -tendon_step_f64(t1);
     }
 }
 
@@ -776,8 +776,8 @@ void tendon_parallel_spring_torque_batch_f64(
     const double *restrict q = s->q;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[2] - q[k];
-        out[k] = -tendon_gate_f64(v1, p[3] * p[1] + v1 * (p[0] * (p[1] * p[1])));
+        const double t1 = p[2] - q[k];
+        out[k] = -tendon_gate_f64(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
     }
 }
 
@@ -793,8 +793,8 @@ void tendon_parallel_spring_torque_batch_f64(
 double tendon_cable_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    const double v1 = s->q * s->q;
-    return p[3] * (v1 * v1) + (p[2] * (s->q * v1) + (p[0] * s->q + p[1] * v1));
+    const double t1 = s->q * s->q;
+    return p[3] * (t1 * t1) + (p[2] * (s->q * t1) + (p[0] * s->q + p[1] * t1));
 }
 
 /* cable_columns along `count` samples, 5 rows in `out`. */
@@ -810,12 +810,12 @@ void tendon_cable_columns_batch_f64(
     const double *restrict q = s->q;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = q[k] * q[k];
+        const double t1 = q[k] * q[k];
         out[k] = 0.0;
         out[count + k] = q[k];
-        out[2 * count + k] = v1;
-        out[3 * count + k] = q[k] * v1;
-        out[4 * count + k] = v1 * v1;
+        out[2 * count + k] = t1;
+        out[3 * count + k] = q[k] * t1;
+        out[4 * count + k] = t1 * t1;
     }
 }
 
@@ -831,8 +831,8 @@ void tendon_cable_torque_batch_f64(
     const double *restrict q = s->q;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = q[k] * q[k];
-        out[k] = p[3] * (v1 * v1) + (p[2] * (q[k] * v1) + (p[0] * q[k] + p[1] * v1));
+        const double t1 = q[k] * q[k];
+        out[k] = p[3] * (t1 * t1) + (p[2] * (q[k] * t1) + (p[0] * q[k] + p[1] * t1));
     }
 }
 
@@ -849,8 +849,8 @@ void tendon_cable_torque_batch_f64(
 double tendon_end_stop_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    const double v1 = p[3] * (s->q - p[0]);
-    return tendon_gate_f64(v1, p[2] * s->qd + v1 * (p[3] * p[1]));
+    const double t1 = p[3] * (s->q - p[0]);
+    return tendon_gate_f64(t1, p[2] * s->qd + t1 * (p[3] * p[1]));
 }
 
 /* end_stop_columns along `count` samples, 3 rows in `out`. */
@@ -866,10 +866,10 @@ void tendon_end_stop_columns_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[3] * (q[k] - p[0]);
+        const double t1 = p[3] * (q[k] - p[0]);
         out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(v1, p[3] * v1);
-        out[2 * count + k] = tendon_gate_f64(v1, qd[k]);
+        out[count + k] = tendon_gate_f64(t1, p[3] * t1);
+        out[2 * count + k] = tendon_gate_f64(t1, qd[k]);
     }
 }
 
@@ -886,8 +886,8 @@ void tendon_end_stop_torque_batch_f64(
     const double *restrict qd = s->qd;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[3] * (q[k] - p[0]);
-        out[k] = tendon_gate_f64(v1, p[2] * qd[k] + v1 * (p[3] * p[1]));
+        const double t1 = p[3] * (q[k] - p[0]);
+        out[k] = tendon_gate_f64(t1, p[2] * qd[k] + t1 * (p[3] * p[1]));
     }
 }
 
@@ -904,17 +904,17 @@ void tendon_end_stop_torque_batch_f64(
  * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
 double tendon_spring_hysteresis_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
-    const double v1 = 0.14285714285714285 * p[1];
-    const double v2 = x[4] - s->q;
-    const double v3 = 0.42857142857142855 * p[1];
-    const double v4 = 0.7142857142857143 * p[1];
-    const double v5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f64(x[0] - v1 - v2) - tendon_ramp_f64(x[1] - v2 -
-        v3);
-    const double v6 = 4.0 * s->q + (v5 - tendon_ramp_f64(x[2] - v2 - v4) - tendon_ramp_f64(x[3] - p[1] - v2) - 4.0 *
+    const double t1 = 0.14285714285714285 * p[1];
+    const double t2 = x[4] - s->q;
+    const double t3 = 0.42857142857142855 * p[1];
+    const double t4 = 0.7142857142857143 * p[1];
+    const double t5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f64(x[0] - t1 - t2) - tendon_ramp_f64(x[1] - t2 -
+        t3);
+    const double t6 = 4.0 * s->q + (t5 - tendon_ramp_f64(x[2] - t2 - t4) - tendon_ramp_f64(x[3] - p[1] - t2) - 4.0 *
         x[4]);
-    const double v7 = tendon_ramp_f64(v2 - (x[1] + v3)) + (tendon_ramp_f64(v2 - (x[0] + v1)) + (tendon_ramp_f64(v2 -
-        (p[1] + x[3])) + v6));
-    return 0.4375 * (p[0] * (tendon_ramp_f64(v2 - (x[2] + v4)) + v7)) / p[1];
+    const double t7 = tendon_ramp_f64(t2 - (x[1] + t3)) + (tendon_ramp_f64(t2 - (x[0] + t1)) + (tendon_ramp_f64(t2 -
+        (p[1] + x[3])) + t6));
+    return 0.4375 * (p[0] * (tendon_ramp_f64(t2 - (x[2] + t4)) + t7)) / p[1];
 }
 
 /* spring_hysteresis_start: Initial states.
@@ -954,18 +954,18 @@ void tendon_spring_hysteresis_start_f64(const tendon_sample_f64 *s, const double
 void tendon_spring_hysteresis_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
 {
     (void)dt;
-    const double v1 = 0.14285714285714285 * p[1];
-    const double v2 = x[4] - s->q;
-    const double v3 = x[0] - v2;
-    const double v4 = 0.42857142857142855 * p[1];
-    const double v5 = x[1] - v2;
-    const double v6 = 0.7142857142857143 * p[1];
-    const double v7 = x[2] - v2;
-    const double v8 = x[3] - v2;
-    const double next0 = tendon_ramp_f64(-(v1 + v3)) + (v3 - tendon_ramp_f64(x[0] - v1 - v2));
-    const double next1 = tendon_ramp_f64(-(v4 + v5)) + (v5 - tendon_ramp_f64(v5 - v4));
-    const double next2 = tendon_ramp_f64(-(v6 + v7)) + (v7 - tendon_ramp_f64(v7 - v6));
-    const double next3 = tendon_ramp_f64(-(p[1] + v8)) + (v8 - tendon_ramp_f64(x[3] - p[1] - v2));
+    const double t1 = 0.14285714285714285 * p[1];
+    const double t2 = x[4] - s->q;
+    const double t3 = x[0] - t2;
+    const double t4 = 0.42857142857142855 * p[1];
+    const double t5 = x[1] - t2;
+    const double t6 = 0.7142857142857143 * p[1];
+    const double t7 = x[2] - t2;
+    const double t8 = x[3] - t2;
+    const double next0 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(x[0] - t1 - t2));
+    const double next1 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
+    const double next2 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
+    const double next3 = tendon_ramp_f64(-(p[1] + t8)) + (t8 - tendon_ramp_f64(x[3] - p[1] - t2));
     const double next4 = s->q;
     x[0] = next0;
     x[1] = next1;
@@ -994,26 +994,26 @@ void tendon_spring_hysteresis_columns_batch_f64(
     x[3] = 0.0;
     x[4] = q[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = x[4] - q[k];
-        const double v2 = 0.7142857142857143 * p[1];
-        const double v3 = x[2] - v1;
-        const double v4 = tendon_ramp_f64(-(v2 + v3)) - tendon_ramp_f64(v3 - v2);
-        const double v5 = x[3] - v1;
-        const double v6 = tendon_ramp_f64(-(p[1] + v5)) - tendon_ramp_f64(x[3] - p[1] - v1);
-        const double v7 = 0.14285714285714285 * p[1];
-        const double v8 = x[0] - v1;
-        const double v9 = tendon_ramp_f64(-(v7 + v8)) - tendon_ramp_f64(x[0] - v7 - v1);
-        const double v10 = 0.42857142857142855 * p[1];
-        const double v11 = x[1] - v1;
-        const double v12 = tendon_ramp_f64(-(v10 + v11)) - tendon_ramp_f64(v11 - v10);
-        const double v13 = 0.4375 * (v12 + (v9 + (v6 + (v4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
+        const double t1 = x[4] - q[k];
+        const double t2 = 0.7142857142857143 * p[1];
+        const double t3 = x[2] - t1;
+        const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
+        const double t5 = x[3] - t1;
+        const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
+        const double t7 = 0.14285714285714285 * p[1];
+        const double t8 = x[0] - t1;
+        const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
+        const double t10 = 0.42857142857142855 * p[1];
+        const double t11 = x[1] - t1;
+        const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
+        const double t13 = 0.4375 * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
             x[4]))))));
         out[k] = 0.0;
-        out[count + k] = v13 / p[1];
-        const double next0 = v8 + v9;
-        const double next1 = v11 + v12;
-        const double next2 = v3 + v4;
-        const double next3 = v5 + v6;
+        out[count + k] = t13 / p[1];
+        const double next0 = t8 + t9;
+        const double next1 = t11 + t12;
+        const double next2 = t3 + t4;
+        const double next3 = t5 + t6;
         const double next4 = q[k];
         x[0] = next0;
         x[1] = next1;
@@ -1043,25 +1043,25 @@ void tendon_spring_hysteresis_torque_batch_f64(
     x[3] = 0.0;
     x[4] = q[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = x[4] - q[k];
-        const double v2 = 0.7142857142857143 * p[1];
-        const double v3 = x[2] - v1;
-        const double v4 = tendon_ramp_f64(-(v2 + v3)) - tendon_ramp_f64(v3 - v2);
-        const double v5 = x[3] - v1;
-        const double v6 = tendon_ramp_f64(-(p[1] + v5)) - tendon_ramp_f64(x[3] - p[1] - v1);
-        const double v7 = 0.14285714285714285 * p[1];
-        const double v8 = x[0] - v1;
-        const double v9 = tendon_ramp_f64(-(v7 + v8)) - tendon_ramp_f64(x[0] - v7 - v1);
-        const double v10 = 0.42857142857142855 * p[1];
-        const double v11 = x[1] - v1;
-        const double v12 = tendon_ramp_f64(-(v10 + v11)) - tendon_ramp_f64(v11 - v10);
-        const double v13 = p[0] * (v12 + (v9 + (v6 + (v4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
+        const double t1 = x[4] - q[k];
+        const double t2 = 0.7142857142857143 * p[1];
+        const double t3 = x[2] - t1;
+        const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
+        const double t5 = x[3] - t1;
+        const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
+        const double t7 = 0.14285714285714285 * p[1];
+        const double t8 = x[0] - t1;
+        const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
+        const double t10 = 0.42857142857142855 * p[1];
+        const double t11 = x[1] - t1;
+        const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
+        const double t13 = p[0] * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
             x[4]))))));
-        out[k] = 0.4375 * v13 / p[1];
-        const double next0 = v8 + v9;
-        const double next1 = v11 + v12;
-        const double next2 = v3 + v4;
-        const double next3 = v5 + v6;
+        out[k] = 0.4375 * t13 / p[1];
+        const double next0 = t8 + t9;
+        const double next1 = t11 + t12;
+        const double next2 = t3 + t4;
+        const double next3 = t5 + t6;
         const double next4 = q[k];
         x[0] = next0;
         x[1] = next1;
@@ -1091,23 +1091,23 @@ void tendon_spring_hysteresis_states_batch_f64(
     x[3] = 0.0;
     x[4] = q[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 0.14285714285714285 * p[1];
-        const double v2 = x[4] - q[k];
-        const double v3 = x[0] - v2;
-        const double v4 = 0.42857142857142855 * p[1];
-        const double v5 = x[1] - v2;
-        const double v6 = 0.7142857142857143 * p[1];
-        const double v7 = x[2] - v2;
-        const double v8 = x[3] - v2;
+        const double t1 = 0.14285714285714285 * p[1];
+        const double t2 = x[4] - q[k];
+        const double t3 = x[0] - t2;
+        const double t4 = 0.42857142857142855 * p[1];
+        const double t5 = x[1] - t2;
+        const double t6 = 0.7142857142857143 * p[1];
+        const double t7 = x[2] - t2;
+        const double t8 = x[3] - t2;
         out[k] = x[0];
         out[count + k] = x[1];
         out[2 * count + k] = x[2];
         out[3 * count + k] = x[3];
         out[4 * count + k] = x[4];
-        const double next0 = tendon_ramp_f64(-(v1 + v3)) + (v3 - tendon_ramp_f64(x[0] - v1 - v2));
-        const double next1 = tendon_ramp_f64(-(v4 + v5)) + (v5 - tendon_ramp_f64(v5 - v4));
-        const double next2 = tendon_ramp_f64(-(v6 + v7)) + (v7 - tendon_ramp_f64(v7 - v6));
-        const double next3 = tendon_ramp_f64(-(p[1] + v8)) + (v8 - tendon_ramp_f64(x[3] - p[1] - v2));
+        const double next0 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(x[0] - t1 - t2));
+        const double next1 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
+        const double next2 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
+        const double next3 = tendon_ramp_f64(-(p[1] + t8)) + (t8 - tendon_ramp_f64(x[3] - p[1] - t2));
         const double next4 = q[k];
         x[0] = next0;
         x[1] = next1;
@@ -1130,8 +1130,8 @@ void tendon_spring_hysteresis_states_batch_f64(
 double tendon_torque_ripple_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    const double c1 = tendon_cos_f64(p[2] + s->ratio * (p[0] * s->q));
-    return p[1] * c1;
+    const double cos_1 = tendon_cos_f64(p[2] + s->ratio * (p[0] * s->q));
+    return p[1] * cos_1;
 }
 
 /* torque_ripple_columns along `count` samples, 3 rows in `out`. */
@@ -1147,13 +1147,13 @@ void tendon_torque_ripple_columns_batch_f64(
     const double *restrict ratio = s->ratio;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = ratio[k] * (p[0] * q[k]);
-        double s1;
-        double c1;
-        tendon_sincos_f64(v1, &s1, &c1);
+        const double t1 = ratio[k] * (p[0] * q[k]);
+        double sin_1;
+        double cos_1;
+        tendon_sincos_f64(t1, &sin_1, &cos_1);
         out[k] = 0.0;
-        out[count + k] = c1;
-        out[2 * count + k] = s1;
+        out[count + k] = cos_1;
+        out[2 * count + k] = sin_1;
     }
 }
 
@@ -1170,8 +1170,8 @@ void tendon_torque_ripple_torque_batch_f64(
     const double *restrict ratio = s->ratio;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double c1 = tendon_cos_f64(p[2] + ratio[k] * (p[0] * q[k]));
-        out[k] = p[1] * c1;
+        const double cos_1 = tendon_cos_f64(p[2] + ratio[k] * (p[0] * q[k]));
+        out[k] = p[1] * cos_1;
     }
 }
 
@@ -1375,34 +1375,34 @@ void tendon_elasticity_start_f64(const tendon_sample_f64 *s, const double *p, do
  * Operations: 89 operations (15 add, 10 sub, 61 mul, 3 div) */
 void tendon_elasticity_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
 {
-    const double v1 = 1.0 / s->link_inertia;
-    const double v2 = p[1] * v1;
-    const double v3 = dt * dt;
-    const double v4 = 0.16666666666666666 * v3;
-    const double v5 = 0.6666666666666666 * dt;
-    const double v6 = 0.4166666666666667 * dt;
-    const double v7 = v1 * (1.3333333333333333 * s->load - 0.3333333333333333 * x[3]);
-    const double v8 = 2.0 * s->load - x[3];
-    const double v9 = v1 * v8;
-    const double v10 = x[1] + 0.25 * (dt * (3.0 * v7 + v9));
-    const double v11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * v7 - v9))));
-    const double v12 = v1 * p[0];
-    const double v13 = (1.0 + v2 * v6) * v10 - v2 * v11 - 0.3333333333333333 * (v12 * (dt * x[0]));
-    const double v14 = s->link_inertia * s->link_inertia;
-    const double v15 = 1.0 / v14;
-    const double v16 = v3 * (p[1] * p[1]);
-    const double v17 = 1.0 - v4 * v12;
-    const double v18 = v11 + (x[0] - v6 * v10);
-    const double v19 = 4.0 * p[0];
-    const double v20 = 36.0 * v14;
-    const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (s->link_inertia * v19) + (6.0 * v16 + p[0] * p[0] * (v3 *
-        v3)));
-    const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * s->link_inertia)) + v21));
-    const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
-    const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
-    const double next0 = v23;
-    const double next1 = v24;
-    const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
+    const double t1 = 1.0 / s->link_inertia;
+    const double t2 = p[1] * t1;
+    const double t3 = dt * dt;
+    const double t4 = 0.16666666666666666 * t3;
+    const double t5 = 0.6666666666666666 * dt;
+    const double t6 = 0.4166666666666667 * dt;
+    const double t7 = t1 * (1.3333333333333333 * s->load - 0.3333333333333333 * x[3]);
+    const double t8 = 2.0 * s->load - x[3];
+    const double t9 = t1 * t8;
+    const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
+    const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
+    const double t12 = t1 * p[0];
+    const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
+    const double t14 = s->link_inertia * s->link_inertia;
+    const double t15 = 1.0 / t14;
+    const double t16 = t3 * (p[1] * p[1]);
+    const double t17 = 1.0 - t4 * t12;
+    const double t18 = t11 + (x[0] - t6 * t10);
+    const double t19 = 4.0 * p[0];
+    const double t20 = 36.0 * t14;
+    const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (s->link_inertia * t19) + (6.0 * t16 + p[0] * p[0] * (t3 *
+        t3)));
+    const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * s->link_inertia)) + t21));
+    const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+    const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
+    const double next0 = t23;
+    const double next1 = t24;
+    const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
     const double next3 = s->load;
     x[0] = next0;
     x[1] = next1;
@@ -1430,35 +1430,35 @@ void tendon_elasticity_columns_batch_f64(
     x[2] = 0.0;
     x[3] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 1.0 / link_inertia[k];
-        const double v2 = p[1] * v1;
-        const double v3 = dt * dt;
-        const double v4 = 0.16666666666666666 * v3;
-        const double v5 = 0.6666666666666666 * dt;
-        const double v6 = 0.4166666666666667 * dt;
-        const double v7 = v1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
-        const double v8 = 2.0 * load[k] - x[3];
-        const double v9 = v1 * v8;
-        const double v10 = x[1] + 0.25 * (dt * (3.0 * v7 + v9));
-        const double v11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * v7 - v9))));
-        const double v12 = v1 * p[0];
-        const double v13 = (1.0 + v2 * v6) * v10 - v2 * v11 - 0.3333333333333333 * (v12 * (dt * x[0]));
-        const double v14 = link_inertia[k] * link_inertia[k];
-        const double v15 = 1.0 / v14;
-        const double v16 = v3 * (p[1] * p[1]);
-        const double v17 = 1.0 - v4 * v12;
-        const double v18 = v11 + (x[0] - v6 * v10);
-        const double v19 = 4.0 * p[0];
-        const double v20 = 36.0 * v14;
-        const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (link_inertia[k] * v19) + (6.0 * v16 + p[0] * p[0] * (v3
-            * v3)));
-        const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * link_inertia[k])) + v21));
-        const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
-        const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
+        const double t1 = 1.0 / link_inertia[k];
+        const double t2 = p[1] * t1;
+        const double t3 = dt * dt;
+        const double t4 = 0.16666666666666666 * t3;
+        const double t5 = 0.6666666666666666 * dt;
+        const double t6 = 0.4166666666666667 * dt;
+        const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
+        const double t8 = 2.0 * load[k] - x[3];
+        const double t9 = t1 * t8;
+        const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
+        const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
+        const double t12 = t1 * p[0];
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
+        const double t14 = link_inertia[k] * link_inertia[k];
+        const double t15 = 1.0 / t14;
+        const double t16 = t3 * (p[1] * p[1]);
+        const double t17 = 1.0 - t4 * t12;
+        const double t18 = t11 + (x[0] - t6 * t10);
+        const double t19 = 4.0 * p[0];
+        const double t20 = 36.0 * t14;
+        const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
+            * t3)));
+        const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
+        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+        const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
         out[k] = -(coupling[k] * x[2]);
-        const double next0 = v23;
-        const double next1 = v24;
-        const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
+        const double next0 = t23;
+        const double next1 = t24;
+        const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
         const double next3 = load[k];
         x[0] = next0;
         x[1] = next1;
@@ -1487,35 +1487,35 @@ void tendon_elasticity_torque_batch_f64(
     x[2] = 0.0;
     x[3] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 1.0 / link_inertia[k];
-        const double v2 = p[1] * v1;
-        const double v3 = dt * dt;
-        const double v4 = 0.16666666666666666 * v3;
-        const double v5 = 0.6666666666666666 * dt;
-        const double v6 = 0.4166666666666667 * dt;
-        const double v7 = v1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
-        const double v8 = 2.0 * load[k] - x[3];
-        const double v9 = v1 * v8;
-        const double v10 = x[1] + 0.25 * (dt * (3.0 * v7 + v9));
-        const double v11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * v7 - v9))));
-        const double v12 = v1 * p[0];
-        const double v13 = (1.0 + v2 * v6) * v10 - v2 * v11 - 0.3333333333333333 * (v12 * (dt * x[0]));
-        const double v14 = link_inertia[k] * link_inertia[k];
-        const double v15 = 1.0 / v14;
-        const double v16 = v3 * (p[1] * p[1]);
-        const double v17 = 1.0 - v4 * v12;
-        const double v18 = v11 + (x[0] - v6 * v10);
-        const double v19 = 4.0 * p[0];
-        const double v20 = 36.0 * v14;
-        const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (link_inertia[k] * v19) + (6.0 * v16 + p[0] * p[0] * (v3
-            * v3)));
-        const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * link_inertia[k])) + v21));
-        const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
-        const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
+        const double t1 = 1.0 / link_inertia[k];
+        const double t2 = p[1] * t1;
+        const double t3 = dt * dt;
+        const double t4 = 0.16666666666666666 * t3;
+        const double t5 = 0.6666666666666666 * dt;
+        const double t6 = 0.4166666666666667 * dt;
+        const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
+        const double t8 = 2.0 * load[k] - x[3];
+        const double t9 = t1 * t8;
+        const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
+        const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
+        const double t12 = t1 * p[0];
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
+        const double t14 = link_inertia[k] * link_inertia[k];
+        const double t15 = 1.0 / t14;
+        const double t16 = t3 * (p[1] * p[1]);
+        const double t17 = 1.0 - t4 * t12;
+        const double t18 = t11 + (x[0] - t6 * t10);
+        const double t19 = 4.0 * p[0];
+        const double t20 = 36.0 * t14;
+        const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
+            * t3)));
+        const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
+        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+        const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
         out[k] = -(coupling[k] * x[2]);
-        const double next0 = v23;
-        const double next1 = v24;
-        const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
+        const double next0 = t23;
+        const double next1 = t24;
+        const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
         const double next3 = load[k];
         x[0] = next0;
         x[1] = next1;
@@ -1543,38 +1543,38 @@ void tendon_elasticity_states_batch_f64(
     x[2] = 0.0;
     x[3] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 1.0 / link_inertia[k];
-        const double v2 = p[1] * v1;
-        const double v3 = dt * dt;
-        const double v4 = 0.16666666666666666 * v3;
-        const double v5 = 0.6666666666666666 * dt;
-        const double v6 = 0.4166666666666667 * dt;
-        const double v7 = v1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
-        const double v8 = 2.0 * load[k] - x[3];
-        const double v9 = v1 * v8;
-        const double v10 = x[1] + 0.25 * (dt * (3.0 * v7 + v9));
-        const double v11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * v7 - v9))));
-        const double v12 = v1 * p[0];
-        const double v13 = (1.0 + v2 * v6) * v10 - v2 * v11 - 0.3333333333333333 * (v12 * (x[0] * dt));
-        const double v14 = link_inertia[k] * link_inertia[k];
-        const double v15 = 1.0 / v14;
-        const double v16 = v3 * (p[1] * p[1]);
-        const double v17 = 1.0 - v4 * v12;
-        const double v18 = v11 + (x[0] - v6 * v10);
-        const double v19 = 4.0 * p[0];
-        const double v20 = 36.0 * v14;
-        const double v21 = v19 * (p[1] * (dt * v3)) + (v3 * (link_inertia[k] * v19) + (6.0 * v16 + p[0] * p[0] * (v3
-            * v3)));
-        const double v22 = v20 / (v20 + (24.0 * (dt * (p[1] * link_inertia[k])) + v21));
-        const double v23 = ((v2 * v4 + v5) * v13 + (0.16666666666666666 * (v15 * v16) + (v2 * v5 + v17)) * v18) * v22;
-        const double v24 = v22 * (v13 * v17 - v18 * (v5 * v12 + v4 * (v15 * (p[1] * p[0]))));
+        const double t1 = 1.0 / link_inertia[k];
+        const double t2 = p[1] * t1;
+        const double t3 = dt * dt;
+        const double t4 = 0.16666666666666666 * t3;
+        const double t5 = 0.6666666666666666 * dt;
+        const double t6 = 0.4166666666666667 * dt;
+        const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
+        const double t8 = 2.0 * load[k] - x[3];
+        const double t9 = t1 * t8;
+        const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
+        const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
+        const double t12 = t1 * p[0];
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
+        const double t14 = link_inertia[k] * link_inertia[k];
+        const double t15 = 1.0 / t14;
+        const double t16 = t3 * (p[1] * p[1]);
+        const double t17 = 1.0 - t4 * t12;
+        const double t18 = t11 + (x[0] - t6 * t10);
+        const double t19 = 4.0 * p[0];
+        const double t20 = 36.0 * t14;
+        const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
+            * t3)));
+        const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
+        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+        const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
         out[k] = x[0];
         out[count + k] = x[1];
         out[2 * count + k] = x[2];
         out[3 * count + k] = x[3];
-        const double next0 = v23;
-        const double next1 = v24;
-        const double next2 = v1 * (v8 - p[1] * v24 - p[0] * v23);
+        const double next0 = t23;
+        const double next1 = t24;
+        const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
         const double next3 = load[k];
         x[0] = next0;
         x[1] = next1;
@@ -1641,65 +1641,65 @@ void tendon_backlash_start_f64(const tendon_sample_f64 *s, const double *p, doub
  * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
 void tendon_backlash_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
 {
-    const double v1 = 0.5 * p[0];
-    const double v2 = v1 - x[0];
-    const double v3 = -v2;
-    const double v4 = p[2] * x[1];
-    const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
-    const double v6 = x[0] + v1;
-    const double v7 = -v6;
-    const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
-    const double v9 = v5 + v8;
-    const double v10 = dt * v9;
-    const double v11 = 1.0 / s->link_inertia;
-    const double v12 = (1.5 * s->load - 0.5 * x[4]) * v11;
-    const double v13 = 2.0 * v12;
-    const double v14 = x[1] * x[1];
-    const double v15 = 2.0 * x[0];
-    const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) - x[1]);
-    const double v17 = 0.5 * v12;
-    const double v18 = dt * x[1] + dt * dt * v17;
-    const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
-    const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+    const double t1 = 0.5 * p[0];
+    const double t2 = t1 - x[0];
+    const double t3 = -t2;
+    const double t4 = p[2] * x[1];
+    const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
+    const double t6 = x[0] + t1;
+    const double t7 = -t6;
+    const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+    const double t9 = t5 + t8;
+    const double t10 = dt * t9;
+    const double t11 = 1.0 / s->link_inertia;
+    const double t12 = (1.5 * s->load - 0.5 * x[4]) * t11;
+    const double t13 = 2.0 * t12;
+    const double t14 = x[1] * x[1];
+    const double t15 = 2.0 * x[0];
+    const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) - x[1]);
+    const double t17 = 0.5 * t12;
+    const double t18 = dt * x[1] + dt * dt * t17;
+    const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+    const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
         1e-07));
-    const double v21 = 1.0 - tendon_step_f64(v3);
-    const double v22 = v18 - v2;
-    const double v23 = 1.0 - v9;
-    const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
-    const double v25 = p[2] * v11;
-    const double v26 = v10 + v24;
-    const double v27 = v26 * v26;
-    const double v28 = 0.16666666666666666 * v27;
-    const double v29 = 0.4166666666666667 * v26;
-    const double v30 = 1.0 / dt;
-    const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * s->load - x[4]);
-    const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (s->load - x[4]))));
-    const double v33 = v11 * v31;
-    const double v34 = dt - v26;
-    const double v35 = x[1] + v12 * v34;
-    const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
-    const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
-    const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
-    const double v39 = p[1] * v11;
-    const double v40 = v26 * v39;
-    const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
-    const double v42 = s->link_inertia * s->link_inertia;
-    const double v43 = 1.0 / v42;
-    const double v44 = v27 * (p[2] * p[2]);
-    const double v45 = p[2] * v26;
-    const double v46 = 1.0 - v28 * v39;
-    const double v47 = v37 + (v38 - v29 * v36);
-    const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
-        (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
-    const double v49 = 4.0 * p[1];
-    const double v50 = 36.0 * v42;
-    const double v51 = v49 * (s->link_inertia * v27) + (24.0 * (s->link_inertia * v45) + (6.0 * v44 + p[1] * p[1] *
-        (v27 * v27)));
-    const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
-    const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
-    const double next0 = v48 * v52;
-    const double next1 = v53;
-    const double next2 = v30 * (v53 - x[1]);
+    const double t21 = 1.0 - tendon_step_f64(t3);
+    const double t22 = t18 - t2;
+    const double t23 = 1.0 - t9;
+    const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
+    const double t25 = p[2] * t11;
+    const double t26 = t10 + t24;
+    const double t27 = t26 * t26;
+    const double t28 = 0.16666666666666666 * t27;
+    const double t29 = 0.4166666666666667 * t26;
+    const double t30 = 1.0 / dt;
+    const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * s->load - x[4]);
+    const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (s->load - x[4]))));
+    const double t33 = t11 * t31;
+    const double t34 = dt - t26;
+    const double t35 = x[1] + t12 * t34;
+    const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+    const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+    const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+    const double t39 = p[1] * t11;
+    const double t40 = t26 * t39;
+    const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+    const double t42 = s->link_inertia * s->link_inertia;
+    const double t43 = 1.0 / t42;
+    const double t44 = t27 * (p[2] * p[2]);
+    const double t45 = p[2] * t26;
+    const double t46 = 1.0 - t28 * t39;
+    const double t47 = t37 + (t38 - t29 * t36);
+    const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+        (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+    const double t49 = 4.0 * p[1];
+    const double t50 = 36.0 * t42;
+    const double t51 = t49 * (s->link_inertia * t27) + (24.0 * (s->link_inertia * t45) + (6.0 * t44 + p[1] * p[1] *
+        (t27 * t27)));
+    const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+    const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
+    const double next0 = t48 * t52;
+    const double next1 = t53;
+    const double next2 = t30 * (t53 - x[1]);
     const double next3 = x[2];
     const double next4 = s->load;
     x[0] = next0;
@@ -1730,68 +1730,68 @@ void tendon_backlash_columns_batch_f64(
     x[3] = 0.0;
     x[4] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 0.5 * p[0];
-        const double v2 = v1 - x[0];
-        const double v3 = -v2;
-        const double v4 = p[2] * x[1];
-        const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
-        const double v6 = x[0] + v1;
-        const double v7 = -v6;
-        const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
-        const double v9 = v5 + v8;
-        const double v10 = dt * v9;
-        const double v11 = 1.0 / link_inertia[k];
-        const double v12 = (1.5 * load[k] - 0.5 * x[4]) * v11;
-        const double v13 = 2.0 * v12;
-        const double v14 = x[1] * x[1];
-        const double v15 = 2.0 * x[0];
-        const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) -
+        const double t1 = 0.5 * p[0];
+        const double t2 = t1 - x[0];
+        const double t3 = -t2;
+        const double t4 = p[2] * x[1];
+        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
+        const double t6 = x[0] + t1;
+        const double t7 = -t6;
+        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+        const double t9 = t5 + t8;
+        const double t10 = dt * t9;
+        const double t11 = 1.0 / link_inertia[k];
+        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
+        const double t13 = 2.0 * t12;
+        const double t14 = x[1] * x[1];
+        const double t15 = 2.0 * x[0];
+        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
             x[1]);
-        const double v17 = 0.5 * v12;
-        const double v18 = dt * x[1] + dt * dt * v17;
-        const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
-        const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+        const double t17 = 0.5 * t12;
+        const double t18 = dt * x[1] + dt * dt * t17;
+        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
             1e-07));
-        const double v21 = 1.0 - tendon_step_f64(v3);
-        const double v22 = v18 - v2;
-        const double v23 = 1.0 - v9;
-        const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
-        const double v25 = p[2] * v11;
-        const double v26 = v10 + v24;
-        const double v27 = v26 * v26;
-        const double v28 = 0.16666666666666666 * v27;
-        const double v29 = 0.4166666666666667 * v26;
-        const double v30 = 1.0 / dt;
-        const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * load[k] -
+        const double t21 = 1.0 - tendon_step_f64(t3);
+        const double t22 = t18 - t2;
+        const double t23 = 1.0 - t9;
+        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
+        const double t25 = p[2] * t11;
+        const double t26 = t10 + t24;
+        const double t27 = t26 * t26;
+        const double t28 = 0.16666666666666666 * t27;
+        const double t29 = 0.4166666666666667 * t26;
+        const double t30 = 1.0 / dt;
+        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
             x[4]);
-        const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double v33 = v11 * v31;
-        const double v34 = dt - v26;
-        const double v35 = x[1] + v12 * v34;
-        const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
-        const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
-        const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
-        const double v39 = p[1] * v11;
-        const double v40 = v26 * v39;
-        const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
-        const double v42 = link_inertia[k] * link_inertia[k];
-        const double v43 = 1.0 / v42;
-        const double v44 = v27 * (p[2] * p[2]);
-        const double v45 = p[2] * v26;
-        const double v46 = 1.0 - v28 * v39;
-        const double v47 = v37 + (v38 - v29 * v36);
-        const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
-            (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
-        const double v49 = 4.0 * p[1];
-        const double v50 = 36.0 * v42;
-        const double v51 = v49 * (link_inertia[k] * v27) + (24.0 * (link_inertia[k] * v45) + (6.0 * v44 + p[1] *
-            p[1] * (v27 * v27)));
-        const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
-        const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t33 = t11 * t31;
+        const double t34 = dt - t26;
+        const double t35 = x[1] + t12 * t34;
+        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+        const double t39 = p[1] * t11;
+        const double t40 = t26 * t39;
+        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+        const double t42 = link_inertia[k] * link_inertia[k];
+        const double t43 = 1.0 / t42;
+        const double t44 = t27 * (p[2] * p[2]);
+        const double t45 = p[2] * t26;
+        const double t46 = 1.0 - t28 * t39;
+        const double t47 = t37 + (t38 - t29 * t36);
+        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+        const double t49 = 4.0 * p[1];
+        const double t50 = 36.0 * t42;
+        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
+            p[1] * (t27 * t27)));
+        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
         out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
-        const double next0 = v48 * v52;
-        const double next1 = v53;
-        const double next2 = v30 * (v53 - x[1]);
+        const double next0 = t48 * t52;
+        const double next1 = t53;
+        const double next2 = t30 * (t53 - x[1]);
         const double next3 = x[2];
         const double next4 = load[k];
         x[0] = next0;
@@ -1823,68 +1823,68 @@ void tendon_backlash_torque_batch_f64(
     x[3] = 0.0;
     x[4] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 0.5 * p[0];
-        const double v2 = v1 - x[0];
-        const double v3 = -v2;
-        const double v4 = p[2] * x[1];
-        const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
-        const double v6 = x[0] + v1;
-        const double v7 = -v6;
-        const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
-        const double v9 = v5 + v8;
-        const double v10 = dt * v9;
-        const double v11 = 1.0 / link_inertia[k];
-        const double v12 = (1.5 * load[k] - 0.5 * x[4]) * v11;
-        const double v13 = 2.0 * v12;
-        const double v14 = x[1] * x[1];
-        const double v15 = 2.0 * x[0];
-        const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) -
+        const double t1 = 0.5 * p[0];
+        const double t2 = t1 - x[0];
+        const double t3 = -t2;
+        const double t4 = p[2] * x[1];
+        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
+        const double t6 = x[0] + t1;
+        const double t7 = -t6;
+        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+        const double t9 = t5 + t8;
+        const double t10 = dt * t9;
+        const double t11 = 1.0 / link_inertia[k];
+        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
+        const double t13 = 2.0 * t12;
+        const double t14 = x[1] * x[1];
+        const double t15 = 2.0 * x[0];
+        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
             x[1]);
-        const double v17 = 0.5 * v12;
-        const double v18 = dt * x[1] + dt * dt * v17;
-        const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
-        const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+        const double t17 = 0.5 * t12;
+        const double t18 = dt * x[1] + dt * dt * t17;
+        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
             1e-07));
-        const double v21 = 1.0 - tendon_step_f64(v3);
-        const double v22 = v18 - v2;
-        const double v23 = 1.0 - v9;
-        const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
-        const double v25 = p[2] * v11;
-        const double v26 = v10 + v24;
-        const double v27 = v26 * v26;
-        const double v28 = 0.16666666666666666 * v27;
-        const double v29 = 0.4166666666666667 * v26;
-        const double v30 = 1.0 / dt;
-        const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * load[k] -
+        const double t21 = 1.0 - tendon_step_f64(t3);
+        const double t22 = t18 - t2;
+        const double t23 = 1.0 - t9;
+        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
+        const double t25 = p[2] * t11;
+        const double t26 = t10 + t24;
+        const double t27 = t26 * t26;
+        const double t28 = 0.16666666666666666 * t27;
+        const double t29 = 0.4166666666666667 * t26;
+        const double t30 = 1.0 / dt;
+        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
             x[4]);
-        const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double v33 = v11 * v31;
-        const double v34 = dt - v26;
-        const double v35 = x[1] + v12 * v34;
-        const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
-        const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
-        const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
-        const double v39 = p[1] * v11;
-        const double v40 = v26 * v39;
-        const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
-        const double v42 = link_inertia[k] * link_inertia[k];
-        const double v43 = 1.0 / v42;
-        const double v44 = v27 * (p[2] * p[2]);
-        const double v45 = p[2] * v26;
-        const double v46 = 1.0 - v28 * v39;
-        const double v47 = v37 + (v38 - v29 * v36);
-        const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
-            (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
-        const double v49 = 4.0 * p[1];
-        const double v50 = 36.0 * v42;
-        const double v51 = v49 * (link_inertia[k] * v27) + (24.0 * (link_inertia[k] * v45) + (6.0 * v44 + p[1] *
-            p[1] * (v27 * v27)));
-        const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
-        const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t33 = t11 * t31;
+        const double t34 = dt - t26;
+        const double t35 = x[1] + t12 * t34;
+        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+        const double t39 = p[1] * t11;
+        const double t40 = t26 * t39;
+        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+        const double t42 = link_inertia[k] * link_inertia[k];
+        const double t43 = 1.0 / t42;
+        const double t44 = t27 * (p[2] * p[2]);
+        const double t45 = p[2] * t26;
+        const double t46 = 1.0 - t28 * t39;
+        const double t47 = t37 + (t38 - t29 * t36);
+        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+        const double t49 = 4.0 * p[1];
+        const double t50 = 36.0 * t42;
+        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
+            p[1] * (t27 * t27)));
+        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
         out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
-        const double next0 = v48 * v52;
-        const double next1 = v53;
-        const double next2 = v30 * (v53 - x[1]);
+        const double next0 = t48 * t52;
+        const double next1 = t53;
+        const double next2 = t30 * (t53 - x[1]);
         const double next3 = x[2];
         const double next4 = load[k];
         x[0] = next0;
@@ -1915,72 +1915,72 @@ void tendon_backlash_states_batch_f64(
     x[3] = 0.0;
     x[4] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = 0.5 * p[0];
-        const double v2 = v1 - x[0];
-        const double v3 = -v2;
-        const double v4 = x[1] * p[2];
-        const double v5 = tendon_gate_f64(v3, tendon_step_f64(v4 - v2 * p[1]));
-        const double v6 = x[0] + v1;
-        const double v7 = -v6;
-        const double v8 = tendon_gate_f64(v7, tendon_step_f64(-(v4 + p[1] * v6)));
-        const double v9 = v5 + v8;
-        const double v10 = dt * v9;
-        const double v11 = 1.0 / link_inertia[k];
-        const double v12 = (1.5 * load[k] - 0.5 * x[4]) * v11;
-        const double v13 = 2.0 * v12;
-        const double v14 = x[1] * x[1];
-        const double v15 = 2.0 * x[0];
-        const double v16 = dt - (p[0] + v15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, v14 - v6 * v13)) -
+        const double t1 = 0.5 * p[0];
+        const double t2 = t1 - x[0];
+        const double t3 = -t2;
+        const double t4 = x[1] * p[2];
+        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
+        const double t6 = x[0] + t1;
+        const double t7 = -t6;
+        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+        const double t9 = t5 + t8;
+        const double t10 = dt * t9;
+        const double t11 = 1.0 / link_inertia[k];
+        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
+        const double t13 = 2.0 * t12;
+        const double t14 = x[1] * x[1];
+        const double t15 = 2.0 * x[0];
+        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
             x[1]);
-        const double v17 = 0.5 * v12;
-        const double v18 = x[1] * dt + dt * dt * v17;
-        const double v19 = tendon_gate_f64(-(v6 + v18), 1.0 - tendon_step_f64(v7));
-        const double v20 = dt - (p[0] - v15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, v14 + v2 * v13)) + (x[1] +
+        const double t17 = 0.5 * t12;
+        const double t18 = x[1] * dt + dt * dt * t17;
+        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
             1e-07));
-        const double v21 = 1.0 - tendon_step_f64(v3);
-        const double v22 = v18 - v2;
-        const double v23 = 1.0 - v9;
-        const double v24 = (v16 * v19 + tendon_gate_f64(v22, v20 * v21)) * v23;
-        const double v25 = p[2] * v11;
-        const double v26 = v10 + v24;
-        const double v27 = v26 * v26;
-        const double v28 = 0.16666666666666666 * v27;
-        const double v29 = 0.4166666666666667 * v26;
-        const double v30 = 1.0 / dt;
-        const double v31 = v1 * (p[1] * (v5 + (v23 * (tendon_gate_f64(v22, v21) - v19) - v8))) + (2.0 * load[k] -
+        const double t21 = 1.0 - tendon_step_f64(t3);
+        const double t22 = t18 - t2;
+        const double t23 = 1.0 - t9;
+        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
+        const double t25 = p[2] * t11;
+        const double t26 = t10 + t24;
+        const double t27 = t26 * t26;
+        const double t28 = 0.16666666666666666 * t27;
+        const double t29 = 0.4166666666666667 * t26;
+        const double t30 = 1.0 / dt;
+        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
             x[4]);
-        const double v32 = v11 * (v31 - v30 * (v26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double v33 = v11 * v31;
-        const double v34 = dt - v26;
-        const double v35 = x[1] + v12 * v34;
-        const double v36 = 0.25 * (v26 * (3.0 * v32 + v33)) + v35;
-        const double v37 = 0.75 * (v26 * (v35 + 0.08333333333333333 * (v26 * (5.0 * v32 - v33))));
-        const double v38 = v17 * (v34 * v34) + (x[0] + x[1] * v34);
-        const double v39 = p[1] * v11;
-        const double v40 = v26 * v39;
-        const double v41 = (1.0 + v25 * v29) * v36 - v25 * v37 - 0.3333333333333333 * (v38 * v40);
-        const double v42 = link_inertia[k] * link_inertia[k];
-        const double v43 = 1.0 / v42;
-        const double v44 = v27 * (p[2] * p[2]);
-        const double v45 = p[2] * v26;
-        const double v46 = 1.0 - v28 * v39;
-        const double v47 = v37 + (v38 - v29 * v36);
-        const double v48 = (v25 * v28 + (0.6666666666666666 * v10 + 0.6666666666666666 * v24)) * v41 + (v46 +
-            (0.16666666666666666 * (v43 * v44) + 0.6666666666666666 * (v11 * v45))) * v47;
-        const double v49 = 4.0 * p[1];
-        const double v50 = 36.0 * v42;
-        const double v51 = v49 * (link_inertia[k] * v27) + (24.0 * (link_inertia[k] * v45) + (6.0 * v44 + p[1] *
-            p[1] * (v27 * v27)));
-        const double v52 = v50 / (v50 + (v49 * (p[2] * (v26 * v27)) + v51));
-        const double v53 = v52 * (v41 * v46 - v47 * (0.6666666666666666 * v40 + v43 * (v28 * (p[1] * p[2]))));
+        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t33 = t11 * t31;
+        const double t34 = dt - t26;
+        const double t35 = x[1] + t12 * t34;
+        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+        const double t39 = p[1] * t11;
+        const double t40 = t26 * t39;
+        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+        const double t42 = link_inertia[k] * link_inertia[k];
+        const double t43 = 1.0 / t42;
+        const double t44 = t27 * (p[2] * p[2]);
+        const double t45 = p[2] * t26;
+        const double t46 = 1.0 - t28 * t39;
+        const double t47 = t37 + (t38 - t29 * t36);
+        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+        const double t49 = 4.0 * p[1];
+        const double t50 = 36.0 * t42;
+        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
+            p[1] * (t27 * t27)));
+        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
         out[k] = x[0];
         out[count + k] = x[1];
         out[2 * count + k] = x[2];
         out[3 * count + k] = x[3];
         out[4 * count + k] = x[4];
-        const double next0 = v48 * v52;
-        const double next1 = v53;
-        const double next2 = v30 * (v53 - x[1]);
+        const double next0 = t48 * t52;
+        const double next1 = t53;
+        const double next2 = t30 * (t53 - x[1]);
         const double next3 = x[2];
         const double next4 = load[k];
         x[0] = next0;
@@ -2165,8 +2165,8 @@ void tendon_coupled_friction_torque_batch_f64(
 double tendon_plate_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
 {
     (void)x;
-    const double v1 = p[3] - s->tip_y;
-    return -(s->tip_row * tendon_gate_f64(v1, p[0] * v1 + (p[1] - p[2] * tendon_sgn_f64(s->tip_yd))));
+    const double t1 = p[3] - s->tip_y;
+    return -(s->tip_row * tendon_gate_f64(t1, p[0] * t1 + (p[1] - p[2] * tendon_sgn_f64(s->tip_yd))));
 }
 
 /* plate_columns along `count` samples, 4 rows in `out`. */
@@ -2183,12 +2183,12 @@ void tendon_plate_columns_batch_f64(
     const double *restrict tip_row = s->tip_row;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[3] - tip_y[k];
-        const double v2 = tendon_gate_f64(v1, tip_row[k]);
+        const double t1 = p[3] - tip_y[k];
+        const double t2 = tendon_gate_f64(t1, tip_row[k]);
         out[k] = 0.0;
-        out[count + k] = -tendon_gate_f64(v1, tip_row[k] * v1);
-        out[2 * count + k] = -v2;
-        out[3 * count + k] = v2 * tendon_sgn_f64(tip_yd[k]);
+        out[count + k] = -tendon_gate_f64(t1, tip_row[k] * t1);
+        out[2 * count + k] = -t2;
+        out[3 * count + k] = t2 * tendon_sgn_f64(tip_yd[k]);
     }
 }
 
@@ -2206,8 +2206,8 @@ void tendon_plate_torque_batch_f64(
     const double *restrict tip_row = s->tip_row;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        const double v1 = p[3] - tip_y[k];
-        out[k] = -(tip_row[k] * tendon_gate_f64(v1, p[0] * v1 + (p[1] - p[2] * tendon_sgn_f64(tip_yd[k]))));
+        const double t1 = p[3] - tip_y[k];
+        out[k] = -(tip_row[k] * tendon_gate_f64(t1, p[0] * t1 + (p[1] - p[2] * tendon_sgn_f64(tip_yd[k]))));
     }
 }
 

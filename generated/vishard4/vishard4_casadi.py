@@ -13,45 +13,54 @@ def inverse_dynamics():
     in   qdd [rad/s^2]: joint accelerations
     out  tau [N m]: joint torques
     Source: Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters
+    Names: c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+      squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+      hs: first moment likewise; G, F: force along -x and y of link 2; N: moment
     Operations: 73 operations (30 add, 4 sub, 39 mul) and 3 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
     qdd = ca.SX.sym("qdd", 4)
-    s1 = ca.sin(q[2])
-    c1 = ca.cos(q[2])
-    v1 = q[2] + q[3]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    s3 = ca.sin(q[1])
-    c3 = ca.cos(q[1])
-    v2 = qd[0] * qd[0]
-    v3 = c3 * parameters[10]
-    v4 = s3 * parameters[10]
-    v5 = qd[0] + qd[1]
-    v6 = qdd[0] + qdd[1]
-    v7 = v2 * v3 - v4 * qdd[0] + v5 * v5
-    v8 = v3 * qdd[0] + v2 * v4 + v6
-    v9 = v5 + qd[2]
-    v10 = v6 + qdd[2]
-    v11 = v9 * v9
-    v12 = c1 * parameters[11]
-    v13 = s1 * parameters[11]
-    v14 = v11 * v12 + (v7 + v10 * v13)
-    v15 = v8 + v10 * v12 - v11 * v13
-    v16 = v9 + qd[3]
-    v17 = v10 + qdd[3]
-    v18 = v16 * v16
-    v19 = c2 * parameters[9]
-    v20 = s2 * parameters[9]
-    v21 = v15 * v19 + (v17 * parameters[3] + v14 * v20)
-    v22 = v17 * v20 + v18 * v19 + v14 * parameters[8]
-    v23 = v17 * v19 - v18 * v20 + v15 * parameters[8]
-    v24 = v10 * parameters[2] + (v13 * v22 + (v21 + v12 * v23))
-    v25 = v23 + v8 * parameters[7]
-    v26 = v6 * parameters[1] + (v24 + v25)
-    tau = ca.SX(ca.vertcat(qdd[0] * parameters[0] + (v26 + v3 * v25) - v4 * (v22 + v7 * parameters[7]), v26 + qdd[1] * parameters[4], v24 + qdd[2] * parameters[5], v21 + qdd[3] * parameters[6]))
+    s3 = ca.sin(q[2])
+    c3 = ca.cos(q[2])
+    a4 = q[2] + q[3]
+    s34 = ca.sin(a4)
+    c34 = ca.cos(a4)
+    s2 = ca.sin(q[1])
+    c2 = ca.cos(q[1])
+    ww1 = qd[0] * qd[0]
+    lc1 = c2 * parameters[10]
+    ls1 = s2 * parameters[10]
+    b1 = ww1 * lc1 - ls1 * qdd[0]
+    y1 = lc1 * qdd[0] + ww1 * ls1
+    w2 = qd[0] + qd[1]
+    al2 = qdd[0] + qdd[1]
+    ww2 = w2 * w2
+    b2 = b1 + ww2
+    y2 = y1 + al2
+    w3 = w2 + qd[2]
+    al3 = al2 + qdd[2]
+    ww3 = w3 * w3
+    lc3 = c3 * parameters[11]
+    ls3 = s3 * parameters[11]
+    b3 = ww3 * lc3 + (b2 + al3 * ls3)
+    y3 = y2 + al3 * lc3 - ww3 * ls3
+    w4 = w3 + qd[3]
+    al4 = al3 + qdd[3]
+    ww4 = w4 * w4
+    hc4 = c34 * parameters[9]
+    hs4 = s34 * parameters[9]
+    N4 = y3 * hc4 + (al4 * parameters[3] + b3 * hs4)
+    G4 = al4 * hs4 + ww4 * hc4
+    F4 = al4 * hc4 - ww4 * hs4
+    G3 = G4 + b3 * parameters[8]
+    F3 = F4 + y3 * parameters[8]
+    N3 = al3 * parameters[2] + (ls3 * G3 + (N4 + lc3 * F3))
+    G2 = G3 + b2 * parameters[7]
+    F2 = F3 + y2 * parameters[7]
+    N2 = al2 * parameters[1] + (N3 + F2)
+    tau = ca.SX(ca.vertcat(qdd[0] * parameters[0] + (N2 + lc1 * F2) - ls1 * G2, N2 + qdd[1] * parameters[4], N3 + qdd[2] * parameters[5], N4 + qdd[3] * parameters[6]))
     inputs, outputs = [parameters, q, qd, qdd], [tau]
     return ca.Function("inverse_dynamics", inputs, outputs, ["parameters", "q", "qd", "qdd"], ["tau"])
 
@@ -61,41 +70,57 @@ def inertia():
     in   q [rad]: joint positions
     out  D [kg m^2]: inertia matrix, symmetric and positive definite
     Source: Lagrangian; D of equation (1)
+    Names: c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the
+      same, columns in joint angles; D: inertia matrix
     Operations: 50 operations (33 add, 17 mul) and 6 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
-    v1 = parameters[10] * parameters[10]
-    v2 = parameters[10] * parameters[8]
-    c1 = ca.cos(q[1])
-    v3 = (parameters[7] * parameters[10] + v2) * c1
-    v4 = q[1] + q[2]
-    c3 = ca.cos(v4)
-    v5 = v2 * parameters[11] * c3
-    c5 = ca.cos(v4 + q[3])
-    v6 = parameters[10] * parameters[9] * c5
-    c2 = ca.cos(q[2])
-    v7 = parameters[8] * parameters[11] * c2
-    c6 = ca.cos(q[2] + q[3])
-    v8 = parameters[9] * c6
+    t1 = parameters[10] * parameters[10]
+    m11 = parameters[7] * t1 + t1 * parameters[8]
+    t2 = parameters[10] * parameters[8]
+    m12 = parameters[7] * parameters[10] + t2
+    m13 = t2 * parameters[11]
+    m14 = parameters[10] * parameters[9]
+    m22 = parameters[7] + parameters[8]
+    m23 = parameters[8] * parameters[11]
+    m33 = parameters[8] * (parameters[11] * parameters[11])
+    m34 = parameters[11] * parameters[9]
+    A11 = m11 + parameters[0]
+    c2 = ca.cos(q[1])
+    A12 = m12 * c2
+    t3 = q[1] + q[2]
+    c23 = ca.cos(t3)
+    A13 = m13 * c23
+    c234 = ca.cos(t3 + q[3])
+    A14 = m14 * c234
+    A22 = m22 + parameters[1]
+    c3 = ca.cos(q[2])
+    A23 = m23 * c3
+    c34 = ca.cos(q[2] + q[3])
+    A24 = parameters[9] * c34
+    A33 = m33 + parameters[2]
     c4 = ca.cos(q[3])
-    v9 = parameters[11] * parameters[9] * c4
-    v10 = v5 + v6
-    v11 = v3 + v10
-    v12 = v7 + v8
-    v13 = parameters[7] + parameters[8] + parameters[1] + v12
-    v14 = parameters[8] * (parameters[11] * parameters[11]) + parameters[2] + v9
-    v15 = v7 + v14
-    v16 = v9 + parameters[3]
-    v17 = v8 + v16
-    v18 = v6 + v17
-    v19 = v5 + v15 + v18
-    v20 = v3 + v13 + v19
-    v21 = v15 + v17
-    v22 = v13 + v21
-    v23 = v14 + v16
-    v24 = v12 + v23
-    D = ca.SX(ca.vertcat(ca.horzcat(parameters[7] * v1 + v1 * parameters[8] + parameters[0] + v11 + v20, v11 + v22, v10 + v24, v18), ca.horzcat(v20, v22 + parameters[4], v24, v17), ca.horzcat(v19, v21, v23 + parameters[5], v16), ca.horzcat(v18, v17, v16, parameters[3] + parameters[6])))
+    A34 = m34 * c4
+    AS13 = A13 + A14
+    AS12 = A12 + AS13
+    AS11 = A11 + AS12
+    AS23 = A23 + A24
+    AS22 = A22 + AS23
+    AS21 = A12 + AS22
+    AS33 = A33 + A34
+    AS32 = A23 + AS33
+    AS31 = A13 + AS32
+    AS43 = A34 + parameters[3]
+    AS42 = A24 + AS43
+    AS41 = A14 + AS42
+    D31 = AS31 + AS41
+    D21 = AS21 + D31
+    D32 = AS32 + AS42
+    D22 = AS22 + D32
+    D33 = AS33 + AS43
+    D23 = AS23 + D33
+    D = ca.SX(ca.vertcat(ca.horzcat(AS11 + D21, AS12 + D22, AS13 + D23, AS41), ca.horzcat(D21, D22 + parameters[4], D23, AS42), ca.horzcat(D31, D32, D33 + parameters[5], AS43), ca.horzcat(AS41, AS42, AS43, parameters[3] + parameters[6])))
     inputs, outputs = [parameters, q], [D]
     return ca.Function("inertia", inputs, outputs, ["parameters", "q"], ["D"])
 
@@ -106,46 +131,63 @@ def coriolis():
     in   qd [rad/s]: joint rates
     out  C [kg m^2/s]: Coriolis matrix; dD/dt - 2 C is skew-symmetric
     Source: Lagrangian; C of equation (1); Spong & Vidyasagar 1989
+    Names: c, s: cosine and sine; c23 of q2 + q3; w: absolute rate; m: coefficient of A; B: Coriolis matrix in
+      absolute angles; AS, BS: the same, columns in joint angles; C: Coriolis matrix
     Operations: 53 operations (18 add, 8 sub, 24 mul, 3 neg) and 6 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
-    v1 = parameters[10] * parameters[8]
-    v2 = qd[0] + qd[1]
-    v3 = v2 + qd[2]
-    v4 = v3 + qd[3]
-    s1 = ca.sin(q[1])
-    v5 = (parameters[10] * parameters[7] + v1) * s1
-    v6 = q[1] + q[2]
-    s3 = ca.sin(v6)
-    v7 = v1 * parameters[11] * s3
-    s5 = ca.sin(v6 + q[3])
-    v8 = parameters[10] * parameters[9] * s5
-    v9 = v4 * v8
-    s2 = ca.sin(q[2])
-    v10 = parameters[8] * parameters[11] * s2
-    s6 = ca.sin(q[2] + q[3])
-    v11 = parameters[9] * s6
-    v12 = v4 * v11
+    t1 = parameters[10] * parameters[8]
+    m12 = parameters[10] * parameters[7] + t1
+    m13 = t1 * parameters[11]
+    m14 = parameters[10] * parameters[9]
+    m23 = parameters[8] * parameters[11]
+    m34 = parameters[11] * parameters[9]
+    w2 = qd[0] + qd[1]
+    w3 = w2 + qd[2]
+    w4 = w3 + qd[3]
+    s2 = ca.sin(q[1])
+    t2 = m12 * s2
+    B12 = w2 * t2
+    t3 = q[1] + q[2]
+    s23 = ca.sin(t3)
+    t4 = m13 * s23
+    B13 = w3 * t4
+    s234 = ca.sin(t3 + q[3])
+    t5 = m14 * s234
+    B14 = w4 * t5
+    B21 = qd[0] * t2
+    s3 = ca.sin(q[2])
+    t6 = m23 * s3
+    B23 = w3 * t6
+    s34 = ca.sin(q[2] + q[3])
+    t7 = parameters[9] * s34
+    B24 = w4 * t7
+    B31 = qd[0] * t4
+    B32 = w2 * t6
     s4 = ca.sin(q[3])
-    v13 = parameters[11] * parameters[9] * s4
-    v14 = v4 * v13
-    v15 = v3 * v13
-    v16 = v3 * v7 + v9
-    v17 = v2 * v5 + v16
-    v18 = v3 * v10 + v12
-    v19 = v2 * v10 - v14
-    v20 = v2 * v11 + v15
-    v21 = qd[0] * v8 + v20
-    v22 = qd[0] * v7 + v19 + v21
-    v23 = qd[0] * v5 - v18 + v22
-    v24 = v19 + v20
-    v25 = v24 - v18
-    v26 = v15 - v14
-    v27 = v26 - v18
-    v28 = v12 + v14
-    C = ca.SX(ca.vertcat(ca.horzcat(v23 - v17, v25 - v17, v27 - v16, -(v9 + v28)), ca.horzcat(v23, v25, v27, -v28), ca.horzcat(v22, v24, v26, -v14), ca.horzcat(v21, v20, v15, 0.0)))
+    t8 = m34 * s4
+    B34 = w4 * t8
+    B41 = qd[0] * t5
+    B42 = w2 * t7
+    B43 = w3 * t8
+    t9 = B13 + B14
+    t10 = B12 + t9
+    t11 = B23 + B24
+    BS21 = B21 - t11
+    BS32 = B32 - B34
+    BS31 = B31 + BS32
+    BS42 = B42 + B43
+    BS41 = B41 + BS42
+    C31 = BS31 + BS41
+    C21 = BS21 + C31
+    C32 = BS32 + BS42
+    C22 = C32 - t11
+    C33 = B43 - B34
+    C23 = C33 - t11
+    t12 = B24 + B34
+    C = ca.SX(ca.vertcat(ca.horzcat(C21 - t10, C22 - t10, C23 - t9, -(B14 + t12)), ca.horzcat(C21, C22, C23, -t12), ca.horzcat(C31, C32, C33, -B34), ca.horzcat(BS41, BS42, B43, 0.0)))
     inputs, outputs = [parameters, q, qd], [C]
     return ca.Function("coriolis", inputs, outputs, ["parameters", "q", "qd"], ["C"])
 
@@ -171,79 +213,115 @@ def forward_dynamics():
     in   tau [N m]: joint torques
     out  qdd [rad/s^2]: joint accelerations
     Source: Equation (1) solved for qdd by D = L diag(d) L^T
+    Names: c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+      squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+      hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; w: absolute rate; m: coefficient
+      of A; A: inertia in absolute angles; AS, BS: the same, columns in joint angles; D: inertia matrix; L, d: D = L
+      diag(d) L^T; Ld: L diag(d); e: 1/d; z, x: substitution
     Operations: 150 operations (43 add, 29 sub, 74 mul, 4 div) and 6 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
     tau = ca.SX.sym("tau", 4)
-    s1 = ca.sin(q[2])
-    c1 = ca.cos(q[2])
-    v1 = q[2] + q[3]
-    s3 = ca.sin(v1)
-    c3 = ca.cos(v1)
-    s4 = ca.sin(q[1])
-    c4 = ca.cos(q[1])
-    v2 = qd[0] * qd[0]
-    v3 = c4 * parameters[10]
-    v4 = s4 * parameters[10]
-    v5 = v2 * v4
-    v6 = qd[0] + qd[1]
-    v7 = v2 * v3 + v6 * v6
-    v8 = v6 + qd[2]
-    v9 = v8 * v8
-    v10 = c1 * parameters[11]
-    v11 = s1 * parameters[11]
-    v12 = v7 + v9 * v10
-    v13 = v5 - v9 * v11
-    v14 = v8 + qd[3]
-    v15 = v14 * v14
-    v16 = c3 * parameters[9]
-    v17 = s3 * parameters[9]
-    v18 = v12 * v17 + v13 * v16
-    v19 = v15 * v16 + v12 * parameters[8]
-    v20 = v13 * parameters[8] - v15 * v17
-    v21 = v11 * v19 + (v18 + v10 * v20)
-    v22 = v20 + v5 * parameters[7]
-    v23 = v21 + v22
-    v24 = parameters[10] * parameters[10]
-    v25 = parameters[10] * parameters[8]
-    v26 = c4 * (parameters[10] * parameters[7] + v25)
-    c5 = ca.cos(q[2] + q[1])
-    v27 = parameters[11] * v25 * c5
-    c6 = ca.cos(v1 + q[1])
-    v28 = parameters[10] * parameters[9] * c6
-    v29 = c1 * (parameters[11] * parameters[8])
-    c2 = ca.cos(q[3])
-    v30 = parameters[11] * parameters[9] * c2
-    v31 = parameters[8] + parameters[7] + parameters[1] + (v16 + v29)
-    v32 = parameters[8] * (parameters[11] * parameters[11]) + parameters[2] + v30
-    v33 = v29 + v32
-    v34 = v30 + parameters[3]
-    v35 = v16 + v34
-    v36 = v28 + v35
-    v37 = v27 + v33 + v36
-    v38 = v26 + v31 + v37
-    v39 = v33 + v35
-    v40 = 1.0 / (parameters[7] * v24 + parameters[8] * v24 + parameters[0] + (v26 + (v27 + v28)) + v38)
-    v41 = tau[0] - (v23 + v3 * v22 - v4 * (v19 + v7 * parameters[7]))
-    v42 = v38 * v40
-    v43 = 1.0 / (v31 + v39 + parameters[4] - v38 * v42)
-    v44 = tau[1] - v23 - v41 * v42
-    v45 = v39 - v37 * v42
-    v46 = v37 * v40
-    v47 = v43 * v45
-    v48 = 1.0 / (v32 + v34 + parameters[5] - v37 * v46 - v45 * v47)
-    v49 = tau[2] - v21 - v41 * v46 - v44 * v47
-    v50 = v35 - v36 * v42
-    v51 = v34 - v36 * v46 - v47 * v50
-    v52 = v36 * v40
-    v53 = v43 * v50
-    v54 = v48 * v51
-    v55 = 1.0 / (parameters[3] + parameters[6] - v36 * v52 - v50 * v53 - v51 * v54) * (tau[3] - v18 - v41 * v52 - v44 * v53 - v49 * v54)
-    v56 = v48 * v49 - v54 * v55
-    v57 = v43 * v44 - v47 * v56 - v53 * v55
-    qdd = ca.SX(ca.vertcat(v40 * v41 - v42 * v57 - v46 * v56 - v52 * v55, v57, v56, v55))
+    s3 = ca.sin(q[2])
+    c3 = ca.cos(q[2])
+    a4 = q[2] + q[3]
+    s34 = ca.sin(a4)
+    c34 = ca.cos(a4)
+    s2 = ca.sin(q[1])
+    c2 = ca.cos(q[1])
+    ww1 = qd[0] * qd[0]
+    lc1 = c2 * parameters[10]
+    ls1 = s2 * parameters[10]
+    b1 = ww1 * lc1
+    y1 = ww1 * ls1
+    w2 = qd[0] + qd[1]
+    ww2 = w2 * w2
+    b2 = b1 + ww2
+    w3 = w2 + qd[2]
+    ww3 = w3 * w3
+    lc3 = c3 * parameters[11]
+    ls3 = s3 * parameters[11]
+    b3 = b2 + ww3 * lc3
+    y3 = y1 - ww3 * ls3
+    w4 = w3 + qd[3]
+    ww4 = w4 * w4
+    hc4 = c34 * parameters[9]
+    hs4 = s34 * parameters[9]
+    N4 = b3 * hs4 + y3 * hc4
+    G4 = ww4 * hc4
+    F4 = ww4 * hs4
+    G3 = G4 + b3 * parameters[8]
+    F3 = y3 * parameters[8] - F4
+    N3 = ls3 * G3 + (N4 + lc3 * F3)
+    G2 = G3 + b2 * parameters[7]
+    F2 = F3 + y1 * parameters[7]
+    N2 = N3 + F2
+    N1 = N2 + lc1 * F2 - ls1 * G2
+    t1 = parameters[10] * parameters[10]
+    m11 = parameters[7] * t1 + parameters[8] * t1
+    t2 = parameters[10] * parameters[8]
+    m12 = parameters[10] * parameters[7] + t2
+    m13 = parameters[11] * t2
+    m14 = parameters[10] * parameters[9]
+    m22 = parameters[8] + parameters[7]
+    m23 = parameters[11] * parameters[8]
+    m33 = parameters[8] * (parameters[11] * parameters[11])
+    m34 = parameters[11] * parameters[9]
+    A11 = m11 + parameters[0]
+    A12 = c2 * m12
+    c23 = ca.cos(q[2] + q[1])
+    A13 = m13 * c23
+    c234 = ca.cos(a4 + q[1])
+    A14 = m14 * c234
+    A22 = m22 + parameters[1]
+    A23 = c3 * m23
+    A33 = m33 + parameters[2]
+    c4 = ca.cos(q[3])
+    A34 = m34 * c4
+    AS13 = A13 + A14
+    AS12 = A12 + AS13
+    AS11 = A11 + AS12
+    AS23 = hc4 + A23
+    AS22 = A22 + AS23
+    AS21 = A12 + AS22
+    AS33 = A33 + A34
+    AS32 = A23 + AS33
+    AS31 = A13 + AS32
+    AS43 = A34 + parameters[3]
+    AS42 = hc4 + AS43
+    AS41 = A14 + AS42
+    D31 = AS31 + AS41
+    D21 = AS21 + D31
+    D11 = AS11 + D21
+    D32 = AS32 + AS42
+    D22 = AS22 + D32
+    D33 = AS33 + AS43
+    e1 = 1.0 / D11
+    z1 = tau[0] - N1
+    L21 = D21 * e1
+    d2 = D22 + parameters[4] - D21 * L21
+    e2 = 1.0 / d2
+    z2 = tau[1] - N2 - z1 * L21
+    Ld32 = D32 - D31 * L21
+    L31 = D31 * e1
+    L32 = e2 * Ld32
+    d3 = D33 + parameters[5] - D31 * L31 - Ld32 * L32
+    e3 = 1.0 / d3
+    z3 = tau[2] - N3 - z1 * L31 - z2 * L32
+    Ld42 = AS42 - AS41 * L21
+    Ld43 = AS43 - AS41 * L31 - L32 * Ld42
+    L41 = AS41 * e1
+    L42 = e2 * Ld42
+    L43 = e3 * Ld43
+    d4 = parameters[3] + parameters[6] - AS41 * L41 - Ld42 * L42 - Ld43 * L43
+    e4 = 1.0 / d4
+    z4 = tau[3] - N4 - z1 * L41 - z2 * L42 - z3 * L43
+    x4 = e4 * z4
+    x3 = e3 * z3 - L43 * x4
+    x2 = e2 * z2 - L32 * x3 - L42 * x4
+    qdd = ca.SX(ca.vertcat(e1 * z1 - L21 * x2 - L31 * x3 - L41 * x4, x2, x3, x4))
     inputs, outputs = [parameters, q, qd, tau], [qdd]
     return ca.Function("forward_dynamics", inputs, outputs, ["parameters", "q", "qd", "tau"], ["qdd"])
 
@@ -255,44 +333,50 @@ def regressor():
     in   qdd [rad/s^2]: joint accelerations
     out  Y [torque by lump]: derivative of the torques by the lumped parameters
     Source: Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990
+    Names: c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+      squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; G, F:
+      force along -x and y of link 2; N: moment of the lump that is named, alone
     Operations: 61 operations (23 add, 6 sub, 32 mul) and 3 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
     qdd = ca.SX.sym("qdd", 4)
-    s1 = ca.sin(q[2])
-    c1 = ca.cos(q[2])
-    v1 = q[2] + q[3]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    s3 = ca.sin(q[1])
-    c3 = ca.cos(q[1])
-    v2 = qd[0] * qd[0]
-    v3 = c3 * parameters[10]
-    v4 = s3 * parameters[10]
-    v5 = qd[0] + qd[1]
-    v6 = qdd[0] + qdd[1]
-    v7 = v2 * v3 - v4 * qdd[0] + v5 * v5
-    v8 = v3 * qdd[0] + v2 * v4 + v6
-    v9 = v5 + qd[2]
-    v10 = v6 + qdd[2]
-    v11 = v9 * v9
-    v12 = c1 * parameters[11]
-    v13 = s1 * parameters[11]
-    v14 = v11 * v12 + (v7 + v10 * v13)
-    v15 = v8 + v10 * v12 - v11 * v13
-    v16 = v9 + qd[3]
-    v17 = v10 + qdd[3]
-    v18 = v16 * v16
-    v19 = v13 * v14 + v12 * v15
-    v20 = v15 + v19
-    v21 = s2 * v14 + c2 * v15
-    v22 = s2 * v17 + c2 * v18
-    v23 = c2 * v17 - s2 * v18
-    v24 = v13 * v22 + (v21 + v12 * v23)
-    v25 = v23 + v24
-    Y = ca.SX(ca.vertcat(ca.horzcat(qdd[0], v6, v10, v17, 0.0, 0.0, 0.0, v8 + v3 * v8 - v4 * v7, v20 + v3 * v15 - v4 * v14, v25 + v3 * v23 - v4 * v22), ca.horzcat(0.0, v6, v10, v17, qdd[1], 0.0, 0.0, v8, v20, v25), ca.horzcat(0.0, 0.0, v10, v17, 0.0, qdd[2], 0.0, 0.0, v19, v24), ca.horzcat(0.0, 0.0, 0.0, v17, 0.0, 0.0, qdd[3], 0.0, 0.0, v21)))
+    s3 = ca.sin(q[2])
+    c3 = ca.cos(q[2])
+    a4 = q[2] + q[3]
+    s34 = ca.sin(a4)
+    c34 = ca.cos(a4)
+    s2 = ca.sin(q[1])
+    c2 = ca.cos(q[1])
+    ww1 = qd[0] * qd[0]
+    lc1 = c2 * parameters[10]
+    ls1 = s2 * parameters[10]
+    b1 = ww1 * lc1 - ls1 * qdd[0]
+    y1 = lc1 * qdd[0] + ww1 * ls1
+    w2 = qd[0] + qd[1]
+    al2 = qdd[0] + qdd[1]
+    ww2 = w2 * w2
+    b2 = b1 + ww2
+    y2 = y1 + al2
+    w3 = w2 + qd[2]
+    al3 = al2 + qdd[2]
+    ww3 = w3 * w3
+    lc3 = c3 * parameters[11]
+    ls3 = s3 * parameters[11]
+    b3 = ww3 * lc3 + (b2 + al3 * ls3)
+    y3 = y2 + al3 * lc3 - ww3 * ls3
+    w4 = w3 + qd[3]
+    al4 = al3 + qdd[3]
+    ww4 = w4 * w4
+    N3_mu3 = ls3 * b3 + lc3 * y3
+    N2_mu3 = y3 + N3_mu3
+    N4_h4 = s34 * b3 + c34 * y3
+    G4_h4 = s34 * al4 + c34 * ww4
+    F4_h4 = c34 * al4 - s34 * ww4
+    N3_h4 = ls3 * G4_h4 + (N4_h4 + lc3 * F4_h4)
+    N2_h4 = F4_h4 + N3_h4
+    Y = ca.SX(ca.vertcat(ca.horzcat(qdd[0], al2, al3, al4, 0.0, 0.0, 0.0, y2 + lc1 * y2 - ls1 * b2, N2_mu3 + lc1 * y3 - ls1 * b3, N2_h4 + lc1 * F4_h4 - ls1 * G4_h4), ca.horzcat(0.0, al2, al3, al4, qdd[1], 0.0, 0.0, y2, N2_mu3, N2_h4), ca.horzcat(0.0, 0.0, al3, al4, 0.0, qdd[2], 0.0, 0.0, N3_mu3, N3_h4), ca.horzcat(0.0, 0.0, 0.0, al4, 0.0, 0.0, qdd[3], 0.0, 0.0, N4_h4)))
     inputs, outputs = [parameters, q, qd, qdd], [Y]
     return ca.Function("regressor", inputs, outputs, ["parameters", "q", "qd", "qdd"], ["Y"])
 
@@ -302,22 +386,23 @@ def tip():
     in   q [rad]: joint positions
     out  p [m, m, rad]: x, y and absolute angle of the last link
     Source: Forward kinematics; p_4 of equation (12)
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2
     Operations: 17 operations (9 add, 8 mul) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = q[0] + q[1]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    v2 = v1 + q[2]
-    s3 = ca.sin(v2)
-    c3 = ca.cos(v2)
-    v3 = v2 + q[3]
-    s4 = ca.sin(v3)
-    c4 = ca.cos(v3)
-    p = ca.SX(ca.vertcat(c4 * parameters[15] + (c3 * parameters[14] + (c1 * parameters[12] + c2 * parameters[13])), s4 * parameters[15] + (s3 * parameters[14] + (s1 * parameters[12] + s2 * parameters[13])), v3))
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    theta3 = theta2 + q[2]
+    s123 = ca.sin(theta3)
+    c123 = ca.cos(theta3)
+    theta4 = theta3 + q[3]
+    s1234 = ca.sin(theta4)
+    c1234 = ca.cos(theta4)
+    p = ca.SX(ca.vertcat(c1234 * parameters[15] + (c123 * parameters[14] + (c1 * parameters[12] + c12 * parameters[13])), s1234 * parameters[15] + (s123 * parameters[14] + (s1 * parameters[12] + s12 * parameters[13])), theta4))
     inputs, outputs = [parameters, q], [p]
     return ca.Function("tip", inputs, outputs, ["parameters", "q"], ["p"])
 
@@ -327,28 +412,30 @@ def tip_jacobian():
     in   q [rad]: joint positions
     out  J [m/rad]: rows x, y, angle
     Source: J of equation (1)
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by
+      the angle of a joint
     Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = q[0] + q[1]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    v2 = v1 + q[2]
-    s3 = ca.sin(v2)
-    c3 = ca.cos(v2)
-    v3 = v2 + q[3]
-    s4 = ca.sin(v3)
-    c4 = ca.cos(v3)
-    v4 = s4 * parameters[15]
-    v5 = c4 * parameters[15]
-    v6 = v4 + s3 * parameters[14]
-    v7 = v5 + c3 * parameters[14]
-    v8 = v6 + s2 * parameters[13]
-    v9 = v7 + c2 * parameters[13]
-    J = ca.SX(ca.vertcat(ca.horzcat(-(v8 + s1 * parameters[12]), -v8, -v6, -v4), ca.horzcat(v9 + c1 * parameters[12], v9, v7, v5), ca.horzcat(1.0, 1.0, 1.0, 1.0)))
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    theta3 = theta2 + q[2]
+    s123 = ca.sin(theta3)
+    c123 = ca.cos(theta3)
+    theta4 = theta3 + q[3]
+    s1234 = ca.sin(theta4)
+    c1234 = ca.cos(theta4)
+    x4 = s1234 * parameters[15]
+    y4 = c1234 * parameters[15]
+    t1 = x4 + s123 * parameters[14]
+    y3 = y4 + c123 * parameters[14]
+    t2 = t1 + s12 * parameters[13]
+    y2 = y3 + c12 * parameters[13]
+    J = ca.SX(ca.vertcat(ca.horzcat(-(t2 + s1 * parameters[12]), -t2, -t1, -x4), ca.horzcat(y2 + c1 * parameters[12], y2, y3, y4), ca.horzcat(1.0, 1.0, 1.0, 1.0)))
     inputs, outputs = [parameters, q], [J]
     return ca.Function("tip_jacobian", inputs, outputs, ["parameters", "q"], ["J"])
 
@@ -360,40 +447,50 @@ def tip_load():
     in   qdd [rad/s^2]: joint accelerations
     out  load [N m/kg]: torque per unit mass
     Source: Newton-Euler recursion with one point mass
+    Names: c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+      squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; N:
+      moment
     Operations: 56 operations (21 add, 4 sub, 31 mul) and 3 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
     qdd = ca.SX.sym("qdd", 4)
-    s1 = ca.sin(q[2])
-    c1 = ca.cos(q[2])
-    v1 = q[2] + q[3]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    s3 = ca.sin(q[1])
-    c3 = ca.cos(q[1])
-    v2 = qd[0] * qd[0]
-    v3 = c3 * parameters[12]
-    v4 = s3 * parameters[12]
-    v5 = qd[0] + qd[1]
-    v6 = qdd[0] + qdd[1]
-    v7 = v5 + qd[2]
-    v8 = v6 + qdd[2]
-    v9 = v7 * v7
-    v10 = c1 * parameters[14]
-    v11 = s1 * parameters[14]
-    v12 = v7 + qd[3]
-    v13 = v8 + qdd[3]
-    v14 = v12 * v12
-    v15 = c2 * parameters[15]
-    v16 = s2 * parameters[15]
-    v17 = v14 * v15 + (v9 * v10 + (v2 * v3 - v4 * qdd[0] + v5 * v5 * parameters[13] + v8 * v11) + v13 * v16)
-    v18 = v3 * qdd[0] + v2 * v4 + v6 * parameters[13] + v8 * v10 - v9 * v11 + v13 * v15 - v14 * v16
-    v19 = v16 * v17 + v15 * v18
-    v20 = v10 * v18 + (v19 + v11 * v17)
-    v21 = v20 + parameters[13] * v18
-    load = ca.SX(ca.vertcat(v21 + v3 * v18 - v4 * v17, v21, v20, v19))
+    s3 = ca.sin(q[2])
+    c3 = ca.cos(q[2])
+    a4 = q[2] + q[3]
+    s34 = ca.sin(a4)
+    c34 = ca.cos(a4)
+    s2 = ca.sin(q[1])
+    c2 = ca.cos(q[1])
+    ww1 = qd[0] * qd[0]
+    lc1 = c2 * parameters[12]
+    ls1 = s2 * parameters[12]
+    b1 = ww1 * lc1 - ls1 * qdd[0]
+    y1 = lc1 * qdd[0] + ww1 * ls1
+    w2 = qd[0] + qd[1]
+    al2 = qdd[0] + qdd[1]
+    ww2 = w2 * w2
+    b2 = b1 + ww2 * parameters[13]
+    y2 = y1 + al2 * parameters[13]
+    w3 = w2 + qd[2]
+    al3 = al2 + qdd[2]
+    ww3 = w3 * w3
+    lc3 = c3 * parameters[14]
+    ls3 = s3 * parameters[14]
+    b3 = ww3 * lc3 + (b2 + al3 * ls3)
+    y3 = y2 + al3 * lc3 - ww3 * ls3
+    w4 = w3 + qd[3]
+    al4 = al3 + qdd[3]
+    ww4 = w4 * w4
+    lc4 = c34 * parameters[15]
+    ls4 = s34 * parameters[15]
+    b4 = ww4 * lc4 + (b3 + al4 * ls4)
+    y4 = y3 + al4 * lc4 - ww4 * ls4
+    N4 = ls4 * b4 + lc4 * y4
+    N3 = lc3 * y4 + (N4 + ls3 * b4)
+    N2 = N3 + parameters[13] * y4
+    load = ca.SX(ca.vertcat(N2 + lc1 * y4 - ls1 * b4, N2, N3, N4))
     inputs, outputs = [parameters, q, qd, qdd], [load]
     return ca.Function("tip_load", inputs, outputs, ["parameters", "q", "qd", "qdd"], ["load"])
 
@@ -404,28 +501,30 @@ def moment_jacobian():
     in   q [rad]: joint positions
     out  M [kg m/rad]: rows x, y
     Source: Potential energy V = -gravity . sum m_i c_i
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the moment by
+      the angle of a joint
     Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = q[0] + q[1]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    v2 = v1 + q[2]
-    s3 = ca.sin(v2)
-    c3 = ca.cos(v2)
-    v3 = v2 + q[3]
-    s4 = ca.sin(v3)
-    c4 = ca.cos(v3)
-    v4 = 0.189303174 * s4
-    v5 = 0.189303174 * c4
-    v6 = v4 + 0.61017355016 * s3
-    v7 = v5 + 0.61017355016 * c3
-    v8 = v6 + 0.45223869156 * s2
-    v9 = v7 + 0.45223869156 * c2
-    M = ca.SX(ca.vertcat(ca.horzcat(-(v8 + 1.8358518832 * s1), -v8, -v6, -v4), ca.horzcat(v9 + 1.8358518832 * c1, v9, v7, v5)))
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    theta3 = theta2 + q[2]
+    s123 = ca.sin(theta3)
+    c123 = ca.cos(theta3)
+    theta4 = theta3 + q[3]
+    s1234 = ca.sin(theta4)
+    c1234 = ca.cos(theta4)
+    t1 = 0.189303174 * s1234
+    y4 = 0.189303174 * c1234
+    t2 = t1 + 0.61017355016 * s123
+    y3 = y4 + 0.61017355016 * c123
+    t3 = t2 + 0.45223869156 * s12
+    y2 = y3 + 0.45223869156 * c12
+    M = ca.SX(ca.vertcat(ca.horzcat(-(t3 + 1.8358518832 * s1), -t3, -t2, -t1), ca.horzcat(y2 + 1.8358518832 * c1, y2, y3, y4)))
     inputs, outputs = [parameters, q], [M]
     return ca.Function("moment_jacobian", inputs, outputs, ["parameters", "q"], ["M"])
 
@@ -435,19 +534,27 @@ def contact_coordinates():
     in   q [rad]: joint positions
     out  w [m, m, rad, rad]: p_4x, p_2y, absolute angle of link 3, q_4
     Source: Equation (13); p_2 is the end of link 2
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link
     Operations: 13 operations (7 add, 6 mul) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = q[0] + q[1]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    v2 = v1 + q[2]
-    c3 = ca.cos(v2)
-    c4 = ca.cos(v2 + q[3])
-    w = ca.SX(ca.vertcat(c4 * parameters[15] + (c3 * parameters[14] + (c1 * parameters[12] + c2 * parameters[13])), s1 * parameters[12] + s2 * parameters[13], v2, q[3]))
+    x1 = c1 * parameters[12]
+    y1 = s1 * parameters[12]
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    x2 = c12 * parameters[13]
+    y2 = s12 * parameters[13]
+    theta3 = theta2 + q[2]
+    c123 = ca.cos(theta3)
+    x3 = c123 * parameters[14]
+    theta4 = theta3 + q[3]
+    c1234 = ca.cos(theta4)
+    x4 = c1234 * parameters[15]
+    w = ca.SX(ca.vertcat(x4 + (x3 + (x1 + x2)), y1 + y2, theta3, q[3]))
     inputs, outputs = [parameters, q], [w]
     return ca.Function("contact_coordinates", inputs, outputs, ["parameters", "q"], ["w"])
 
@@ -457,23 +564,30 @@ def contact_jacobian():
     in   q [rad]: joint positions
     out  J_w [m/rad, m/rad, 1, 1 by row]: derivative of w by q
     Source: Equation (14)
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; r:
+      extents along y from here to the tip
     Operations: 17 operations (7 add, 6 mul, 4 neg) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
     q = ca.SX.sym("q", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = q[0] + q[1]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    v2 = c2 * parameters[13]
-    v3 = v1 + q[2]
-    s3 = ca.sin(v3)
-    s4 = ca.sin(v3 + q[3])
-    v4 = s4 * parameters[15]
-    v5 = s3 * parameters[14] + v4
-    v6 = s2 * parameters[13] + v5
-    J_w = ca.SX(ca.vertcat(ca.horzcat(-(s1 * parameters[12] + v6), -v6, -v5, -v4), ca.horzcat(c1 * parameters[12] + v2, v2, 0.0, 0.0), ca.horzcat(1.0, 1.0, 1.0, 0.0), ca.horzcat(0.0, 0.0, 0.0, 1.0)))
+    x1 = c1 * parameters[12]
+    y1 = s1 * parameters[12]
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    x2 = c12 * parameters[13]
+    y2 = s12 * parameters[13]
+    theta3 = theta2 + q[2]
+    s123 = ca.sin(theta3)
+    y3 = s123 * parameters[14]
+    theta4 = theta3 + q[3]
+    s1234 = ca.sin(theta4)
+    y4 = s1234 * parameters[15]
+    r3 = y3 + y4
+    r2 = y2 + r3
+    J_w = ca.SX(ca.vertcat(ca.horzcat(-(y1 + r2), -r2, -r3, -y4), ca.horzcat(x1 + x2, x2, 0.0, 0.0), ca.horzcat(1.0, 1.0, 1.0, 0.0), ca.horzcat(0.0, 0.0, 0.0, 1.0)))
     inputs, outputs = [parameters, q], [J_w]
     return ca.Function("contact_jacobian", inputs, outputs, ["parameters", "q"], ["J_w"])
 
@@ -484,6 +598,8 @@ def contact_bias():
     in   qd [rad/s]: joint rates
     out  b_w [m/s^2, m/s^2, rad/s^2, rad/s^2]: acceleration of w at qdd = 0
     Source: Equation (14), with the factor qd
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; w:
+      absolute rate of a link; ww: w squared
     Operations: 28 operations (10 add, 16 mul, 2 neg) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
@@ -491,19 +607,27 @@ def contact_bias():
     qd = ca.SX.sym("qd", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = q[0] + q[1]
-    s2 = ca.sin(v1)
-    c2 = ca.cos(v1)
-    v2 = v1 + q[2]
-    c3 = ca.cos(v2)
-    c4 = ca.cos(v2 + q[3])
-    v3 = qd[0] + qd[1]
-    v4 = v3 + qd[2]
-    v5 = v4 + qd[3]
-    v6 = qd[0] * qd[0]
-    v7 = v3 * v3
-    v8 = c4 * parameters[15] * (v5 * v5) + (c3 * parameters[14] * (v4 * v4) + (c1 * parameters[12] * v6 + c2 * parameters[13] * v7))
-    b_w = ca.SX(ca.vertcat(-v8, -(s1 * parameters[12] * v6 + s2 * parameters[13] * v7), 0.0, 0.0))
+    x1 = c1 * parameters[12]
+    y1 = s1 * parameters[12]
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    x2 = c12 * parameters[13]
+    y2 = s12 * parameters[13]
+    theta3 = theta2 + q[2]
+    c123 = ca.cos(theta3)
+    x3 = c123 * parameters[14]
+    theta4 = theta3 + q[3]
+    c1234 = ca.cos(theta4)
+    x4 = c1234 * parameters[15]
+    w2 = qd[0] + qd[1]
+    w3 = w2 + qd[2]
+    w4 = w3 + qd[3]
+    ww1 = qd[0] * qd[0]
+    ww2 = w2 * w2
+    ww3 = w3 * w3
+    ww4 = w4 * w4
+    b_w = ca.SX(ca.vertcat(-(x4 * ww4 + (x3 * ww3 + (x1 * ww1 + x2 * ww2))), -(y1 * ww1 + y2 * ww2), 0.0, 0.0))
     inputs, outputs = [parameters, q, qd], [b_w]
     return ca.Function("contact_bias", inputs, outputs, ["parameters", "q", "qd"], ["b_w"])
 
@@ -514,22 +638,25 @@ def contact_inverse():
     in   elbow [1]: sign of sin q_2: 1 or -1
     out  q [rad]: joint positions; not a number where w is out of reach
     Source: Equation (13), triangle of links 1 and 2
+    Names: x: x of the end of link 2; theta: absolute angle of a link; c, s: cosine and sine of q2; along, across:
+      end of link 2 in the frame of link 1; first, second: q1, q2
     Operations: 29 operations (4 add, 8 sub, 16 mul, 1 div) and 2 sincos and 2 atan2 and 1 sqrt
     """
     parameters = ca.SX.sym("parameters", 16)
     w = ca.SX.sym("w", 4)
     elbow = ca.SX.sym("elbow")
-    c1 = ca.cos(w[2])
-    c2 = ca.cos(w[2] + w[3])
-    v1 = w[0] - c2 * parameters[15] - c1 * parameters[14]
-    v2 = 0.5 * (w[1] * w[1] + v1 * v1 - parameters[12] * parameters[12] - parameters[13] * parameters[13])
-    v3 = v2 / (parameters[12] * parameters[13])
-    v4 = elbow * ca.sqrt(1.0 - v3 * v3)
-    v5 = parameters[12] + parameters[13] * v3
-    v6 = parameters[13] * v4
-    v7 = ca.atan2(w[1] * v5 - v1 * v6, w[1] * v6 + v1 * v5)
-    v8 = ca.atan2(v4, v3)
-    q = ca.SX(ca.vertcat(v7, v8, w[2] - v7 - v8, w[3]))
+    cos_w3 = ca.cos(w[2])
+    theta4 = w[2] + w[3]
+    cos_theta4 = ca.cos(theta4)
+    x = w[0] - cos_theta4 * parameters[15] - cos_w3 * parameters[14]
+    t1 = 0.5 * (w[1] * w[1] + x * x - parameters[12] * parameters[12] - parameters[13] * parameters[13])
+    c2 = t1 / (parameters[12] * parameters[13])
+    s2 = elbow * ca.sqrt(1.0 - c2 * c2)
+    along = parameters[12] + parameters[13] * c2
+    across = parameters[13] * s2
+    first = ca.atan2(w[1] * along - x * across, w[1] * across + x * along)
+    second = ca.atan2(s2, c2)
+    q = ca.SX(ca.vertcat(first, second, w[2] - first - second, w[3]))
     inputs, outputs = [parameters, w, elbow], [q]
     return ca.Function("contact_inverse", inputs, outputs, ["parameters", "w", "elbow"], ["q"])
 
@@ -541,6 +668,9 @@ def contact_acceleration():
     in   wdd [m/s^2, m/s^2, rad/s^2, rad/s^2]: second derivative of w
     out  qdd [rad/s^2]: joint accelerations
     Source: Equation (14), solved for qdd
+    Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; w:
+      absolute rate of a link; ww: w squared; al: absolute acceleration of a link; ax, ay: what links 1 and 2 have
+      to add to the acceleration of p_4x, p_2y
     Operations: 49 operations (19 add, 28 mul, 1 div, 1 neg) and 5 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
@@ -549,31 +679,38 @@ def contact_acceleration():
     wdd = ca.SX.sym("wdd", 4)
     s1 = ca.sin(q[0])
     c1 = ca.cos(q[0])
-    v1 = c1 * parameters[12]
-    v2 = s1 * parameters[12]
-    v3 = q[0] + q[1]
-    s3 = ca.sin(v3)
-    c3 = ca.cos(v3)
-    v4 = c3 * parameters[13]
-    v5 = s3 * parameters[13]
-    v6 = v3 + q[2]
-    s4 = ca.sin(v6)
-    c4 = ca.cos(v6)
-    v7 = v6 + q[3]
-    s5 = ca.sin(v7)
-    c5 = ca.cos(v7)
-    v8 = qd[0] + qd[1]
-    v9 = v8 + qd[2]
-    v10 = v9 + qd[3]
-    v11 = qd[0] * qd[0]
-    v12 = v8 * v8
-    v13 = v1 * v11 + (s4 * parameters[14] * wdd[2] + (wdd[0] + s5 * parameters[15] * (wdd[2] + wdd[3])))
-    v14 = c5 * parameters[15] * (v10 * v10) + (c4 * parameters[14] * (v9 * v9) + (v4 * v12 + v13))
-    v15 = v5 * v12 + (wdd[1] + v2 * v11)
+    x1 = c1 * parameters[12]
+    y1 = s1 * parameters[12]
+    theta2 = q[0] + q[1]
+    s12 = ca.sin(theta2)
+    c12 = ca.cos(theta2)
+    x2 = c12 * parameters[13]
+    y2 = s12 * parameters[13]
+    theta3 = theta2 + q[2]
+    s123 = ca.sin(theta3)
+    c123 = ca.cos(theta3)
+    x3 = c123 * parameters[14]
+    y3 = s123 * parameters[14]
+    theta4 = theta3 + q[3]
+    s1234 = ca.sin(theta4)
+    c1234 = ca.cos(theta4)
+    x4 = c1234 * parameters[15]
+    y4 = s1234 * parameters[15]
+    w2 = qd[0] + qd[1]
+    w3 = w2 + qd[2]
+    w4 = w3 + qd[3]
+    ww1 = qd[0] * qd[0]
+    ww2 = w2 * w2
+    ww3 = w3 * w3
+    ww4 = w4 * w4
+    al4 = wdd[2] + wdd[3]
+    ax = x4 * ww4 + (x3 * ww3 + (x2 * ww2 + (x1 * ww1 + (y3 * wdd[2] + (wdd[0] + y4 * al4)))))
+    ay = y2 * ww2 + (wdd[1] + y1 * ww1)
     s2 = ca.sin(q[1])
-    v16 = 1.0 / (s2 * (parameters[12] * parameters[13]))
-    v17 = v16 * (v4 * v14 + v5 * v15)
-    v18 = v16 * (v1 * v14 + v2 * v15)
-    qdd = ca.SX(ca.vertcat(v17, -(v17 + v18), wdd[2] + v18, wdd[3]))
+    det = s2 * (parameters[12] * parameters[13])
+    scale = 1.0 / det
+    al1 = scale * (x2 * ax + y2 * ay)
+    t1 = scale * (x1 * ax + y1 * ay)
+    qdd = ca.SX(ca.vertcat(al1, -(al1 + t1), wdd[2] + t1, wdd[3]))
     inputs, outputs = [parameters, q, qd, wdd], [qdd]
     return ca.Function("contact_acceleration", inputs, outputs, ["parameters", "q", "qd", "wdd"], ["qdd"])

@@ -9,9 +9,9 @@ import sympy as sp
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.base_parameters import KINDS, Column, unit_lumps
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.lagrangian import Mechanics, lumped_bodies, mechanics
-from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, torques
-from symbolic.straightline import Recorder
+from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
+from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
+from symbolic.straightline import Recorder, Suffixed
 
 
 def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
@@ -41,6 +41,7 @@ def _inverse_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) ->
         recorder,
         "tau = D(q) qdd + C(q, qd) qd + g(q).",
         "Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
+        notation(frame),
     )
 
 
@@ -65,6 +66,7 @@ def _closed_forms(author: Author, chain: Chain, lumps: Lumps) -> list[SymbolicFu
             recorder,
             "Inertia matrix D(q), rotors included.",
             "Lagrangian; D of equation (1)",
+            NOTATION,
         ),
         author.function(
             "coriolis",
@@ -73,6 +75,7 @@ def _closed_forms(author: Author, chain: Chain, lumps: Lumps) -> list[SymbolicFu
             recorder,
             "Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
             "Lagrangian; C of equation (1); Spong & Vidyasagar 1989",
+            NOTATION,
         ),
         author.function(
             "gravity",
@@ -81,6 +84,7 @@ def _closed_forms(author: Author, chain: Chain, lumps: Lumps) -> list[SymbolicFu
             recorder,
             "Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
             "Lagrangian",
+            NOTATION,
         ),
     ]
 
@@ -98,6 +102,9 @@ def _forward_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) ->
         recorder,
         "qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
         "Equation (1) solved for qdd by D = L diag(d) L^T",
+        notation(frame)
+        | NOTATION
+        | {"L, d": "D = L diag(d) L^T", "Ld": "L diag(d)", "e": "1/d", "z, x": "substitution"},
     )
 
 
@@ -110,7 +117,7 @@ def solve_symmetric(D: list[list[Any]], right: list[Any], recorder: Recorder) ->
     x = list(right)
     for i in range(n):
         for j in range(i):
-            scaled[i][j] = let(f"v{i + 1}{j + 1}", D[i][j] - sum(scaled[i][k] * L[j][k] for k in range(j)))
+            scaled[i][j] = let(f"Ld{i + 1}{j + 1}", D[i][j] - sum(scaled[i][k] * L[j][k] for k in range(j)))
         for j in range(i):
             L[i][j] = let(f"L{i + 1}{j + 1}", scaled[i][j] * inverse[j])
         pivot = let(f"d{i + 1}", D[i][i] - sum(scaled[i][k] * L[i][k] for k in range(i)))
@@ -125,7 +132,10 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
     recorder, n, p = author.recorder(), chain.n, len(columns)
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(chain, frame, q, qd, qdd, recorder)
-    parts = [torques(chain, unit_lumps(n, column), moving, qdd, recorder) for column in columns]
+    parts = [
+        torques(chain, unit_lumps(n, column), moving, qdd, Suffixed(recorder, f"_{column[0]}{column[1] + 1}"))
+        for column in columns
+    ]
     Y = [part[i] for i in range(n) for part in parts]
     return author.function(
         "regressor",
@@ -134,4 +144,5 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
         recorder,
         "tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
         "Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990",
+        notation(frame) | {"N": "moment of the lump that is named, alone"},
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import sympy as sp
@@ -12,7 +13,7 @@ from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import unit_lumps
 from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
-from symbolic.rigid_body.newton_euler import Chain, motion, torques
+from symbolic.rigid_body.newton_euler import Chain, motion, notation, torques
 from symbolic.straightline import Recorder
 
 
@@ -65,6 +66,7 @@ class Author:
         recorder: Recorder,
         doc: str,
         source: str,
+        notation: Mapping[str, str] = MappingProxyType({}),
     ) -> SymbolicFunction:
         """inputs: names of joint vectors, or arguments; output: name, expressions, shape, unit, meaning."""
         label, values, shape, unit, meaning = output
@@ -78,7 +80,11 @@ class Author:
             source,
             recorder.live(expressions),
             self.struct,
+            notation,
         )
+
+
+NOTATION = {"theta": "absolute angle of a link", "c, s": "cosine and sine; c12 of q1 + q2"}
 
 
 def functions(author: Author, arm: Arm, chain: Chain, frame: int) -> list[SymbolicFunction]:
@@ -118,6 +124,7 @@ def _tip(author: Author, chain: Chain) -> SymbolicFunction:
         recorder,
         "Position and angle of the end-effector, the distal point of the last link.",
         "Forward kinematics; p_4 of equation (12)",
+        NOTATION,
     )
 
 
@@ -134,6 +141,7 @@ def _tip_jacobian(author: Author, chain: Chain) -> SymbolicFunction:
         recorder,
         "Derivative of the end-effector's position and angle by q.",
         "J of equation (1)",
+        NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
     )
 
 
@@ -175,6 +183,7 @@ def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
         recorder,
         "Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).",
         "Newton-Euler recursion with one point mass",
+        notation(frame),
     )
 
 
@@ -199,4 +208,5 @@ def _moment(author: Author, arm: Arm) -> SymbolicFunction:
         recorder,
         "Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
         "Potential energy V = -gravity . sum m_i c_i",
+        NOTATION | {"x, y": "derivative of the moment by the angle of a joint"},
     )

@@ -20,6 +20,20 @@ from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps
 from symbolic.straightline import Exact, Notes
 
+NOTATION = {
+    "c, s": "cosine and sine; c23 of q2 + q3",
+    "w": "absolute rate",
+    "m": "coefficient of A",
+    "A": "inertia in absolute angles",
+    "B": "Coriolis matrix in absolute angles",
+    "V": "derivative of the potential energy by an absolute angle",
+    "AS, BS": "the same, columns in joint angles",
+    "D": "inertia matrix",
+    "C": "Coriolis matrix",
+    "g": "gravity torque",
+}
+"""What these functions call their values, for whoever reads the generated code."""
+
 Components = dict[int, tuple[Any, Any]]
 """A vector: frame k -> (X, Y), meaning the sum of X e(theta_k) + Y e'(theta_k)."""
 
@@ -131,11 +145,11 @@ def mechanics(
     V = _potential(chain, bodies)
     g = [sp.diff(V, x) for x in coordinates]
     back = _relative_angles(chain, q, A, C, g, V)
-    D = relative(chain, [[_replace(e, back, notes, "A") for e in row] for row in A], notes, "D")
+    D = relative(chain, _replaced(A, back, notes, "A"), notes, "AS", "D")
     for i in range(n):
         D[i][i] = D[i][i] + rotors[i]
-    C = relative(chain, [[_replace(e, back, notes, "C") for e in row] for row in C], notes, "C")
-    g = relative_vector(chain, [_replace(e, back, notes, "g") for e in g], notes, "g")
+    C = relative(chain, _replaced(C, back, notes, "B"), notes, "BS", "C")
+    g = relative_vector(chain, [_replace(e, back, notes, f"V{i + 1}") for i, e in enumerate(g)], notes, "g{}")
     return Mechanics(D, C, g, _replace(V, back, Exact(), "V"))
 
 
@@ -245,19 +259,29 @@ def _replace(expr: Any, back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -
     return notes.let(name, sp.sympify(expr).xreplace(back))
 
 
-def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, name: str) -> list[list[Any]]:
-    """SᵀMS: from absolute coordinates to q, as sums from the tip inwards."""
-    rows = [relative_vector(chain, row, notes, name) for row in matrix]
-    columns = [relative_vector(chain, list(column), notes, name) for column in zip(*rows, strict=True)]
+def _replaced(matrix: list[list[Any]], back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -> list[list[Any]]:
+    """As _replace, the elements named by row and column."""
+    return [
+        [_replace(e, back, notes, f"{name}{i}{j}") for j, e in enumerate(row, 1)] for i, row in enumerate(matrix, 1)
+    ]
+
+
+def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, half: str, name: str) -> list[list[Any]]:
+    """SᵀMS: from absolute coordinates to q, as sums from the tip inwards; `half` names MS and `name` the whole."""
+    rows = [relative_vector(chain, row, notes, f"{half}{i}{{}}") for i, row in enumerate(matrix, 1)]
+    columns = [
+        relative_vector(chain, list(column), notes, f"{name}{{}}{j}")
+        for j, column in enumerate(zip(*rows, strict=True), 1)
+    ]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
 def relative_vector(chain: Chain, vector: list[Any], notes: Notes, name: str) -> list[Any]:
-    """Sᵀv: a revolute joint turns all frames further out."""
+    """Sᵀv: a revolute joint turns all frames further out; `name` has a hole for the joint."""
     result: list[Any] = list(vector)
     total: Any = 0
     for i in reversed(range(chain.n)):
         if chain.revolute[i]:
-            total = notes.let(name, total + vector[i])
+            total = notes.let(name.format(i + 1), total + vector[i])
             result[i] = total
     return result

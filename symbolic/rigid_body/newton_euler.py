@@ -87,6 +87,25 @@ class LinkMotion:
     y: list[Any]
 
 
+def notation(frame: int) -> dict[str, str]:
+    """What the recursion calls its values, for whoever reads the generated code; the number is that of the link."""
+    axes = f"link {frame}" if frame else "the base"
+    return {
+        "c, s": "cosine and sine; c23 of q2 + q3",
+        "a": f"angle from {axes}",
+        "w, al": "absolute rate and acceleration",
+        "ww": "w squared",
+        "r": "length of a slide",
+        "lc, ls": f"length along x and y of {axes}",
+        "u": "acceleration of a slide inwards",
+        "v": "acceleration of a slide across",
+        "b, y": f"acceleration of the end along -x and y of {axes}",
+        "hc, hs": "first moment likewise",
+        "G, F": f"force along -x and y of {axes}",
+        "N": "moment",
+    }
+
+
 def inverse_dynamics(
     chain: Chain, lumps: Lumps, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes
 ) -> list[Any]:

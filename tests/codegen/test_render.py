@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import subprocess
@@ -15,10 +16,13 @@ import sympy as sp
 from random_arms import MIXED
 
 from codegen import disk, render
+from codegen.c import c_code
 from codegen.pages import BANNER
+from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import State, state
+from symbolic.functions import Argument, Output, SymbolicFunction
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 
@@ -105,6 +109,44 @@ def test_comments_tell_price_and_source(paper: dict[str, str], vishard4: Arm) ->
         assert "Source: " in comment.group()
         assert "Operations: " in comment.group()
     assert "20" + "26" not in text.split("*/")[0]
+
+
+def body(text: str, function: str) -> str:
+    """What stands between the braces of a C function, without its comments."""
+    return code(text).split(f"{function}(", 1)[1].split("{", 1)[1].split("\n}\n", 1)[0]
+
+
+@pytest.mark.parametrize("suffix", ["f32", "f64"])
+def test_the_c_is_the_recursion_by_name_and_by_count(paper: dict[str, str], suffix: str) -> None:
+    """73 operations and 3 pairs of sine and cosine, as its text has them, and F3, hc4 and c34 under their names."""
+    text = body(paper[f"vishard4_{suffix}.c"], f"vishard4_inverse_dynamics_{suffix}")
+    assert len(re.findall(r" [-+*/] ", text)) == 73
+    assert text.count(f"tendon_sincos_{suffix}(") == 3
+    given = re.findall(r"^    (?:const )?\w+ (\w+)(?: =|;)", text, re.MULTILINE)
+    assert {"c2", "c3", "c34", "w2", "al4", "b3", "y3", "hc4", "hs4", "F2", "F3", "F4", "G3", "N3", "N4"} <= set(given)
+    assert not [name for name in given if re.fullmatch(r"t\d+", name)]
+    function = json.loads(paper["metadata.json"])["functions"]["inverse_dynamics"]
+    assert function["operations"] == {"arithmetic": 73, "sincos": 3, "add": 30, "sub": 4, "mul": 39}
+
+
+def test_a_name_is_no_word_of_c_and_hides_no_argument() -> None:
+    x, y = sp.symbols("x y", real=True)
+    given = [sp.Symbol(name, real=True) for name in ("double", "count", "q", "fine", "k")]
+    function = SymbolicFunction(
+        "f",
+        (Argument("q", (x, y), (2,), "", ""),),
+        (Output("out", tuple(symbol * x for symbol in given), (5,), "", ""),),
+        "",
+        "",
+        tuple((symbol, (x + i) * y) for i, symbol in enumerate(given, 1)),
+    )
+    for text in (
+        c_code.call("arm", function, Tape.of(function), c_code.F64).body,
+        c_code.batch("arm", function, Tape.of(function), c_code.F64).body,
+    ):
+        names = re.findall(r"const double (\w+) =", text)
+        assert "fine" in names
+        assert not {"double", "count", "q", "k", "out"} & set(names)
 
 
 def test_text_cannot_leave_its_comment() -> None:

@@ -66,6 +66,26 @@ def test_the_recursion_of_the_paper_keeps_its_count(vishard4: Arm) -> None:
     assert sum(count.get(op, 0) for op in ARITHMETIC) == count["arithmetic"]
 
 
+def test_what_the_recursion_names_keeps_its_name(vishard4: Arm) -> None:
+    """Forces, moments, rates and directions; only what no output needs or what is an input has none."""
+    model = derive(vishard4)
+    names = set(Tape.of(model.function("inverse_dynamics")).names.values())
+    assert {"F2", "F3", "F4", "G3", "N2", "N3", "N4", "w3", "al4", "b3", "y3", "hc4", "hs4", "lc3", "ls3"} <= names
+    assert {"c2", "s2", "c3", "s3", "c34", "s34"} <= names
+    assert {"D21", "D22", "c234"} <= set(Tape.of(model.function("inertia")).names.values())
+    for function in model.functions:
+        found = Tape.of(function).names
+        assert len(set(found.values())) == len(found), function.name
+
+
+def test_a_name_stands_for_a_value_with_its_sign() -> None:
+    """b - a is kept as a - b, once: what is called after it would have the other sign."""
+    d = sp.Symbol("d", real=True)
+    turned = tape(X - Y, d * Z, definitions=((sp.Symbol("e", real=True), X - Y), (d, Y - X)))
+    assert [turned.names.get(i) for i, n in enumerate(turned.nodes) if n.op == "sub"] == ["e"]
+    assert "d" not in turned.names.values()
+
+
 def test_constants_are_folded_exactly() -> None:
     a = sp.Symbol("a")
     folded = tape(a / 7, definitions=((a, 3 * X),))

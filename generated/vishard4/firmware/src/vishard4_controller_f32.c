@@ -22,45 +22,54 @@ static inline void inverse_dynamics(
     const float qdd[4],
     float tau[4])
 {
-    float s1;
-    float c1;
-    tendon_sincos_f32(q[2], &s1, &c1);
-    const float v1 = q[2] + q[3];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+     *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment */
     float s3;
     float c3;
-    tendon_sincos_f32(q[1], &s3, &c3);
-    const float v2 = qd[0] * qd[0];
-    const float v3 = c3 * parameters->l1_by_l2;
-    const float v4 = s3 * parameters->l1_by_l2;
-    const float v5 = qd[0] + qd[1];
-    const float v6 = qdd[0] + qdd[1];
-    const float v7 = v2 * v3 - v4 * qdd[0] + v5 * v5;
-    const float v8 = v3 * qdd[0] + v2 * v4 + v6;
-    const float v9 = v5 + qd[2];
-    const float v10 = v6 + qdd[2];
-    const float v11 = v9 * v9;
-    const float v12 = c1 * parameters->l3_by_l2;
-    const float v13 = s1 * parameters->l3_by_l2;
-    const float v14 = v11 * v12 + (v7 + v10 * v13);
-    const float v15 = v8 + v10 * v12 - v11 * v13;
-    const float v16 = v9 + qd[3];
-    const float v17 = v10 + qdd[3];
-    const float v18 = v16 * v16;
-    const float v19 = c2 * parameters->h4;
-    const float v20 = s2 * parameters->h4;
-    const float v21 = v15 * v19 + (v17 * parameters->J4 + v14 * v20);
-    const float v22 = v17 * v20 + v18 * v19 + v14 * parameters->mu3;
-    const float v23 = v17 * v19 - v18 * v20 + v15 * parameters->mu3;
-    const float v24 = v10 * parameters->J3 + (v13 * v22 + (v21 + v12 * v23));
-    const float v25 = v23 + v8 * parameters->mu2;
-    const float v26 = v6 * parameters->J2 + (v24 + v25);
-    tau[0] = qdd[0] * parameters->J1 + (v26 + v3 * v25) - v4 * (v22 + v7 * parameters->mu2);
-    tau[1] = v26 + qdd[1] * parameters->I2;
-    tau[2] = v24 + qdd[2] * parameters->I3;
-    tau[3] = v21 + qdd[3] * parameters->I4;
+    tendon_sincos_f32(q[2], &s3, &c3);
+    const float a4 = q[2] + q[3];
+    float s34;
+    float c34;
+    tendon_sincos_f32(a4, &s34, &c34);
+    float s2;
+    float c2;
+    tendon_sincos_f32(q[1], &s2, &c2);
+    const float ww1 = qd[0] * qd[0];
+    const float lc1 = c2 * parameters->l1_by_l2;
+    const float ls1 = s2 * parameters->l1_by_l2;
+    const float b1 = ww1 * lc1 - ls1 * qdd[0];
+    const float y1 = lc1 * qdd[0] + ww1 * ls1;
+    const float w2 = qd[0] + qd[1];
+    const float al2 = qdd[0] + qdd[1];
+    const float ww2 = w2 * w2;
+    const float b2 = b1 + ww2;
+    const float y2 = y1 + al2;
+    const float w3 = w2 + qd[2];
+    const float al3 = al2 + qdd[2];
+    const float ww3 = w3 * w3;
+    const float lc3 = c3 * parameters->l3_by_l2;
+    const float ls3 = s3 * parameters->l3_by_l2;
+    const float b3 = ww3 * lc3 + (b2 + al3 * ls3);
+    const float y3 = y2 + al3 * lc3 - ww3 * ls3;
+    const float w4 = w3 + qd[3];
+    const float al4 = al3 + qdd[3];
+    const float ww4 = w4 * w4;
+    const float hc4 = c34 * parameters->h4;
+    const float hs4 = s34 * parameters->h4;
+    const float N4 = y3 * hc4 + (al4 * parameters->J4 + b3 * hs4);
+    const float G4 = al4 * hs4 + ww4 * hc4;
+    const float F4 = al4 * hc4 - ww4 * hs4;
+    const float G3 = G4 + b3 * parameters->mu3;
+    const float F3 = F4 + y3 * parameters->mu3;
+    const float N3 = al3 * parameters->J3 + (ls3 * G3 + (N4 + lc3 * F3));
+    const float G2 = G3 + b2 * parameters->mu2;
+    const float F2 = F3 + y2 * parameters->mu2;
+    const float N2 = al2 * parameters->J2 + (N3 + F2);
+    tau[0] = qdd[0] * parameters->J1 + (N2 + lc1 * F2) - ls1 * G2;
+    tau[1] = N2 + qdd[1] * parameters->I2;
+    tau[2] = N3 + qdd[2] * parameters->I3;
+    tau[3] = N4 + qdd[3] * parameters->I4;
 }
 
 /* joint_compensation: Torques of friction, springs and the other static effects of joints and arm at the measured
@@ -82,38 +91,38 @@ static inline void joint_compensation(
     float tau[4])
 {
     (void)parameters;
-    const float v1 = springs[0].offset - q[0];
-    const float v2 = effects->joint1_viscous_coefficient + effects->joint1_viscous_cubic_coefficient * (qd[0] *
+    const float t1 = springs[0].offset - q[0];
+    const float t2 = effects->joint1_viscous_coefficient + effects->joint1_viscous_cubic_coefficient * (qd[0] *
         qd[0]);
-    const float v3 = tendon_side_f32(qd[0], effects->joint1_coulomb_asymmetric_positive,
+    const float t3 = tendon_side_f32(qd[0], effects->joint1_coulomb_asymmetric_positive,
         -effects->joint1_coulomb_asymmetric_negative);
-    const float v4 = (qd[0] * v2 + v3) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float t4 = (qd[0] * t2 + t3) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[0])));
-    const float v5 = springs[1].offset - q[1];
-    const float v6 = effects->joint2_viscous_coefficient + effects->joint2_viscous_cubic_coefficient * (qd[1] *
+    const float t5 = springs[1].offset - q[1];
+    const float t6 = effects->joint2_viscous_coefficient + effects->joint2_viscous_cubic_coefficient * (qd[1] *
         qd[1]);
-    const float v7 = tendon_side_f32(qd[1], effects->joint2_coulomb_asymmetric_positive,
+    const float t7 = tendon_side_f32(qd[1], effects->joint2_coulomb_asymmetric_positive,
         -effects->joint2_coulomb_asymmetric_negative);
-    const float v8 = (qd[1] * v6 + v7) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float t8 = (qd[1] * t6 + t7) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[1])));
-    const float v9 = springs[2].offset - q[2];
-    const float v10 = effects->joint3_viscous_coefficient + effects->joint3_viscous_cubic_coefficient * (qd[2] *
+    const float t9 = springs[2].offset - q[2];
+    const float t10 = effects->joint3_viscous_coefficient + effects->joint3_viscous_cubic_coefficient * (qd[2] *
         qd[2]);
-    const float v11 = tendon_side_f32(qd[2], effects->joint3_coulomb_asymmetric_positive,
+    const float t11 = tendon_side_f32(qd[2], effects->joint3_coulomb_asymmetric_positive,
         -effects->joint3_coulomb_asymmetric_negative);
-    const float v12 = (qd[2] * v10 + v11) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float t12 = (qd[2] * t10 + t11) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[2])));
-    const float v13 = springs[3].offset - q[3];
-    const float v14 = effects->joint4_viscous_coefficient + effects->joint4_viscous_cubic_coefficient * (qd[3] *
+    const float t13 = springs[3].offset - q[3];
+    const float t14 = effects->joint4_viscous_coefficient + effects->joint4_viscous_cubic_coefficient * (qd[3] *
         qd[3]);
-    const float v15 = tendon_side_f32(qd[3], effects->joint4_coulomb_asymmetric_positive,
+    const float t15 = tendon_side_f32(qd[3], effects->joint4_coulomb_asymmetric_positive,
         -effects->joint4_coulomb_asymmetric_negative);
-    const float v16 = (qd[3] * v14 + v15) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
+    const float t16 = (qd[3] * t14 + t15) * (effects->friction_scale * tendon_rise_f32(effects->friction_slope *
         tendon_abs_f32(qd[3])));
-    tau[0] = v4 - tendon_gate_f32(v1, springs[0].joint_pretension + v1 * springs[0].joint_stiffness);
-    tau[1] = v8 - tendon_gate_f32(v5, springs[1].joint_pretension + v5 * springs[1].joint_stiffness);
-    tau[2] = v12 - tendon_gate_f32(v9, springs[2].joint_pretension + v9 * springs[2].joint_stiffness);
-    tau[3] = v16 - tendon_gate_f32(v13, springs[3].joint_pretension + v13 * springs[3].joint_stiffness);
+    tau[0] = t4 - tendon_gate_f32(t1, springs[0].joint_pretension + t1 * springs[0].joint_stiffness);
+    tau[1] = t8 - tendon_gate_f32(t5, springs[1].joint_pretension + t5 * springs[1].joint_stiffness);
+    tau[2] = t12 - tendon_gate_f32(t9, springs[2].joint_pretension + t9 * springs[2].joint_stiffness);
+    tau[3] = t16 - tendon_gate_f32(t13, springs[3].joint_pretension + t13 * springs[3].joint_stiffness);
 }
 
 /* contact_compensation: Torques of the plate, and of other effects of the contact, at the measured motion.
@@ -138,33 +147,33 @@ static inline void contact_compensation(
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = v1 + q[2];
-    float s3;
-    float c3;
-    tendon_sincos_f32(v2, &s3, &c3);
-    const float v3 = v2 + q[3];
-    float s4;
-    float c4;
-    tendon_sincos_f32(v3, &s4, &c4);
-    const float v4 = c4 * parameters->l4;
-    const float v5 = v4 + c3 * parameters->l3;
-    const float v6 = v5 + c2 * parameters->l2;
-    const float v7 = v6 + c1 * parameters->l1;
-    const float v8 = v4 * qd[3] + (v5 * qd[2] + (v7 * qd[0] + v6 * qd[1]));
-    const float v9 = contact->plate_position - s1 * parameters->l1 - s2 * parameters->l2 - s3 * parameters->l3 - s4
-        * parameters->l4;
-    const float v10 = tendon_gate_f32(v9, contact->plate_damping_coefficient * v8);
-    const float v11 = v9 * contact->plate_stiffness + (contact->plate_pretension - contact->plate_friction *
-        tendon_sgn_f32(v8));
-    const float v12 = tendon_gate_f32(v9, v11);
-    tau[0] = v7 * v10 - v7 * v12;
-    tau[1] = v6 * v10 - v6 * v12;
-    tau[2] = v5 * v10 - v5 * v12;
-    tau[3] = v4 * v10 - v4 * v12;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float theta3 = theta2 + q[2];
+    float s123;
+    float c123;
+    tendon_sincos_f32(theta3, &s123, &c123);
+    const float theta4 = theta3 + q[3];
+    float s1234;
+    float c1234;
+    tendon_sincos_f32(theta4, &s1234, &c1234);
+    const float y4 = c1234 * parameters->l4;
+    const float y3 = y4 + c123 * parameters->l3;
+    const float y2 = y3 + c12 * parameters->l2;
+    const float y1 = y2 + c1 * parameters->l1;
+    const float t1 = y4 * qd[3] + (y3 * qd[2] + (y1 * qd[0] + y2 * qd[1]));
+    const float t2 = contact->plate_position - s1 * parameters->l1 - s12 * parameters->l2 - s123 * parameters->l3;
+    const float t3 = t2 - s1234 * parameters->l4;
+    const float t4 = tendon_gate_f32(t3, contact->plate_damping_coefficient * t1);
+    const float t5 = t3 * contact->plate_stiffness + (contact->plate_pretension - contact->plate_friction *
+        tendon_sgn_f32(t1));
+    const float t6 = tendon_gate_f32(t3, t5);
+    tau[0] = y1 * t4 - y1 * t6;
+    tau[1] = y2 * t4 - y2 * t6;
+    tau[2] = y3 * t4 - y3 * t6;
+    tau[3] = y4 * t4 - y4 * t6;
 }
 
 void vishard4_controller_sizes_f32(uint32_t sizes[9])

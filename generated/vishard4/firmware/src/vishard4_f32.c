@@ -37,45 +37,54 @@ void vishard4_inverse_dynamics_f32(
     const float qdd[4],
     float tau[4])
 {
-    float s1;
-    float c1;
-    tendon_sincos_f32(q[2], &s1, &c1);
-    const float v1 = q[2] + q[3];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+     *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment */
     float s3;
     float c3;
-    tendon_sincos_f32(q[1], &s3, &c3);
-    const float v2 = qd[0] * qd[0];
-    const float v3 = c3 * parameters->l1_by_l2;
-    const float v4 = s3 * parameters->l1_by_l2;
-    const float v5 = qd[0] + qd[1];
-    const float v6 = qdd[0] + qdd[1];
-    const float v7 = v2 * v3 - v4 * qdd[0] + v5 * v5;
-    const float v8 = v3 * qdd[0] + v2 * v4 + v6;
-    const float v9 = v5 + qd[2];
-    const float v10 = v6 + qdd[2];
-    const float v11 = v9 * v9;
-    const float v12 = c1 * parameters->l3_by_l2;
-    const float v13 = s1 * parameters->l3_by_l2;
-    const float v14 = v11 * v12 + (v7 + v10 * v13);
-    const float v15 = v8 + v10 * v12 - v11 * v13;
-    const float v16 = v9 + qd[3];
-    const float v17 = v10 + qdd[3];
-    const float v18 = v16 * v16;
-    const float v19 = c2 * parameters->h4;
-    const float v20 = s2 * parameters->h4;
-    const float v21 = v15 * v19 + (v17 * parameters->J4 + v14 * v20);
-    const float v22 = v17 * v20 + v18 * v19 + v14 * parameters->mu3;
-    const float v23 = v17 * v19 - v18 * v20 + v15 * parameters->mu3;
-    const float v24 = v10 * parameters->J3 + (v13 * v22 + (v21 + v12 * v23));
-    const float v25 = v23 + v8 * parameters->mu2;
-    const float v26 = v6 * parameters->J2 + (v24 + v25);
-    tau[0] = qdd[0] * parameters->J1 + (v26 + v3 * v25) - v4 * (v22 + v7 * parameters->mu2);
-    tau[1] = v26 + qdd[1] * parameters->I2;
-    tau[2] = v24 + qdd[2] * parameters->I3;
-    tau[3] = v21 + qdd[3] * parameters->I4;
+    tendon_sincos_f32(q[2], &s3, &c3);
+    const float a4 = q[2] + q[3];
+    float s34;
+    float c34;
+    tendon_sincos_f32(a4, &s34, &c34);
+    float s2;
+    float c2;
+    tendon_sincos_f32(q[1], &s2, &c2);
+    const float ww1 = qd[0] * qd[0];
+    const float lc1 = c2 * parameters->l1_by_l2;
+    const float ls1 = s2 * parameters->l1_by_l2;
+    const float b1 = ww1 * lc1 - ls1 * qdd[0];
+    const float y1 = lc1 * qdd[0] + ww1 * ls1;
+    const float w2 = qd[0] + qd[1];
+    const float al2 = qdd[0] + qdd[1];
+    const float ww2 = w2 * w2;
+    const float b2 = b1 + ww2;
+    const float y2 = y1 + al2;
+    const float w3 = w2 + qd[2];
+    const float al3 = al2 + qdd[2];
+    const float ww3 = w3 * w3;
+    const float lc3 = c3 * parameters->l3_by_l2;
+    const float ls3 = s3 * parameters->l3_by_l2;
+    const float b3 = ww3 * lc3 + (b2 + al3 * ls3);
+    const float y3 = y2 + al3 * lc3 - ww3 * ls3;
+    const float w4 = w3 + qd[3];
+    const float al4 = al3 + qdd[3];
+    const float ww4 = w4 * w4;
+    const float hc4 = c34 * parameters->h4;
+    const float hs4 = s34 * parameters->h4;
+    const float N4 = y3 * hc4 + (al4 * parameters->J4 + b3 * hs4);
+    const float G4 = al4 * hs4 + ww4 * hc4;
+    const float F4 = al4 * hc4 - ww4 * hs4;
+    const float G3 = G4 + b3 * parameters->mu3;
+    const float F3 = F4 + y3 * parameters->mu3;
+    const float N3 = al3 * parameters->J3 + (ls3 * G3 + (N4 + lc3 * F3));
+    const float G2 = G3 + b2 * parameters->mu2;
+    const float F2 = F3 + y2 * parameters->mu2;
+    const float N2 = al2 * parameters->J2 + (N3 + F2);
+    tau[0] = qdd[0] * parameters->J1 + (N2 + lc1 * F2) - ls1 * G2;
+    tau[1] = N2 + qdd[1] * parameters->I2;
+    tau[2] = N3 + qdd[2] * parameters->I3;
+    tau[3] = N4 + qdd[3] * parameters->I4;
 }
 
 /* inertia: Inertia matrix D(q), rotors included.
@@ -85,51 +94,67 @@ void vishard4_inverse_dynamics_f32(
  * Operations: 50 operations (33 add, 17 mul) and 6 sincos */
 void vishard4_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16])
 {
-    const float v1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const float v2 = parameters->l1_by_l2 * parameters->mu3;
-    const float c1 = tendon_cos_f32(q[1]);
-    const float v3 = (parameters->mu2 * parameters->l1_by_l2 + v2) * c1;
-    const float v4 = q[1] + q[2];
-    const float c3 = tendon_cos_f32(v4);
-    const float v5 = v2 * parameters->l3_by_l2 * c3;
-    const float c5 = tendon_cos_f32(v4 + q[3]);
-    const float v6 = parameters->l1_by_l2 * parameters->h4 * c5;
-    const float c2 = tendon_cos_f32(q[2]);
-    const float v7 = parameters->mu3 * parameters->l3_by_l2 * c2;
-    const float c6 = tendon_cos_f32(q[2] + q[3]);
-    const float v8 = parameters->h4 * c6;
+    /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
+     *   columns in joint angles; D: inertia matrix */
+    const float t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
+    const float m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const float t2 = parameters->l1_by_l2 * parameters->mu3;
+    const float m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const float m13 = t2 * parameters->l3_by_l2;
+    const float m14 = parameters->l1_by_l2 * parameters->h4;
+    const float m22 = parameters->mu2 + parameters->mu3;
+    const float m23 = parameters->mu3 * parameters->l3_by_l2;
+    const float m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const float m34 = parameters->l3_by_l2 * parameters->h4;
+    const float A11 = m11 + parameters->J1;
+    const float c2 = tendon_cos_f32(q[1]);
+    const float A12 = m12 * c2;
+    const float t3 = q[1] + q[2];
+    const float c23 = tendon_cos_f32(t3);
+    const float A13 = m13 * c23;
+    const float c234 = tendon_cos_f32(t3 + q[3]);
+    const float A14 = m14 * c234;
+    const float A22 = m22 + parameters->J2;
+    const float c3 = tendon_cos_f32(q[2]);
+    const float A23 = m23 * c3;
+    const float c34 = tendon_cos_f32(q[2] + q[3]);
+    const float A24 = parameters->h4 * c34;
+    const float A33 = m33 + parameters->J3;
     const float c4 = tendon_cos_f32(q[3]);
-    const float v9 = parameters->l3_by_l2 * parameters->h4 * c4;
-    const float v10 = v5 + v6;
-    const float v11 = v3 + v10;
-    const float v12 = v7 + v8;
-    const float v13 = parameters->mu2 + parameters->mu3 + parameters->J2 + v12;
-    const float v14 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2) + parameters->J3 + v9;
-    const float v15 = v7 + v14;
-    const float v16 = v9 + parameters->J4;
-    const float v17 = v8 + v16;
-    const float v18 = v6 + v17;
-    const float v19 = v5 + v15 + v18;
-    const float v20 = v3 + v13 + v19;
-    const float v21 = v15 + v17;
-    const float v22 = v13 + v21;
-    const float v23 = v14 + v16;
-    const float v24 = v12 + v23;
-    D[0] = parameters->mu2 * v1 + v1 * parameters->mu3 + parameters->J1 + v11 + v20;
-    D[1] = v11 + v22;
-    D[2] = v10 + v24;
-    D[3] = v18;
-    D[4] = v20;
-    D[5] = v22 + parameters->I2;
-    D[6] = v24;
-    D[7] = v17;
-    D[8] = v19;
-    D[9] = v21;
-    D[10] = v23 + parameters->I3;
-    D[11] = v16;
-    D[12] = v18;
-    D[13] = v17;
-    D[14] = v16;
+    const float A34 = m34 * c4;
+    const float AS13 = A13 + A14;
+    const float AS12 = A12 + AS13;
+    const float AS11 = A11 + AS12;
+    const float AS23 = A23 + A24;
+    const float AS22 = A22 + AS23;
+    const float AS21 = A12 + AS22;
+    const float AS33 = A33 + A34;
+    const float AS32 = A23 + AS33;
+    const float AS31 = A13 + AS32;
+    const float AS43 = A34 + parameters->J4;
+    const float AS42 = A24 + AS43;
+    const float AS41 = A14 + AS42;
+    const float D31 = AS31 + AS41;
+    const float D21 = AS21 + D31;
+    const float D32 = AS32 + AS42;
+    const float D22 = AS22 + D32;
+    const float D33 = AS33 + AS43;
+    const float D23 = AS23 + D33;
+    D[0] = AS11 + D21;
+    D[1] = AS12 + D22;
+    D[2] = AS13 + D23;
+    D[3] = AS41;
+    D[4] = D21;
+    D[5] = D22 + parameters->I2;
+    D[6] = D23;
+    D[7] = AS42;
+    D[8] = D31;
+    D[9] = D32;
+    D[10] = D33 + parameters->I3;
+    D[11] = AS43;
+    D[12] = AS41;
+    D[13] = AS42;
+    D[14] = AS43;
     D[15] = parameters->J4 + parameters->I4;
 }
 
@@ -145,55 +170,72 @@ void vishard4_coriolis_f32(
     const float qd[4],
     float C[16])
 {
-    const float v1 = parameters->l1_by_l2 * parameters->mu3;
-    const float v2 = qd[0] + qd[1];
-    const float v3 = v2 + qd[2];
-    const float v4 = v3 + qd[3];
-    const float s1 = tendon_sin_f32(q[1]);
-    const float v5 = (parameters->l1_by_l2 * parameters->mu2 + v1) * s1;
-    const float v6 = q[1] + q[2];
-    const float s3 = tendon_sin_f32(v6);
-    const float v7 = v1 * parameters->l3_by_l2 * s3;
-    const float s5 = tendon_sin_f32(v6 + q[3]);
-    const float v8 = parameters->l1_by_l2 * parameters->h4 * s5;
-    const float v9 = v4 * v8;
-    const float s2 = tendon_sin_f32(q[2]);
-    const float v10 = parameters->mu3 * parameters->l3_by_l2 * s2;
-    const float s6 = tendon_sin_f32(q[2] + q[3]);
-    const float v11 = parameters->h4 * s6;
-    const float v12 = v4 * v11;
+    /* c, s: cosine and sine; c23 of q2 + q3; w: absolute rate; m: coefficient of A; B: Coriolis matrix in absolute
+     *   angles; AS, BS: the same, columns in joint angles; C: Coriolis matrix */
+    const float t1 = parameters->l1_by_l2 * parameters->mu3;
+    const float m12 = parameters->l1_by_l2 * parameters->mu2 + t1;
+    const float m13 = t1 * parameters->l3_by_l2;
+    const float m14 = parameters->l1_by_l2 * parameters->h4;
+    const float m23 = parameters->mu3 * parameters->l3_by_l2;
+    const float m34 = parameters->l3_by_l2 * parameters->h4;
+    const float w2 = qd[0] + qd[1];
+    const float w3 = w2 + qd[2];
+    const float w4 = w3 + qd[3];
+    const float s2 = tendon_sin_f32(q[1]);
+    const float t2 = m12 * s2;
+    const float B12 = w2 * t2;
+    const float t3 = q[1] + q[2];
+    const float s23 = tendon_sin_f32(t3);
+    const float t4 = m13 * s23;
+    const float B13 = w3 * t4;
+    const float s234 = tendon_sin_f32(t3 + q[3]);
+    const float t5 = m14 * s234;
+    const float B14 = w4 * t5;
+    const float B21 = qd[0] * t2;
+    const float s3 = tendon_sin_f32(q[2]);
+    const float t6 = m23 * s3;
+    const float B23 = w3 * t6;
+    const float s34 = tendon_sin_f32(q[2] + q[3]);
+    const float t7 = parameters->h4 * s34;
+    const float B24 = w4 * t7;
+    const float B31 = qd[0] * t4;
+    const float B32 = w2 * t6;
     const float s4 = tendon_sin_f32(q[3]);
-    const float v13 = parameters->l3_by_l2 * parameters->h4 * s4;
-    const float v14 = v4 * v13;
-    const float v15 = v3 * v13;
-    const float v16 = v3 * v7 + v9;
-    const float v17 = v2 * v5 + v16;
-    const float v18 = v3 * v10 + v12;
-    const float v19 = v2 * v10 - v14;
-    const float v20 = v2 * v11 + v15;
-    const float v21 = qd[0] * v8 + v20;
-    const float v22 = qd[0] * v7 + v19 + v21;
-    const float v23 = qd[0] * v5 - v18 + v22;
-    const float v24 = v19 + v20;
-    const float v25 = v24 - v18;
-    const float v26 = v15 - v14;
-    const float v27 = v26 - v18;
-    const float v28 = v12 + v14;
-    C[0] = v23 - v17;
-    C[1] = v25 - v17;
-    C[2] = v27 - v16;
-    C[3] = -(v9 + v28);
-    C[4] = v23;
-    C[5] = v25;
-    C[6] = v27;
-    C[7] = -v28;
-    C[8] = v22;
-    C[9] = v24;
-    C[10] = v26;
-    C[11] = -v14;
-    C[12] = v21;
-    C[13] = v20;
-    C[14] = v15;
+    const float t8 = m34 * s4;
+    const float B34 = w4 * t8;
+    const float B41 = qd[0] * t5;
+    const float B42 = w2 * t7;
+    const float B43 = w3 * t8;
+    const float t9 = B13 + B14;
+    const float t10 = B12 + t9;
+    const float t11 = B23 + B24;
+    const float BS21 = B21 - t11;
+    const float BS32 = B32 - B34;
+    const float BS31 = B31 + BS32;
+    const float BS42 = B42 + B43;
+    const float BS41 = B41 + BS42;
+    const float C31 = BS31 + BS41;
+    const float C21 = BS21 + C31;
+    const float C32 = BS32 + BS42;
+    const float C22 = C32 - t11;
+    const float C33 = B43 - B34;
+    const float C23 = C33 - t11;
+    const float t12 = B24 + B34;
+    C[0] = C21 - t10;
+    C[1] = C22 - t10;
+    C[2] = C23 - t9;
+    C[3] = -(B14 + t12);
+    C[4] = C21;
+    C[5] = C22;
+    C[6] = C23;
+    C[7] = -t12;
+    C[8] = C31;
+    C[9] = C32;
+    C[10] = C33;
+    C[11] = -B34;
+    C[12] = BS41;
+    C[13] = BS42;
+    C[14] = B43;
     C[15] = 0.0f;
 }
 
@@ -226,81 +268,115 @@ void vishard4_forward_dynamics_f32(
     const float tau[4],
     float qdd[4])
 {
-    float s1;
-    float c1;
-    tendon_sincos_f32(q[2], &s1, &c1);
-    const float v1 = q[2] + q[3];
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+     *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; w: absolute rate; m: coefficient
+     *   of A; A: inertia in absolute angles; AS, BS: the same, columns in joint angles; D: inertia matrix; L, d: D = L
+     *   diag(d) L^T; Ld: L diag(d); e: 1/d; z, x: substitution */
     float s3;
     float c3;
-    tendon_sincos_f32(v1, &s3, &c3);
-    float s4;
-    float c4;
-    tendon_sincos_f32(q[1], &s4, &c4);
-    const float v2 = qd[0] * qd[0];
-    const float v3 = c4 * parameters->l1_by_l2;
-    const float v4 = s4 * parameters->l1_by_l2;
-    const float v5 = v2 * v4;
-    const float v6 = qd[0] + qd[1];
-    const float v7 = v2 * v3 + v6 * v6;
-    const float v8 = v6 + qd[2];
-    const float v9 = v8 * v8;
-    const float v10 = c1 * parameters->l3_by_l2;
-    const float v11 = s1 * parameters->l3_by_l2;
-    const float v12 = v7 + v9 * v10;
-    const float v13 = v5 - v9 * v11;
-    const float v14 = v8 + qd[3];
-    const float v15 = v14 * v14;
-    const float v16 = c3 * parameters->h4;
-    const float v17 = s3 * parameters->h4;
-    const float v18 = v12 * v17 + v13 * v16;
-    const float v19 = v15 * v16 + v12 * parameters->mu3;
-    const float v20 = v13 * parameters->mu3 - v15 * v17;
-    const float v21 = v11 * v19 + (v18 + v10 * v20);
-    const float v22 = v20 + v5 * parameters->mu2;
-    const float v23 = v21 + v22;
-    const float v24 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const float v25 = parameters->l1_by_l2 * parameters->mu3;
-    const float v26 = c4 * (parameters->l1_by_l2 * parameters->mu2 + v25);
-    const float c5 = tendon_cos_f32(q[2] + q[1]);
-    const float v27 = parameters->l3_by_l2 * v25 * c5;
-    const float c6 = tendon_cos_f32(v1 + q[1]);
-    const float v28 = parameters->l1_by_l2 * parameters->h4 * c6;
-    const float v29 = c1 * (parameters->l3_by_l2 * parameters->mu3);
-    const float c2 = tendon_cos_f32(q[3]);
-    const float v30 = parameters->l3_by_l2 * parameters->h4 * c2;
-    const float v31 = parameters->mu3 + parameters->mu2 + parameters->J2 + (v16 + v29);
-    const float v32 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2) + parameters->J3 + v30;
-    const float v33 = v29 + v32;
-    const float v34 = v30 + parameters->J4;
-    const float v35 = v16 + v34;
-    const float v36 = v28 + v35;
-    const float v37 = v27 + v33 + v36;
-    const float v38 = v26 + v31 + v37;
-    const float v39 = v33 + v35;
-    const float v40 = 1.0f / (parameters->mu2 * v24 + parameters->mu3 * v24 + parameters->J1 + (v26 + (v27 + v28)) +
-        v38);
-    const float v41 = tau[0] - (v23 + v3 * v22 - v4 * (v19 + v7 * parameters->mu2));
-    const float v42 = v38 * v40;
-    const float v43 = 1.0f / (v31 + v39 + parameters->I2 - v38 * v42);
-    const float v44 = tau[1] - v23 - v41 * v42;
-    const float v45 = v39 - v37 * v42;
-    const float v46 = v37 * v40;
-    const float v47 = v43 * v45;
-    const float v48 = 1.0f / (v32 + v34 + parameters->I3 - v37 * v46 - v45 * v47);
-    const float v49 = tau[2] - v21 - v41 * v46 - v44 * v47;
-    const float v50 = v35 - v36 * v42;
-    const float v51 = v34 - v36 * v46 - v47 * v50;
-    const float v52 = v36 * v40;
-    const float v53 = v43 * v50;
-    const float v54 = v48 * v51;
-    const float v55 = 1.0f / (parameters->J4 + parameters->I4 - v36 * v52 - v50 * v53 - v51 * v54) * (tau[3] - v18 -
-        v41 * v52 - v44 * v53 - v49 * v54);
-    const float v56 = v48 * v49 - v54 * v55;
-    const float v57 = v43 * v44 - v47 * v56 - v53 * v55;
-    qdd[0] = v40 * v41 - v42 * v57 - v46 * v56 - v52 * v55;
-    qdd[1] = v57;
-    qdd[2] = v56;
-    qdd[3] = v55;
+    tendon_sincos_f32(q[2], &s3, &c3);
+    const float a4 = q[2] + q[3];
+    float s34;
+    float c34;
+    tendon_sincos_f32(a4, &s34, &c34);
+    float s2;
+    float c2;
+    tendon_sincos_f32(q[1], &s2, &c2);
+    const float ww1 = qd[0] * qd[0];
+    const float lc1 = c2 * parameters->l1_by_l2;
+    const float ls1 = s2 * parameters->l1_by_l2;
+    const float b1 = ww1 * lc1;
+    const float y1 = ww1 * ls1;
+    const float w2 = qd[0] + qd[1];
+    const float ww2 = w2 * w2;
+    const float b2 = b1 + ww2;
+    const float w3 = w2 + qd[2];
+    const float ww3 = w3 * w3;
+    const float lc3 = c3 * parameters->l3_by_l2;
+    const float ls3 = s3 * parameters->l3_by_l2;
+    const float b3 = b2 + ww3 * lc3;
+    const float y3 = y1 - ww3 * ls3;
+    const float w4 = w3 + qd[3];
+    const float ww4 = w4 * w4;
+    const float hc4 = c34 * parameters->h4;
+    const float hs4 = s34 * parameters->h4;
+    const float N4 = b3 * hs4 + y3 * hc4;
+    const float G4 = ww4 * hc4;
+    const float F4 = ww4 * hs4;
+    const float G3 = G4 + b3 * parameters->mu3;
+    const float F3 = y3 * parameters->mu3 - F4;
+    const float N3 = ls3 * G3 + (N4 + lc3 * F3);
+    const float G2 = G3 + b2 * parameters->mu2;
+    const float F2 = F3 + y1 * parameters->mu2;
+    const float N2 = N3 + F2;
+    const float N1 = N2 + lc1 * F2 - ls1 * G2;
+    const float t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
+    const float m11 = parameters->mu2 * t1 + parameters->mu3 * t1;
+    const float t2 = parameters->l1_by_l2 * parameters->mu3;
+    const float m12 = parameters->l1_by_l2 * parameters->mu2 + t2;
+    const float m13 = parameters->l3_by_l2 * t2;
+    const float m14 = parameters->l1_by_l2 * parameters->h4;
+    const float m22 = parameters->mu3 + parameters->mu2;
+    const float m23 = parameters->l3_by_l2 * parameters->mu3;
+    const float m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const float m34 = parameters->l3_by_l2 * parameters->h4;
+    const float A11 = m11 + parameters->J1;
+    const float A12 = c2 * m12;
+    const float c23 = tendon_cos_f32(q[2] + q[1]);
+    const float A13 = m13 * c23;
+    const float c234 = tendon_cos_f32(a4 + q[1]);
+    const float A14 = m14 * c234;
+    const float A22 = m22 + parameters->J2;
+    const float A23 = c3 * m23;
+    const float A33 = m33 + parameters->J3;
+    const float c4 = tendon_cos_f32(q[3]);
+    const float A34 = m34 * c4;
+    const float AS13 = A13 + A14;
+    const float AS12 = A12 + AS13;
+    const float AS11 = A11 + AS12;
+    const float AS23 = hc4 + A23;
+    const float AS22 = A22 + AS23;
+    const float AS21 = A12 + AS22;
+    const float AS33 = A33 + A34;
+    const float AS32 = A23 + AS33;
+    const float AS31 = A13 + AS32;
+    const float AS43 = A34 + parameters->J4;
+    const float AS42 = hc4 + AS43;
+    const float AS41 = A14 + AS42;
+    const float D31 = AS31 + AS41;
+    const float D21 = AS21 + D31;
+    const float D11 = AS11 + D21;
+    const float D32 = AS32 + AS42;
+    const float D22 = AS22 + D32;
+    const float D33 = AS33 + AS43;
+    const float e1 = 1.0f / D11;
+    const float z1 = tau[0] - N1;
+    const float L21 = D21 * e1;
+    const float d2 = D22 + parameters->I2 - D21 * L21;
+    const float e2 = 1.0f / d2;
+    const float z2 = tau[1] - N2 - z1 * L21;
+    const float Ld32 = D32 - D31 * L21;
+    const float L31 = D31 * e1;
+    const float L32 = e2 * Ld32;
+    const float d3 = D33 + parameters->I3 - D31 * L31 - Ld32 * L32;
+    const float e3 = 1.0f / d3;
+    const float z3 = tau[2] - N3 - z1 * L31 - z2 * L32;
+    const float Ld42 = AS42 - AS41 * L21;
+    const float Ld43 = AS43 - AS41 * L31 - L32 * Ld42;
+    const float L41 = AS41 * e1;
+    const float L42 = e2 * Ld42;
+    const float L43 = e3 * Ld43;
+    const float d4 = parameters->J4 + parameters->I4 - AS41 * L41 - Ld42 * L42 - Ld43 * L43;
+    const float e4 = 1.0f / d4;
+    const float z4 = tau[3] - N4 - z1 * L41 - z2 * L42 - z3 * L43;
+    const float x4 = e4 * z4;
+    const float x3 = e3 * z3 - L43 * x4;
+    const float x2 = e2 * z2 - L32 * x3 - L42 * x4;
+    qdd[0] = e1 * z1 - L21 * x2 - L31 * x3 - L41 * x4;
+    qdd[1] = x2;
+    qdd[2] = x3;
+    qdd[3] = x4;
 }
 
 /* regressor: tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.
@@ -317,80 +393,86 @@ void vishard4_regressor_f32(
     const float qdd[4],
     float Y[40])
 {
-    float s1;
-    float c1;
-    tendon_sincos_f32(q[2], &s1, &c1);
-    const float v1 = q[2] + q[3];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; G, F:
+     *   force along -x and y of link 2; N: moment of the lump that is named, alone */
     float s3;
     float c3;
-    tendon_sincos_f32(q[1], &s3, &c3);
-    const float v2 = qd[0] * qd[0];
-    const float v3 = c3 * parameters->l1_by_l2;
-    const float v4 = s3 * parameters->l1_by_l2;
-    const float v5 = qd[0] + qd[1];
-    const float v6 = qdd[0] + qdd[1];
-    const float v7 = v2 * v3 - v4 * qdd[0] + v5 * v5;
-    const float v8 = v3 * qdd[0] + v2 * v4 + v6;
-    const float v9 = v5 + qd[2];
-    const float v10 = v6 + qdd[2];
-    const float v11 = v9 * v9;
-    const float v12 = c1 * parameters->l3_by_l2;
-    const float v13 = s1 * parameters->l3_by_l2;
-    const float v14 = v11 * v12 + (v7 + v10 * v13);
-    const float v15 = v8 + v10 * v12 - v11 * v13;
-    const float v16 = v9 + qd[3];
-    const float v17 = v10 + qdd[3];
-    const float v18 = v16 * v16;
-    const float v19 = v13 * v14 + v12 * v15;
-    const float v20 = v15 + v19;
-    const float v21 = s2 * v14 + c2 * v15;
-    const float v22 = s2 * v17 + c2 * v18;
-    const float v23 = c2 * v17 - s2 * v18;
-    const float v24 = v13 * v22 + (v21 + v12 * v23);
-    const float v25 = v23 + v24;
+    tendon_sincos_f32(q[2], &s3, &c3);
+    const float a4 = q[2] + q[3];
+    float s34;
+    float c34;
+    tendon_sincos_f32(a4, &s34, &c34);
+    float s2;
+    float c2;
+    tendon_sincos_f32(q[1], &s2, &c2);
+    const float ww1 = qd[0] * qd[0];
+    const float lc1 = c2 * parameters->l1_by_l2;
+    const float ls1 = s2 * parameters->l1_by_l2;
+    const float b1 = ww1 * lc1 - ls1 * qdd[0];
+    const float y1 = lc1 * qdd[0] + ww1 * ls1;
+    const float w2 = qd[0] + qd[1];
+    const float al2 = qdd[0] + qdd[1];
+    const float ww2 = w2 * w2;
+    const float b2 = b1 + ww2;
+    const float y2 = y1 + al2;
+    const float w3 = w2 + qd[2];
+    const float al3 = al2 + qdd[2];
+    const float ww3 = w3 * w3;
+    const float lc3 = c3 * parameters->l3_by_l2;
+    const float ls3 = s3 * parameters->l3_by_l2;
+    const float b3 = ww3 * lc3 + (b2 + al3 * ls3);
+    const float y3 = y2 + al3 * lc3 - ww3 * ls3;
+    const float w4 = w3 + qd[3];
+    const float al4 = al3 + qdd[3];
+    const float ww4 = w4 * w4;
+    const float N3_mu3 = ls3 * b3 + lc3 * y3;
+    const float N2_mu3 = y3 + N3_mu3;
+    const float N4_h4 = s34 * b3 + c34 * y3;
+    const float G4_h4 = s34 * al4 + c34 * ww4;
+    const float F4_h4 = c34 * al4 - s34 * ww4;
+    const float N3_h4 = ls3 * G4_h4 + (N4_h4 + lc3 * F4_h4);
+    const float N2_h4 = F4_h4 + N3_h4;
     Y[0] = qdd[0];
-    Y[1] = v6;
-    Y[2] = v10;
-    Y[3] = v17;
+    Y[1] = al2;
+    Y[2] = al3;
+    Y[3] = al4;
     Y[4] = 0.0f;
     Y[5] = 0.0f;
     Y[6] = 0.0f;
-    Y[7] = v8 + v3 * v8 - v4 * v7;
-    Y[8] = v20 + v3 * v15 - v4 * v14;
-    Y[9] = v25 + v3 * v23 - v4 * v22;
+    Y[7] = y2 + lc1 * y2 - ls1 * b2;
+    Y[8] = N2_mu3 + lc1 * y3 - ls1 * b3;
+    Y[9] = N2_h4 + lc1 * F4_h4 - ls1 * G4_h4;
     Y[10] = 0.0f;
-    Y[11] = v6;
-    Y[12] = v10;
-    Y[13] = v17;
+    Y[11] = al2;
+    Y[12] = al3;
+    Y[13] = al4;
     Y[14] = qdd[1];
     Y[15] = 0.0f;
     Y[16] = 0.0f;
-    Y[17] = v8;
-    Y[18] = v20;
-    Y[19] = v25;
+    Y[17] = y2;
+    Y[18] = N2_mu3;
+    Y[19] = N2_h4;
     Y[20] = 0.0f;
     Y[21] = 0.0f;
-    Y[22] = v10;
-    Y[23] = v17;
+    Y[22] = al3;
+    Y[23] = al4;
     Y[24] = 0.0f;
     Y[25] = qdd[2];
     Y[26] = 0.0f;
     Y[27] = 0.0f;
-    Y[28] = v19;
-    Y[29] = v24;
+    Y[28] = N3_mu3;
+    Y[29] = N3_h4;
     Y[30] = 0.0f;
     Y[31] = 0.0f;
     Y[32] = 0.0f;
-    Y[33] = v17;
+    Y[33] = al4;
     Y[34] = 0.0f;
     Y[35] = 0.0f;
     Y[36] = qdd[3];
     Y[37] = 0.0f;
     Y[38] = 0.0f;
-    Y[39] = v21;
+    Y[39] = N4_h4;
 }
 
 /* tip: Position and angle of the end-effector, the distal point of the last link.
@@ -400,24 +482,25 @@ void vishard4_regressor_f32(
  * Operations: 17 operations (9 add, 8 mul) and 4 sincos */
 void vishard4_tip_f32(const vishard4_parameters_f32 *parameters, const float q[4], float p[3])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2 */
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = v1 + q[2];
-    float s3;
-    float c3;
-    tendon_sincos_f32(v2, &s3, &c3);
-    const float v3 = v2 + q[3];
-    float s4;
-    float c4;
-    tendon_sincos_f32(v3, &s4, &c4);
-    p[0] = c4 * parameters->l4 + (c3 * parameters->l3 + (c1 * parameters->l1 + c2 * parameters->l2));
-    p[1] = s4 * parameters->l4 + (s3 * parameters->l3 + (s1 * parameters->l1 + s2 * parameters->l2));
-    p[2] = v3;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float theta3 = theta2 + q[2];
+    float s123;
+    float c123;
+    tendon_sincos_f32(theta3, &s123, &c123);
+    const float theta4 = theta3 + q[3];
+    float s1234;
+    float c1234;
+    tendon_sincos_f32(theta4, &s1234, &c1234);
+    p[0] = c1234 * parameters->l4 + (c123 * parameters->l3 + (c1 * parameters->l1 + c12 * parameters->l2));
+    p[1] = s1234 * parameters->l4 + (s123 * parameters->l3 + (s1 * parameters->l1 + s12 * parameters->l2));
+    p[2] = theta4;
 }
 
 /* tip_jacobian: Derivative of the end-effector's position and angle by q.
@@ -427,35 +510,37 @@ void vishard4_tip_f32(const vishard4_parameters_f32 *parameters, const float q[4
  * Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos */
 void vishard4_tip_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J[12])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by the angle
+     *   of a joint */
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = v1 + q[2];
-    float s3;
-    float c3;
-    tendon_sincos_f32(v2, &s3, &c3);
-    const float v3 = v2 + q[3];
-    float s4;
-    float c4;
-    tendon_sincos_f32(v3, &s4, &c4);
-    const float v4 = s4 * parameters->l4;
-    const float v5 = c4 * parameters->l4;
-    const float v6 = v4 + s3 * parameters->l3;
-    const float v7 = v5 + c3 * parameters->l3;
-    const float v8 = v6 + s2 * parameters->l2;
-    const float v9 = v7 + c2 * parameters->l2;
-    J[0] = -(v8 + s1 * parameters->l1);
-    J[1] = -v8;
-    J[2] = -v6;
-    J[3] = -v4;
-    J[4] = v9 + c1 * parameters->l1;
-    J[5] = v9;
-    J[6] = v7;
-    J[7] = v5;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float theta3 = theta2 + q[2];
+    float s123;
+    float c123;
+    tendon_sincos_f32(theta3, &s123, &c123);
+    const float theta4 = theta3 + q[3];
+    float s1234;
+    float c1234;
+    tendon_sincos_f32(theta4, &s1234, &c1234);
+    const float x4 = s1234 * parameters->l4;
+    const float y4 = c1234 * parameters->l4;
+    const float t1 = x4 + s123 * parameters->l3;
+    const float y3 = y4 + c123 * parameters->l3;
+    const float t2 = t1 + s12 * parameters->l2;
+    const float y2 = y3 + c12 * parameters->l2;
+    J[0] = -(t2 + s1 * parameters->l1);
+    J[1] = -t2;
+    J[2] = -t1;
+    J[3] = -x4;
+    J[4] = y2 + c1 * parameters->l1;
+    J[5] = y2;
+    J[6] = y3;
+    J[7] = y4;
     J[8] = 1.0f;
     J[9] = 1.0f;
     J[10] = 1.0f;
@@ -476,41 +561,50 @@ void vishard4_tip_load_f32(
     const float qdd[4],
     float load[4])
 {
-    float s1;
-    float c1;
-    tendon_sincos_f32(q[2], &s1, &c1);
-    const float v1 = q[2] + q[3];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; N:
+     *   moment */
     float s3;
     float c3;
-    tendon_sincos_f32(q[1], &s3, &c3);
-    const float v2 = qd[0] * qd[0];
-    const float v3 = c3 * parameters->l1;
-    const float v4 = s3 * parameters->l1;
-    const float v5 = qd[0] + qd[1];
-    const float v6 = qdd[0] + qdd[1];
-    const float v7 = v5 + qd[2];
-    const float v8 = v6 + qdd[2];
-    const float v9 = v7 * v7;
-    const float v10 = c1 * parameters->l3;
-    const float v11 = s1 * parameters->l3;
-    const float v12 = v7 + qd[3];
-    const float v13 = v8 + qdd[3];
-    const float v14 = v12 * v12;
-    const float v15 = c2 * parameters->l4;
-    const float v16 = s2 * parameters->l4;
-    const float v17 = v14 * v15 + (v9 * v10 + (v2 * v3 - v4 * qdd[0] + v5 * v5 * parameters->l2 + v8 * v11) + v13 *
-        v16);
-    const float v18 = v3 * qdd[0] + v2 * v4 + v6 * parameters->l2 + v8 * v10 - v9 * v11 + v13 * v15 - v14 * v16;
-    const float v19 = v16 * v17 + v15 * v18;
-    const float v20 = v10 * v18 + (v19 + v11 * v17);
-    const float v21 = v20 + parameters->l2 * v18;
-    load[0] = v21 + v3 * v18 - v4 * v17;
-    load[1] = v21;
-    load[2] = v20;
-    load[3] = v19;
+    tendon_sincos_f32(q[2], &s3, &c3);
+    const float a4 = q[2] + q[3];
+    float s34;
+    float c34;
+    tendon_sincos_f32(a4, &s34, &c34);
+    float s2;
+    float c2;
+    tendon_sincos_f32(q[1], &s2, &c2);
+    const float ww1 = qd[0] * qd[0];
+    const float lc1 = c2 * parameters->l1;
+    const float ls1 = s2 * parameters->l1;
+    const float b1 = ww1 * lc1 - ls1 * qdd[0];
+    const float y1 = lc1 * qdd[0] + ww1 * ls1;
+    const float w2 = qd[0] + qd[1];
+    const float al2 = qdd[0] + qdd[1];
+    const float ww2 = w2 * w2;
+    const float b2 = b1 + ww2 * parameters->l2;
+    const float y2 = y1 + al2 * parameters->l2;
+    const float w3 = w2 + qd[2];
+    const float al3 = al2 + qdd[2];
+    const float ww3 = w3 * w3;
+    const float lc3 = c3 * parameters->l3;
+    const float ls3 = s3 * parameters->l3;
+    const float b3 = ww3 * lc3 + (b2 + al3 * ls3);
+    const float y3 = y2 + al3 * lc3 - ww3 * ls3;
+    const float w4 = w3 + qd[3];
+    const float al4 = al3 + qdd[3];
+    const float ww4 = w4 * w4;
+    const float lc4 = c34 * parameters->l4;
+    const float ls4 = s34 * parameters->l4;
+    const float b4 = ww4 * lc4 + (b3 + al4 * ls4);
+    const float y4 = y3 + al4 * lc4 - ww4 * ls4;
+    const float N4 = ls4 * b4 + lc4 * y4;
+    const float N3 = lc3 * y4 + (N4 + ls3 * b4);
+    const float N2 = N3 + parameters->l2 * y4;
+    load[0] = N2 + lc1 * y4 - ls1 * b4;
+    load[1] = N2;
+    load[2] = N3;
+    load[3] = N4;
 }
 
 /* moment_jacobian: Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the
@@ -521,36 +615,38 @@ void vishard4_tip_load_f32(
  * Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos */
 void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float M[8])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the moment by the
+     *   angle of a joint */
     (void)parameters;
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = v1 + q[2];
-    float s3;
-    float c3;
-    tendon_sincos_f32(v2, &s3, &c3);
-    const float v3 = v2 + q[3];
-    float s4;
-    float c4;
-    tendon_sincos_f32(v3, &s4, &c4);
-    const float v4 = 0.18930317f * s4;
-    const float v5 = 0.18930317f * c4;
-    const float v6 = v4 + 0.6101735f * s3;
-    const float v7 = v5 + 0.6101735f * c3;
-    const float v8 = v6 + 0.45223868f * s2;
-    const float v9 = v7 + 0.45223868f * c2;
-    M[0] = -(v8 + 1.8358519f * s1);
-    M[1] = -v8;
-    M[2] = -v6;
-    M[3] = -v4;
-    M[4] = v9 + 1.8358519f * c1;
-    M[5] = v9;
-    M[6] = v7;
-    M[7] = v5;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float theta3 = theta2 + q[2];
+    float s123;
+    float c123;
+    tendon_sincos_f32(theta3, &s123, &c123);
+    const float theta4 = theta3 + q[3];
+    float s1234;
+    float c1234;
+    tendon_sincos_f32(theta4, &s1234, &c1234);
+    const float t1 = 0.18930317f * s1234;
+    const float y4 = 0.18930317f * c1234;
+    const float t2 = t1 + 0.6101735f * s123;
+    const float y3 = y4 + 0.6101735f * c123;
+    const float t3 = t2 + 0.45223868f * s12;
+    const float y2 = y3 + 0.45223868f * c12;
+    M[0] = -(t3 + 1.8358519f * s1);
+    M[1] = -t3;
+    M[2] = -t2;
+    M[3] = -t1;
+    M[4] = y2 + 1.8358519f * c1;
+    M[5] = y2;
+    M[6] = y3;
+    M[7] = y4;
 }
 
 /* contact_coordinates: Coordinates w = phi(q) of the contact phase.
@@ -560,19 +656,27 @@ void vishard4_moment_jacobian_f32(const vishard4_parameters_f32 *parameters, con
  * Operations: 13 operations (7 add, 6 mul) and 4 sincos */
 TENDON_COMPACT void vishard4_contact_coordinates_f32(const vishard4_parameters_f32 *parameters, const float q[4], float w[4])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link */
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = v1 + q[2];
-    const float c3 = tendon_cos_f32(v2);
-    const float c4 = tendon_cos_f32(v2 + q[3]);
-    w[0] = c4 * parameters->l4 + (c3 * parameters->l3 + (c1 * parameters->l1 + c2 * parameters->l2));
-    w[1] = s1 * parameters->l1 + s2 * parameters->l2;
-    w[2] = v2;
+    const float x1 = c1 * parameters->l1;
+    const float y1 = s1 * parameters->l1;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float x2 = c12 * parameters->l2;
+    const float y2 = s12 * parameters->l2;
+    const float theta3 = theta2 + q[2];
+    const float c123 = tendon_cos_f32(theta3);
+    const float x3 = c123 * parameters->l3;
+    const float theta4 = theta3 + q[3];
+    const float c1234 = tendon_cos_f32(theta4);
+    const float x4 = c1234 * parameters->l4;
+    w[0] = x4 + (x3 + (x1 + x2));
+    w[1] = y1 + y2;
+    w[2] = theta3;
     w[3] = q[3];
 }
 
@@ -583,26 +687,33 @@ TENDON_COMPACT void vishard4_contact_coordinates_f32(const vishard4_parameters_f
  * Operations: 17 operations (7 add, 6 mul, 4 neg) and 4 sincos */
 TENDON_COMPACT void vishard4_contact_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J_w[16])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; r: extents along
+     *   y from here to the tip */
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = c2 * parameters->l2;
-    const float v3 = v1 + q[2];
-    const float s3 = tendon_sin_f32(v3);
-    const float s4 = tendon_sin_f32(v3 + q[3]);
-    const float v4 = s4 * parameters->l4;
-    const float v5 = s3 * parameters->l3 + v4;
-    const float v6 = s2 * parameters->l2 + v5;
-    J_w[0] = -(s1 * parameters->l1 + v6);
-    J_w[1] = -v6;
-    J_w[2] = -v5;
-    J_w[3] = -v4;
-    J_w[4] = c1 * parameters->l1 + v2;
-    J_w[5] = v2;
+    const float x1 = c1 * parameters->l1;
+    const float y1 = s1 * parameters->l1;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float x2 = c12 * parameters->l2;
+    const float y2 = s12 * parameters->l2;
+    const float theta3 = theta2 + q[2];
+    const float s123 = tendon_sin_f32(theta3);
+    const float y3 = s123 * parameters->l3;
+    const float theta4 = theta3 + q[3];
+    const float s1234 = tendon_sin_f32(theta4);
+    const float y4 = s1234 * parameters->l4;
+    const float r3 = y3 + y4;
+    const float r2 = y2 + r3;
+    J_w[0] = -(y1 + r2);
+    J_w[1] = -r2;
+    J_w[2] = -r3;
+    J_w[3] = -y4;
+    J_w[4] = x1 + x2;
+    J_w[5] = x2;
     J_w[6] = 0.0f;
     J_w[7] = 0.0f;
     J_w[8] = 1.0f;
@@ -627,25 +738,34 @@ TENDON_COMPACT void vishard4_contact_bias_f32(
     const float qd[4],
     float b_w[4])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; w: absolute rate
+     *   of a link; ww: w squared */
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = q[0] + q[1];
-    float s2;
-    float c2;
-    tendon_sincos_f32(v1, &s2, &c2);
-    const float v2 = v1 + q[2];
-    const float c3 = tendon_cos_f32(v2);
-    const float c4 = tendon_cos_f32(v2 + q[3]);
-    const float v3 = qd[0] + qd[1];
-    const float v4 = v3 + qd[2];
-    const float v5 = v4 + qd[3];
-    const float v6 = qd[0] * qd[0];
-    const float v7 = v3 * v3;
-    const float v8 = c4 * parameters->l4 * (v5 * v5) + (c3 * parameters->l3 * (v4 * v4) + (c1 * parameters->l1 * v6
-        + c2 * parameters->l2 * v7));
-    b_w[0] = -v8;
-    b_w[1] = -(s1 * parameters->l1 * v6 + s2 * parameters->l2 * v7);
+    const float x1 = c1 * parameters->l1;
+    const float y1 = s1 * parameters->l1;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float x2 = c12 * parameters->l2;
+    const float y2 = s12 * parameters->l2;
+    const float theta3 = theta2 + q[2];
+    const float c123 = tendon_cos_f32(theta3);
+    const float x3 = c123 * parameters->l3;
+    const float theta4 = theta3 + q[3];
+    const float c1234 = tendon_cos_f32(theta4);
+    const float x4 = c1234 * parameters->l4;
+    const float w2 = qd[0] + qd[1];
+    const float w3 = w2 + qd[2];
+    const float w4 = w3 + qd[3];
+    const float ww1 = qd[0] * qd[0];
+    const float ww2 = w2 * w2;
+    const float ww3 = w3 * w3;
+    const float ww4 = w4 * w4;
+    b_w[0] = -(x4 * ww4 + (x3 * ww3 + (x1 * ww1 + x2 * ww2)));
+    b_w[1] = -(y1 * ww1 + y2 * ww2);
     b_w[2] = 0.0f;
     b_w[3] = 0.0f;
 }
@@ -662,20 +782,23 @@ TENDON_COMPACT void vishard4_contact_inverse_f32(
     float elbow,
     float q[4])
 {
-    const float c1 = tendon_cos_f32(w[2]);
-    const float c2 = tendon_cos_f32(w[2] + w[3]);
-    const float v1 = w[0] - c2 * parameters->l4 - c1 * parameters->l3;
-    const float v2 = 0.5f * (w[1] * w[1] + v1 * v1 - parameters->l1 * parameters->l1 - parameters->l2 *
+    /* x: x of the end of link 2; theta: absolute angle of a link; c, s: cosine and sine of q2; along, across: end of
+     *   link 2 in the frame of link 1; first, second: q1, q2 */
+    const float cos_w3 = tendon_cos_f32(w[2]);
+    const float theta4 = w[2] + w[3];
+    const float cos_theta4 = tendon_cos_f32(theta4);
+    const float x = w[0] - cos_theta4 * parameters->l4 - cos_w3 * parameters->l3;
+    const float t1 = 0.5f * (w[1] * w[1] + x * x - parameters->l1 * parameters->l1 - parameters->l2 *
         parameters->l2);
-    const float v3 = v2 / (parameters->l1 * parameters->l2);
-    const float v4 = elbow * tendon_sqrt_f32(1.0f - v3 * v3);
-    const float v5 = parameters->l1 + parameters->l2 * v3;
-    const float v6 = parameters->l2 * v4;
-    const float v7 = tendon_atan2_f32(w[1] * v5 - v1 * v6, w[1] * v6 + v1 * v5);
-    const float v8 = tendon_atan2_f32(v4, v3);
-    q[0] = v7;
-    q[1] = v8;
-    q[2] = w[2] - v7 - v8;
+    const float c2 = t1 / (parameters->l1 * parameters->l2);
+    const float s2 = elbow * tendon_sqrt_f32(1.0f - c2 * c2);
+    const float along = parameters->l1 + parameters->l2 * c2;
+    const float across = parameters->l2 * s2;
+    const float first = tendon_atan2_f32(w[1] * along - x * across, w[1] * across + x * along);
+    const float second = tendon_atan2_f32(s2, c2);
+    q[0] = first;
+    q[1] = second;
+    q[2] = w[2] - first - second;
     q[3] = w[3];
 }
 
@@ -693,40 +816,49 @@ TENDON_COMPACT void vishard4_contact_acceleration_f32(
     const float wdd[4],
     float qdd[4])
 {
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; w: absolute rate
+     *   of a link; ww: w squared; al: absolute acceleration of a link; ax, ay: what links 1 and 2 have to add to the
+     *   acceleration of p_4x, p_2y */
     float s1;
     float c1;
     tendon_sincos_f32(q[0], &s1, &c1);
-    const float v1 = c1 * parameters->l1;
-    const float v2 = s1 * parameters->l1;
-    const float v3 = q[0] + q[1];
-    float s3;
-    float c3;
-    tendon_sincos_f32(v3, &s3, &c3);
-    const float v4 = c3 * parameters->l2;
-    const float v5 = s3 * parameters->l2;
-    const float v6 = v3 + q[2];
-    float s4;
-    float c4;
-    tendon_sincos_f32(v6, &s4, &c4);
-    const float v7 = v6 + q[3];
-    float s5;
-    float c5;
-    tendon_sincos_f32(v7, &s5, &c5);
-    const float v8 = qd[0] + qd[1];
-    const float v9 = v8 + qd[2];
-    const float v10 = v9 + qd[3];
-    const float v11 = qd[0] * qd[0];
-    const float v12 = v8 * v8;
-    const float v13 = v1 * v11 + (s4 * parameters->l3 * wdd[2] + (wdd[0] + s5 * parameters->l4 * (wdd[2] +
-        wdd[3])));
-    const float v14 = c5 * parameters->l4 * (v10 * v10) + (c4 * parameters->l3 * (v9 * v9) + (v4 * v12 + v13));
-    const float v15 = v5 * v12 + (wdd[1] + v2 * v11);
+    const float x1 = c1 * parameters->l1;
+    const float y1 = s1 * parameters->l1;
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float x2 = c12 * parameters->l2;
+    const float y2 = s12 * parameters->l2;
+    const float theta3 = theta2 + q[2];
+    float s123;
+    float c123;
+    tendon_sincos_f32(theta3, &s123, &c123);
+    const float x3 = c123 * parameters->l3;
+    const float y3 = s123 * parameters->l3;
+    const float theta4 = theta3 + q[3];
+    float s1234;
+    float c1234;
+    tendon_sincos_f32(theta4, &s1234, &c1234);
+    const float x4 = c1234 * parameters->l4;
+    const float y4 = s1234 * parameters->l4;
+    const float w2 = qd[0] + qd[1];
+    const float w3 = w2 + qd[2];
+    const float w4 = w3 + qd[3];
+    const float ww1 = qd[0] * qd[0];
+    const float ww2 = w2 * w2;
+    const float ww3 = w3 * w3;
+    const float ww4 = w4 * w4;
+    const float al4 = wdd[2] + wdd[3];
+    const float ax = x4 * ww4 + (x3 * ww3 + (x2 * ww2 + (x1 * ww1 + (y3 * wdd[2] + (wdd[0] + y4 * al4)))));
+    const float ay = y2 * ww2 + (wdd[1] + y1 * ww1);
     const float s2 = tendon_sin_f32(q[1]);
-    const float v16 = 1.0f / (s2 * (parameters->l1 * parameters->l2));
-    const float v17 = v16 * (v4 * v14 + v5 * v15);
-    const float v18 = v16 * (v1 * v14 + v2 * v15);
-    qdd[0] = v17;
-    qdd[1] = -(v17 + v18);
-    qdd[2] = wdd[2] + v18;
+    const float det = s2 * (parameters->l1 * parameters->l2);
+    const float scale = 1.0f / det;
+    const float al1 = scale * (x2 * ax + y2 * ay);
+    const float t1 = scale * (x1 * ax + y1 * ay);
+    qdd[0] = al1;
+    qdd[1] = -(al1 + t1);
+    qdd[2] = wdd[2] + t1;
     qdd[3] = wdd[3];
 }
