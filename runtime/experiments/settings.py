@@ -28,7 +28,7 @@ SURE: Final = 8.0
 """standard deviations; by so many a rival must miss the truth: a likelihood ratio well beyond chance; a choice."""
 
 VISIBLE: Final = 0.3
-"""noise floors; so much a rival must leave of its own beside the base model: twice what a diagnosis asks for."""
+"""noise floors; so much a rival must leave of its own beside the base model; twice what a diagnosis asks for."""
 
 NEAR_BEST: Final = 0.7
 """part of the best separation; of the motions that reach it the shortest is taken; a choice."""

@@ -69,7 +69,8 @@ class Piece:
             path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
             shifted = path + step * rng.uniform()
             error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
-            rest = max(density / (2 * self.dt) - step**2 / 12, 0.0)
+            rounding = step**2 / 12
+            rest = max(density / (2 * self.dt) - rounding, 0.0)
             noise.append(self.derive(error + np.sqrt(rest) * rng.standard_normal(len(path))))
         parts = np.array(noise)
         q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
