@@ -20,8 +20,8 @@ NOISE: Final = 0.03
 """part of each joint's torque, RMS; standard deviation of the recorded torque's noise; a choice."""
 
 SHARE: Final = 0.2
-"""part of the same; what each coefficient of a hidden effect makes of which nothing is said: moderate, and well visible;
-a choice."""
+"""part of the same; what each coefficient of a hidden effect makes of which nothing is said: moderate, and well
+visible; a choice."""
 
 SIZING_CUTOFF: Final = 40.0
 """Hz; what is sized is sized at full rate, so it only completes the motion; a choice."""
@@ -54,8 +54,8 @@ choice."""
 # the plant ----------------------------------------------------------------------------------------------------------
 
 STEP: Final = 1 / 16_000
-"""s; the longest step of the integration, a tenth of a radian of the fastest resonance of a geared joint; accuracy of the
-classical Runge-Kutta method."""
+"""s; the longest step of the integration, a tenth of a radian of the fastest resonance of a geared joint; accuracy of
+the classical Runge-Kutta method."""
 
 FINER: Final = (1, 2, 4, 8)
 """ratios of that step; tried until the step is stable; a choice."""
