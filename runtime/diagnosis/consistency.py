@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.settings import CONTRADICTS, MATERIAL, ONLY_NOISE, SIGMAS_OF_INTERVAL
+from runtime.diagnosis.settings import CONTRADICTS, MATERIAL, ONLY_NOISE
 from runtime.estimation.covariance import Estimate, Inference, infer
 from runtime.estimation.identify import Identification
 from runtime.estimation.problem import Fit, Problem, Skew
+from runtime.estimation.settings import INTERVAL_SIGMAS
 from runtime.model.terms import Term
 from runtime.wording import quantity
 
@@ -189,7 +190,7 @@ def deviation(e: Estimate) -> float:
     """Standard deviation; infinite where the data do not tell the parameter alone."""
     if e.interval is None or not np.all(np.isfinite([e.value, *e.interval])):
         return float("inf")
-    return (e.interval[1] - e.interval[0]) / SIGMAS_OF_INTERVAL
+    return (e.interval[1] - e.interval[0]) / (2 * INTERVAL_SIGMAS)
 
 
 def _worth(identification: Identification, part: slice, apart: Array, floors: Sequence[float]) -> bool:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from runtime.estimation.settings import INTERVAL_SIGMAS
-
 # the gates of a candidate -------------------------------------------------------------------------------------------
 
 LEAST_DELTA_BIC: Final = 30.0
@@ -179,9 +177,6 @@ simulated elasticity); development recordings of one arm."""
 MATERIAL: Final = 0.1
 """part of the larger value; two values that differ by less do not contradict each other, however certain they are;
 development recordings of one arm."""
-
-SIGMAS_OF_INTERVAL: Final = 2 * INTERVAL_SIGMAS
-"""standard deviations; width of a 95 % interval; normal distribution."""
 
 ONLY_NOISE: Final = 1.5
 """ratio to the instruments' noise; a recording whose residual is below, fitted alone, holds nothing else; development

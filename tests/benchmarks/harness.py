@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
+
+SHORT = os.environ.get("TENDON_BENCH") == "short"
+"""Every benchmark is to run once with few samples: what is equal is asserted, what is timed says little."""
+
+Size = TypeVar("Size")
+
+
+def sized(whole: Size, short: Size) -> Size:
+    """A number of samples, rounds or seconds: that of the short form where it is asked for."""
+    return short if SHORT else whole
 
 
 def best(work: Callable[[], Any], repetitions: int, least: float = 0.0) -> float:

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 PERIOD = 1e-3
-KINDS = ("full", "no_repeat", "no_slow", "slow", "small", "one_cosine")
-"""full: slow triangles, cosines of rising speed, a multi-sine three times, a fast part. The others lack something."""
+KINDS = ("full", "no_repeat", "no_slow", "slow", "small", "one_cosine", "brief")
+"""full: slow triangles, cosines of rising speed, a multi-sine three times, a fast part; brief: each of them for a
+quarter of the time. The others lack something."""
 
 
 def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
@@ -18,6 +19,9 @@ def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
         pieces = [_cosines(rng, n, [rng.uniform(1.0, 2.0)], 30.0)]
     elif kind == "slow":
         pieces = [_triangles(rng, n), _triangles(rng, n)]
+    elif kind == "brief":
+        pieces = [_triangles(rng, n, 6.0), _cosines(rng, n, [1.0, 3.5], 2.5), _multisine(rng, n, 3, 3.0)]
+        pieces.append(_fast(rng, n, 3.0))
     else:
         pieces = [] if kind == "no_slow" else [_triangles(rng, n)]
         fastest = 5.0 if n < 3 else 3.5

@@ -1,0 +1,253 @@
+"""What halving and doubling each threshold of the diagnosis does to the verdicts of a development set."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import importlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from harness import SHORT, show, sized
+
+from runtime.diagnosis import diagnose as whole
+from runtime.diagnosis.search import Search
+from runtime.diagnosis.settings import MOST_FINDINGS
+from runtime.estimation.identify import prepared
+from runtime.model.loader import Model
+from runtime.model.terms import structure
+from runtime.motion.motion import Motion
+from runtime.recordings.recording import Recording
+from runtime.simulation.simulate import parse_hidden, simulate
+from tests.judge import cases
+from tests.judge.line import code, opened
+
+ROOMS = ("diagnosis", "estimation", "motion")
+BUDGET = float(os.environ.get("TENDON_BENCHMARK_BUDGET", "1500"))
+"""Seconds after which nothing is begun; the table goes on where it ended, unless the code has changed."""
+TABLES = Path.home() / ".cache" / "tendon" / "benchmarks"
+FACTORS = (0.5, 2.0)
+
+JUDGED = (
+    (1, "clean", 0.0),
+    (1, "torque_ripple", 0.4),
+    (1, "clean_strong", 0.0),
+    (1, "clean_x10", 0.0),
+    (2, "clean", 0.0),
+    (1, "load_friction", 0.4),
+    (1, "stribeck", 0.4),
+    (1, "linear_spring", 0.4),
+    (1, "elasticity", 0.5),
+    (2, "stribeck", 0.4),
+    (1, "lugre", 0.5),
+    (1, "stribeck+linear_spring", 0.7),
+    (2, "gravity", 0.5),
+)
+"""Joints, case and size in noise floors, as tests/judge makes them, with a development seed and its brief motion: what
+costs least first."""
+SEED = 17
+SENSED = ("elasticity@1:stiffness=3000,damping=2", "backlash@1:gap=0.003,stiffness=8000,damping=4")
+"""Hidden in the demo's drive, which is recorded with an encoder on the link and a torque sensor, too."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a user would see change: the verdict, what is named, and what it cannot be told from."""
+
+    verdict: str
+    named: tuple[str, ...]
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A development recording, or several of one arm; what no threshold of a later room touches is computed once."""
+
+    name: str
+    model: Model
+    recordings: tuple[Recording, ...]
+
+    @cached_property
+    def motion(self) -> Motion:
+        return prepared(self.model, self.recordings)
+
+    @cached_property
+    def begun(self) -> Search:
+        return self._begin(self.motion)
+
+    def _begin(self, motion: Motion) -> Search:
+        search = Search(self.model, motion, names=tuple(str(k) for k in range(len(self.recordings))))
+        search.start(structure(self.model))
+        return search
+
+    def answer(self, room: str) -> Answer:
+        """With the thresholds as they are now, of which only those of a room, and of later ones, may have changed."""
+        if room == "diagnosis":
+            search = replace(self.begun, steps=[*self.begun.steps], findings=[], _field=None, _taken_back=set())
+        else:
+            search = self._begin(prepared(self.model, self.recordings) if room == "motion" else self.motion)
+        while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
+            pass
+        found = whole.conclude(search)
+        rivals = found.findings[0].rivals if found.findings else ()
+        return Answer(found.verdict, tuple(str(f.term) for f in found.findings), tuple(map(str, rivals)))
+
+
+def judged(joints: int, name: str, size: float) -> Asked:
+    of_name = cases.cases([name], [joints], [size], [SEED], cases.Setting())
+    case = next(c for c in of_name if c.label == name)
+    made = cases.make(replace(case, setting=replace(case.setting, excitation="brief")))
+    return Asked(f"{name} {joints}R", opened(made.model).model(), (made.recording,))
+
+
+def sensed(hidden: str) -> Asked:
+    model = opened((Path(__file__).parents[2] / "symbolic/arms/drive.toml").read_text(encoding="utf-8")).model()
+    made, _ = simulate(model, [parse_hidden(hidden, model)], SEED, seconds=10.0, extra=("q_link", "tau_link"))
+    return Asked(f"{hidden.partition('@')[0]} sensed", model, (made,))
+
+
+def different() -> Asked:
+    """Two recordings of two arms, which a user took for one."""
+    a, b = (judged(1, "clean", 0.0), judged(1, "stribeck", 1.5))
+    return Asked("two arms", a.model, (*a.recordings, *b.recordings))
+
+
+def development_set() -> list[Callable[[], Asked]]:
+    """Makers of recordings."""
+    sets: list[Callable[[], Asked]] = [partial(judged, *case) for case in JUDGED]
+    return [*sets[:5], partial(sensed, SENSED[0]), *sets[5:], different, partial(sensed, SENSED[1])]
+
+
+def settings(room: str) -> dict[str, Any]:
+    """Name -> value of a room's thresholds but those that decide no verdict by their own word."""
+    module = importlib.import_module(f"runtime.{room}.settings")
+    body = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body
+    found = {}
+    for node, text in pairwise(body):
+        if isinstance(node, ast.AnnAssign) and "decides no" not in ast.unparse(text):
+            name = ast.unparse(node.target)
+            found[name] = getattr(module, name)
+    return found
+
+
+def scaled(value: Any, factor: float) -> Any:
+    if isinstance(value, dict):
+        return {k: scaled(v, factor) for k, v in value.items()}
+    if isinstance(value, tuple):
+        return tuple(scaled(v, factor) for v in value)
+    return max(1, round(value * factor)) if isinstance(value, int) else value * factor
+
+
+@contextmanager
+def put(name: str, value: Any) -> Iterator[None]:
+    """The threshold at another value wherever it is read."""
+    readers = [m for key, m in sys.modules.items() if key.startswith("runtime.") and name in vars(m)]
+    before = {id(m): vars(m)[name] for m in readers}
+    try:
+        for module in readers:
+            setattr(module, name, value)
+        yield
+    finally:
+        for module in readers:
+            setattr(module, name, before[id(module)])
+
+
+def read(asked: Asked) -> set[str]:
+    """Names that the functions read which an answer calls: what is not among them changes nothing."""
+    called = set()
+    sys.setprofile(lambda frame, *_: called.add(frame.f_code))
+    try:
+        asked.answer("motion")
+    finally:
+        sys.setprofile(None)
+    return {name for function in called for name in function.co_names}
+
+
+def outcome(asked: Asked, room: str, name: str, value: Any, usual: Answer) -> str:
+    """ "" for the usual answer, "verdict", "name" or "rivals" for what is another, "failed" for none at all."""
+    with put(name, value):
+        try:
+            found = asked.answer(room)
+        except Exception:
+            return "failed"
+    for what in ("verdict", "named", "rivals"):
+        if getattr(found, what) != getattr(usual, what):
+            return what
+    return ""
+
+
+Row = tuple[str, str, str, str]
+"""Recording, threshold, factor, outcome."""
+
+
+def measure(asked: Asked, todo: Sequence[tuple[str, str, float]], until: float) -> Iterator[Row]:
+    names = read(asked) if todo else set()
+    usual: dict[str, Answer] = {}
+    for room, name, factor in todo:
+        if time.monotonic() > until:
+            return
+        if room not in usual:
+            usual[room] = asked.answer(room)
+        value = scaled(settings(room)[name], factor)
+        yield (
+            asked.name,
+            name,
+            f"{factor:g}",
+            outcome(asked, room, name, value, usual[room]) if name in names else "unread",
+        )
+
+
+def test_thresholds(monkeypatch: Any) -> None:
+    """Asserted is that a threshold out of reach silences every recording: that a change arrives where it is read."""
+    # Limits of detection take most of the time and are no verdict.
+    monkeypatch.setattr(whole.detection_limits, "of", lambda *_: [])
+    every = [(room, name, factor) for room in ROOMS for name in settings(room) for factor in FACTORS]
+    todo = every[:: sized(1, len(every) // 8)]
+    path = TABLES / f"thresholds-{code()}{'-short' if SHORT else ''}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [tuple(r) for r in csv.reader(path.open())] if path.exists() and not SHORT else []
+    until = time.monotonic() + BUDGET
+    for make in development_set()[: sized(None, 2)]:
+        if time.monotonic() > until:
+            break
+        asked = make()
+        known = {(name, factor) for where, name, factor, _ in rows if where == asked.name}
+        left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in known]
+        print(f"{asked.name}: {asked.answer('diagnosis')}, {len(left)} changes to try", flush=True)
+        with put("LEAST_DELTA_BIC", float("inf")):
+            assert asked.answer("diagnosis").named == ()
+        with path.open("a", newline="") as file:
+            for row in measure(asked, left, until):
+                csv.writer(file).writerow(row)
+                file.flush()
+                rows.append(row)
+    table(rows)
+
+
+def table(rows: Sequence[Sequence[str]]) -> None:
+    """A row a threshold: of the recordings that read it, how many answers change, and in what."""
+    tried = sorted({where for where, *_ in rows})
+    lines = []
+    for room in ROOMS:
+        for name, value in settings(room).items():
+            cells = []
+            for factor in FACTORS:
+                found = [what for _, n, f, what in rows if (n, f) == (name, f"{factor:g}")]
+                own = [what for what in found if what != "unread"]
+                changed = [f"{own.count(w)} {w}" for w in ("verdict", "named", "rivals", "failed") if w in own]
+                cells.append(f"{', '.join(changed) or '-'} of {len(own)}" if found else "")
+            if any(cells):
+                lines.append([f"{room}: {name}", str(value), *cells])
+    notes = [
+        f"{len(tried)} recordings: {', '.join(tried)}",
+        "counted is the first that changes: verdict, names, rivals",
+    ]
+    show("Thresholds, halved and doubled", ["threshold", "value", "halved", "doubled"], lines, notes)
