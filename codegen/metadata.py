@@ -10,7 +10,7 @@ from typing import Any
 
 from codegen.tape.tape import Tape
 from symbolic import units as u
-from symbolic.effects.declaration import SIGNALS, Effect, Parameter, prefix
+from symbolic.effects.declaration import SIGNALS, Effect, Parameter, Signal, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import Joint
 from symbolic.units import Unit
@@ -87,8 +87,22 @@ def _function(function: SymbolicFunction, tape: Tape) -> dict[str, Any]:
 def library(effects: Sequence[Effect]) -> dict[str, Any]:
     """effects.json."""
     return {
-        "signals": [{"name": s.name, "unit": _unit(s.unit), "meaning": s.meaning} for s in SIGNALS],
+        "signals": [_signal(signal) for signal in SIGNALS],
         "effects": [_effect(effect) for effect in effects],
+    }
+
+
+def _signal(signal: Signal) -> dict[str, Any]:
+    source = signal.source
+    return {
+        "name": signal.name,
+        "unit": _unit(signal.unit),
+        "meaning": signal.meaning,
+        "needs": signal.needs,
+        "source": None if source is None else {"kind": type(source).__name__, **asdict(source)},
+        "known_to": signal.known_to,
+        "seen_over": signal.seen_over,
+        "sensor": signal.sensor,
     }
 
 
@@ -105,6 +119,7 @@ def _effect(effect: Effect) -> dict[str, Any]:
         "dissipates": effect.dissipates,
         "generalises": list(effect.generalises),
         "signals": [s.name for s in effect.signals],
+        "gives_way": effect.gives_way,
         "parameters": [_parameter(p) for p in effect.parameters],
         "coefficients": [_parameter(c) for c in effect.coefficients],
         "recover": None if effect.form is None else [prefix(e) for e in effect.form.recover],
@@ -120,6 +135,7 @@ def _parameter(parameter: Parameter) -> dict[str, Any]:
         "meaning": parameter.meaning,
         "role": parameter.role,
         "default": parameter.default,
+        "gives": parameter.gives,
         "bounds": [bound if isfinite(bound) else None for bound in parameter.bounds],
         "grid": None
         if grid is None

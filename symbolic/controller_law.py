@@ -9,35 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
+from typing import Any
 
 import sympy as sp
 
 from symbolic.effects.contact import PLATE, PLATE_DAMPING
-from symbolic.effects.declaration import SIGNAL, Effect, Parameter
+from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
+from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant
 from symbolic.effects.springs import PARALLEL_SPRING
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.kinematics import Coordinates
 from symbolic.straightline import Recorder
-
-MEASURED = frozenset(
-    [
-        "q",
-        "qd",
-        "qd_next",
-        "qd_previous",
-        "has_next",
-        "ratio",
-        "moment_x",
-        "moment_y",
-        "tip_y",
-        "tip_yd",
-        "tip_row",
-        "plate_y",
-    ]
-)
-"""Signals that follow from the measured positions and rates."""
 
 HAS_NEXT = SIGNAL["has_next"].symbol
 C_U, C_E = sp.Symbol("friction_scale", real=True), sp.Symbol("friction_slope", nonnegative=True)
@@ -59,7 +43,7 @@ class Site:
         """Why a controller cannot compensate it; None if it can."""
         if self.effect.states:
             return "has a memory"
-        unknown = [s.name for s in self.effect.signals if s.name not in MEASURED]
+        unknown = [s.name for s in self.effect.signals if s.known_to != "controller"]
         return f"reads {', '.join(unknown)}" if unknown else None
 
     def symbol(self, parameter: Parameter) -> sp.Symbol:
@@ -258,29 +242,34 @@ def _contact(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> Symboli
 
 def _readings(model: ArmModel, recorder: Recorder) -> list[Reading]:
     """What every joint's effects read, in the positions and rates."""
-    coordinates, n = _coordinates(model), len(model.arm.joints)
-    q, qd = coordinates.symbols("q"), coordinates.symbols("qd")
-    tip, row, moments = (_replayed(model, name, recorder) for name in ("tip", "tip_jacobian", "moment_jacobian"))
-    row = row[n : 2 * n]
-    common = {
-        "tip_y": tip[1],
-        "tip_yd": sum((j * rate for j, rate in zip(row, qd, strict=True)), sp.S.Zero),
-        "plate_y": PLATE_SITES[0].symbol(next(p for p in PLATE.parameters if p.name == "position")),
-    }
-    readings = []
-    for i, joint in enumerate(model.arm.joints):
-        own = {
-            "q": q[i],
-            "qd": qd[i],
-            "qd_next": qd[i + 1] if i + 1 < n else sp.S.Zero,
-            "qd_previous": qd[i - 1] if i else sp.S.Zero,
-            "ratio": sp.Rational(exact(joint.gear_ratio)),
-            "moment_x": moments[i],
-            "moment_y": moments[n + i],
-            "tip_row": row[i],
+    signals = [(s, s.source) for s in SIGNALS if s.known_to == "controller" and s.source is not None]
+    named = dict.fromkeys(source.function for _, source in signals if isinstance(source, ArmOutput))
+    outputs = {name: _replayed(model, name, recorder) for name in named}
+    given = {p.gives: site.symbol(p) for site in PLATE_SITES for p in site.effect.parameters if p.gives}
+    return [
+        {
+            s.symbol: given[s.name] if isinstance(source, Given) else sp.sympify(_read(model, source, i, outputs))
+            for s, source in signals
         }
-        readings.append({SIGNAL[name].symbol: sp.sympify(e) for name, e in (common | own).items()})
-    return readings
+        for i in range(len(model.arm.joints))
+    ]
+
+
+def _read(
+    model: ArmModel, source: Coordinate | ArmOutput | JointConstant, joint: int, outputs: Mapping[str, list[sp.Expr]]
+) -> Any:
+    """A signal at a joint (0-based), for an effect that sits there."""
+    match source:
+        case Coordinate(name, step):
+            there = joint + step
+            return _coordinates(model).symbols(name)[there] if 0 <= there < len(model.arm.joints) else 0
+        case ArmOutput(name, index):
+            place = 0
+            for length, i in zip(model.function(name).outputs[0].shape, index, strict=True):
+                place = place * length + (i if isinstance(i, int) else joint)
+            return outputs[name][place]
+        case JointConstant(name):
+            return sp.Rational(exact(getattr(model.arm.joints[joint], name)))
 
 
 def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:

@@ -14,6 +14,7 @@ from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body import dynamics, kinematics
 from symbolic.rigid_body.base_parameters import BaseParameters, base_parameters, exact
 from symbolic.rigid_body.kinematics import Author, Coordinates
+from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.layout import LayoutConstant, RecursionLayout, choose_layout
 
 
@@ -50,9 +51,10 @@ def derive(arm: Arm) -> ArmModel:
     layout = choose_layout(arm, base)
     lumps = named_lumps(arm, base, layout)
     symbols = {c: sp.Symbol(lump.name, real=True) for c, lump in zip(base.values, lumps, strict=True)}
+    rotors = [rational(joint.rotor_inertia) for joint in arm.joints]
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, layout.fields))
     functions = [
-        *dynamics.functions(author, layout.scaled, symbols, layout.frame),
+        *dynamics.functions(author, layout.scaled, symbols, layout.frame, rotors),
         *kinematics.functions(author, arm, layout.metric, layout.frame),
         *(contact.functions(author, layout.metric) if contact.applies(layout.metric) else ()),
     ]

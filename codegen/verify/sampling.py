@@ -20,19 +20,6 @@ from symbolic.primitives import WIDTHS
 Values = dict[sp.Symbol, float]
 
 _SCALES = {"qd": 5.0, "qdd": 20.0, "tau": 50.0, "wdd": 20.0}
-_SIGNALS = {
-    "q": (-3.0, 3.0),
-    "qd": (-5.0, 5.0),
-    "qdd": (-20.0, 20.0),
-    "t": (0.0, 100.0),
-    "load": (-50.0, 50.0),
-    "link_inertia": (0.01, 3.0),
-    "level": (0.1, 10.0),
-    "predicted": (-50.0, 50.0),
-    "predicted_rate": (-500.0, 500.0),
-    "warmth": (0.0, 30.0),
-    "ratio": (1.0, 160.0),
-}
 
 
 def single(value: float) -> float:
@@ -79,10 +66,7 @@ def effect_values(rng: random.Random, effect: Effect) -> Values:
     """Signals, parameters within their bounds, states, dt and widths."""
     values: Values = {}
     for signal in effect.signals:
-        if signal.name in ("unmeasured", "has_next"):
-            values[signal.symbol] = float(rng.randint(0, 1))
-        else:
-            values[signal.symbol] = single(rng.uniform(*_SIGNALS.get(signal.name, (-1.0, 1.0))))
+        values[signal.symbol] = float(rng.randint(0, 1)) if signal.switch else single(rng.uniform(*signal.span))
     values |= {p.symbol: single(_parameter(rng, p)) for p in effect.parameters}
     values |= {s.symbol: single(rng.uniform(-0.01, 0.01)) for s in effect.states}
     values[DT] = single(rng.uniform(1e-4, 1e-2))

@@ -710,7 +710,7 @@ float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const 
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+ * in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
  * in   p (1) [as declared]: coefficient
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque

@@ -2216,7 +2216,7 @@ void tendon_plate_torque_batch_f64(
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+ * in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
  * in   p (1) [as declared]: coefficient
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque

@@ -27,7 +27,7 @@ typedef struct {
     double tip_y; /* m: end-effector's y in the base frame */
     double tip_yd; /* m/s: rate of the end-effector's y */
     double tip_row; /* m: derivative of the end-effector's y by q */
-    double plate_y; /* m: base y of the active plate's surface; minus infinity where no plate is active */
+    double plate_y; /* m: base y of the active plate's surface; out of reach, -1e9, where no plate is active */
     double ratio; /* 1/rad: gear ratio per unit of position: motor turns' angle by q */
 } tendon_sample_f64;
 
@@ -932,7 +932,7 @@ void tendon_plate_torque_batch_f64(
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+ * in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
  * in   p (1) [as declared]: coefficient
  * in   x (0) [as declared]: none
  * out  torque [N m]: added to the motor torque

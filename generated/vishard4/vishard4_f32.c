@@ -87,6 +87,75 @@ void vishard4_inverse_dynamics_f32(
     tau[3] = N4 + qdd[3] * parameters->I4;
 }
 
+/* link_load: Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * in   qdd (4) [rad/s^2]: joint accelerations
+ * out  load (4) [N m]: at the joints' outputs
+ * Source: Equation (1) less the model file's rotor inertia times qdd
+ * Operations: 81 operations (30 add, 8 sub, 43 mul) and 3 sincos */
+void vishard4_link_load_f32(
+    const vishard4_parameters_f32 *parameters,
+    const float q[4],
+    const float qd[4],
+    const float qdd[4],
+    float load[4])
+{
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+     *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; whole: torque of a joint, its
+     *   rotor included */
+    float s3;
+    float c3;
+    tendon_sincos_f32(q[2], &s3, &c3);
+    const float a4 = q[2] + q[3];
+    float s34;
+    float c34;
+    tendon_sincos_f32(a4, &s34, &c34);
+    float s2;
+    float c2;
+    tendon_sincos_f32(q[1], &s2, &c2);
+    const float ww1 = qd[0] * qd[0];
+    const float lc1 = c2 * parameters->l1_by_l2;
+    const float ls1 = s2 * parameters->l1_by_l2;
+    const float b1 = ww1 * lc1 - ls1 * qdd[0];
+    const float y1 = lc1 * qdd[0] + ww1 * ls1;
+    const float w2 = qd[0] + qd[1];
+    const float al2 = qdd[0] + qdd[1];
+    const float ww2 = w2 * w2;
+    const float b2 = b1 + ww2;
+    const float y2 = y1 + al2;
+    const float w3 = w2 + qd[2];
+    const float al3 = al2 + qdd[2];
+    const float ww3 = w3 * w3;
+    const float lc3 = c3 * parameters->l3_by_l2;
+    const float ls3 = s3 * parameters->l3_by_l2;
+    const float b3 = ww3 * lc3 + (b2 + al3 * ls3);
+    const float y3 = y2 + al3 * lc3 - ww3 * ls3;
+    const float w4 = w3 + qd[3];
+    const float al4 = al3 + qdd[3];
+    const float ww4 = w4 * w4;
+    const float hc4 = c34 * parameters->h4;
+    const float hs4 = s34 * parameters->h4;
+    const float N4 = y3 * hc4 + (al4 * parameters->J4 + b3 * hs4);
+    const float G4 = al4 * hs4 + ww4 * hc4;
+    const float F4 = al4 * hc4 - ww4 * hs4;
+    const float G3 = G4 + b3 * parameters->mu3;
+    const float F3 = F4 + y3 * parameters->mu3;
+    const float N3 = al3 * parameters->J3 + (ls3 * G3 + (N4 + lc3 * F3));
+    const float G2 = G3 + b2 * parameters->mu2;
+    const float F2 = F3 + y2 * parameters->mu2;
+    const float N2 = al2 * parameters->J2 + (N3 + F2);
+    const float N1 = qdd[0] * parameters->J1 + (N2 + lc1 * F2) - ls1 * G2;
+    const float whole2 = N2 + qdd[1] * parameters->I2;
+    const float whole3 = N3 + qdd[2] * parameters->I3;
+    const float whole4 = N4 + qdd[3] * parameters->I4;
+    load[0] = N1 - 0.39f * qdd[0];
+    load[1] = whole2 - 0.9f * qdd[1];
+    load[2] = whole3 - 0.58f * qdd[2];
+    load[3] = whole4 - 0.20940411f * qdd[3];
+}
+
 /* inertia: Inertia matrix D(q), rotors included.
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
@@ -156,6 +225,81 @@ void vishard4_inertia_f32(const vishard4_parameters_f32 *parameters, const float
     D[13] = AS42;
     D[14] = AS43;
     D[15] = parameters->J4 + parameters->I4;
+}
+
+/* link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
+ * in   q (4) [rad]: joint positions
+ * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
+ * Source: Lagrangian; the model file's rotor inertias
+ * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+void vishard4_link_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16])
+{
+    /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
+     *   columns in joint angles; D: inertia of a joint, its rotor included */
+    const float t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
+    const float m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const float t2 = parameters->l1_by_l2 * parameters->mu3;
+    const float m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const float m13 = t2 * parameters->l3_by_l2;
+    const float m14 = parameters->l1_by_l2 * parameters->h4;
+    const float m22 = parameters->mu2 + parameters->mu3;
+    const float m23 = parameters->mu3 * parameters->l3_by_l2;
+    const float m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const float m34 = parameters->l3_by_l2 * parameters->h4;
+    const float A11 = m11 + parameters->J1;
+    const float c2 = tendon_cos_f32(q[1]);
+    const float A12 = m12 * c2;
+    const float t3 = q[1] + q[2];
+    const float c23 = tendon_cos_f32(t3);
+    const float A13 = m13 * c23;
+    const float c234 = tendon_cos_f32(t3 + q[3]);
+    const float A14 = m14 * c234;
+    const float A22 = m22 + parameters->J2;
+    const float c3 = tendon_cos_f32(q[2]);
+    const float A23 = m23 * c3;
+    const float c34 = tendon_cos_f32(q[2] + q[3]);
+    const float A24 = parameters->h4 * c34;
+    const float A33 = m33 + parameters->J3;
+    const float c4 = tendon_cos_f32(q[3]);
+    const float A34 = m34 * c4;
+    const float AS13 = A13 + A14;
+    const float AS12 = A12 + AS13;
+    const float AS11 = A11 + AS12;
+    const float AS23 = A23 + A24;
+    const float AS22 = A22 + AS23;
+    const float AS21 = A12 + AS22;
+    const float AS33 = A33 + A34;
+    const float AS32 = A23 + AS33;
+    const float AS31 = A13 + AS32;
+    const float AS43 = A34 + parameters->J4;
+    const float AS42 = A24 + AS43;
+    const float AS41 = A14 + AS42;
+    const float D31 = AS31 + AS41;
+    const float D21 = AS21 + D31;
+    const float D11 = AS11 + D21;
+    const float D32 = AS32 + AS42;
+    const float D22 = AS22 + D32;
+    const float D33 = AS33 + AS43;
+    const float D23 = AS23 + D33;
+    const float D22_2 = D22 + parameters->I2;
+    const float D33_2 = D33 + parameters->I3;
+    const float D44 = parameters->J4 + parameters->I4;
+    D[0] = D11 - 0.39f;
+    D[1] = AS12 + D22;
+    D[2] = AS13 + D23;
+    D[3] = AS41;
+    D[4] = D21;
+    D[5] = D22_2 - 0.9f;
+    D[6] = D23;
+    D[7] = AS42;
+    D[8] = D31;
+    D[9] = D32;
+    D[10] = D33_2 - 0.58f;
+    D[11] = AS43;
+    D[12] = AS41;
+    D[13] = AS42;
+    D[14] = AS43;
+    D[15] = D44 - 0.20940411f;
 }
 
 /* coriolis: Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.
@@ -545,6 +689,47 @@ void vishard4_tip_jacobian_f32(const vishard4_parameters_f32 *parameters, const 
     J[9] = 1.0f;
     J[10] = 1.0f;
     J[11] = 1.0f;
+}
+
+/* tip_rate: Rate of the end-effector's position and angle.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * out  v (3) [m/s, m/s, rad/s]: rates of x, y and angle
+ * Source: J qd, with J of equation (1)
+ * Operations: 35 operations (18 add, 16 mul, 1 neg) and 4 sincos */
+void vishard4_tip_rate_f32(
+    const vishard4_parameters_f32 *parameters,
+    const float q[4],
+    const float qd[4],
+    float v[3])
+{
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by the angle
+     *   of a joint */
+    float s1;
+    float c1;
+    tendon_sincos_f32(q[0], &s1, &c1);
+    const float theta2 = q[0] + q[1];
+    float s12;
+    float c12;
+    tendon_sincos_f32(theta2, &s12, &c12);
+    const float theta3 = theta2 + q[2];
+    float s123;
+    float c123;
+    tendon_sincos_f32(theta3, &s123, &c123);
+    const float theta4 = theta3 + q[3];
+    float s1234;
+    float c1234;
+    tendon_sincos_f32(theta4, &s1234, &c1234);
+    const float x4 = s1234 * parameters->l4;
+    const float y4 = c1234 * parameters->l4;
+    const float t1 = x4 + s123 * parameters->l3;
+    const float y3 = y4 + c123 * parameters->l3;
+    const float t2 = t1 + s12 * parameters->l2;
+    const float y2 = y3 + c12 * parameters->l2;
+    const float y1 = y2 + c1 * parameters->l1;
+    v[0] = -(x4 * qd[3] + (t1 * qd[2] + ((t2 + s1 * parameters->l1) * qd[0] + t2 * qd[1])));
+    v[1] = y4 * qd[3] + (y3 * qd[2] + (y1 * qd[0] + y2 * qd[1]));
+    v[2] = qd[3] + (qd[2] + (qd[0] + qd[1]));
 }
 
 /* tip_load: Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).

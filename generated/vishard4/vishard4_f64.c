@@ -146,6 +146,138 @@ void vishard4_inverse_dynamics_batch_f64(
     }
 }
 
+/* link_load: Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * in   qdd (4) [rad/s^2]: joint accelerations
+ * out  load (4) [N m]: at the joints' outputs
+ * Source: Equation (1) less the model file's rotor inertia times qdd
+ * Operations: 81 operations (30 add, 8 sub, 43 mul) and 3 sincos */
+void vishard4_link_load_f64(
+    const vishard4_parameters_f64 *parameters,
+    const double q[4],
+    const double qd[4],
+    const double qdd[4],
+    double load[4])
+{
+    /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
+     *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
+     *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; whole: torque of a joint, its
+     *   rotor included */
+    double s3;
+    double c3;
+    tendon_sincos_f64(q[2], &s3, &c3);
+    const double a4 = q[2] + q[3];
+    double s34;
+    double c34;
+    tendon_sincos_f64(a4, &s34, &c34);
+    double s2;
+    double c2;
+    tendon_sincos_f64(q[1], &s2, &c2);
+    const double ww1 = qd[0] * qd[0];
+    const double lc1 = c2 * parameters->l1_by_l2;
+    const double ls1 = s2 * parameters->l1_by_l2;
+    const double b1 = ww1 * lc1 - ls1 * qdd[0];
+    const double y1 = lc1 * qdd[0] + ww1 * ls1;
+    const double w2 = qd[0] + qd[1];
+    const double al2 = qdd[0] + qdd[1];
+    const double ww2 = w2 * w2;
+    const double b2 = b1 + ww2;
+    const double y2 = y1 + al2;
+    const double w3 = w2 + qd[2];
+    const double al3 = al2 + qdd[2];
+    const double ww3 = w3 * w3;
+    const double lc3 = c3 * parameters->l3_by_l2;
+    const double ls3 = s3 * parameters->l3_by_l2;
+    const double b3 = ww3 * lc3 + (b2 + al3 * ls3);
+    const double y3 = y2 + al3 * lc3 - ww3 * ls3;
+    const double w4 = w3 + qd[3];
+    const double al4 = al3 + qdd[3];
+    const double ww4 = w4 * w4;
+    const double hc4 = c34 * parameters->h4;
+    const double hs4 = s34 * parameters->h4;
+    const double N4 = y3 * hc4 + (al4 * parameters->J4 + b3 * hs4);
+    const double G4 = al4 * hs4 + ww4 * hc4;
+    const double F4 = al4 * hc4 - ww4 * hs4;
+    const double G3 = G4 + b3 * parameters->mu3;
+    const double F3 = F4 + y3 * parameters->mu3;
+    const double N3 = al3 * parameters->J3 + (ls3 * G3 + (N4 + lc3 * F3));
+    const double G2 = G3 + b2 * parameters->mu2;
+    const double F2 = F3 + y2 * parameters->mu2;
+    const double N2 = al2 * parameters->J2 + (N3 + F2);
+    const double N1 = qdd[0] * parameters->J1 + (N2 + lc1 * F2) - ls1 * G2;
+    const double whole2 = N2 + qdd[1] * parameters->I2;
+    const double whole3 = N3 + qdd[2] * parameters->I3;
+    const double whole4 = N4 + qdd[3] * parameters->I4;
+    load[0] = N1 - 0.39 * qdd[0];
+    load[1] = whole2 - 0.9 * qdd[1];
+    load[2] = whole3 - 0.58 * qdd[2];
+    load[3] = whole4 - 0.20940411638385 * qdd[3];
+}
+
+/* link_load of `count` samples; element j of sample k at [j * count + k]; no overlap. */
+void vishard4_link_load_batch_f64(
+    size_t count,
+    const vishard4_parameters_f64 *parameters,
+    const double *restrict q,
+    const double *restrict qd,
+    const double *restrict qdd,
+    double *restrict load)
+{
+    TENDON_INDEPENDENT
+    for (size_t k = 0; k < count; ++k) {
+        double s3;
+        double c3;
+        tendon_sincos_f64(q[2 * count + k], &s3, &c3);
+        const double a4 = q[2 * count + k] + q[3 * count + k];
+        double s34;
+        double c34;
+        tendon_sincos_f64(a4, &s34, &c34);
+        double s2;
+        double c2;
+        tendon_sincos_f64(q[count + k], &s2, &c2);
+        const double ww1 = qd[k] * qd[k];
+        const double lc1 = c2 * parameters->l1_by_l2;
+        const double ls1 = s2 * parameters->l1_by_l2;
+        const double b1 = ww1 * lc1 - ls1 * qdd[k];
+        const double y1 = lc1 * qdd[k] + ww1 * ls1;
+        const double w2 = qd[k] + qd[count + k];
+        const double al2 = qdd[k] + qdd[count + k];
+        const double ww2 = w2 * w2;
+        const double b2 = b1 + ww2;
+        const double y2 = y1 + al2;
+        const double w3 = w2 + qd[2 * count + k];
+        const double al3 = al2 + qdd[2 * count + k];
+        const double ww3 = w3 * w3;
+        const double lc3 = c3 * parameters->l3_by_l2;
+        const double ls3 = s3 * parameters->l3_by_l2;
+        const double b3 = ww3 * lc3 + (b2 + al3 * ls3);
+        const double y3 = y2 + al3 * lc3 - ww3 * ls3;
+        const double w4 = w3 + qd[3 * count + k];
+        const double al4 = al3 + qdd[3 * count + k];
+        const double ww4 = w4 * w4;
+        const double hc4 = c34 * parameters->h4;
+        const double hs4 = s34 * parameters->h4;
+        const double N4 = y3 * hc4 + (al4 * parameters->J4 + b3 * hs4);
+        const double G4 = al4 * hs4 + ww4 * hc4;
+        const double F4 = al4 * hc4 - ww4 * hs4;
+        const double G3 = G4 + b3 * parameters->mu3;
+        const double F3 = F4 + y3 * parameters->mu3;
+        const double N3 = al3 * parameters->J3 + (ls3 * G3 + (N4 + lc3 * F3));
+        const double G2 = G3 + b2 * parameters->mu2;
+        const double F2 = F3 + y2 * parameters->mu2;
+        const double N2 = al2 * parameters->J2 + (N3 + F2);
+        const double N1 = qdd[k] * parameters->J1 + (N2 + lc1 * F2) - ls1 * G2;
+        const double whole2 = N2 + qdd[count + k] * parameters->I2;
+        const double whole3 = N3 + qdd[2 * count + k] * parameters->I3;
+        const double whole4 = N4 + qdd[3 * count + k] * parameters->I4;
+        load[k] = N1 - 0.39 * qdd[k];
+        load[count + k] = whole2 - 0.9 * qdd[count + k];
+        load[2 * count + k] = whole3 - 0.58 * qdd[2 * count + k];
+        load[3 * count + k] = whole4 - 0.20940411638385 * qdd[3 * count + k];
+    }
+}
+
 /* inertia: Inertia matrix D(q), rotors included.
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
@@ -286,6 +418,157 @@ void vishard4_inertia_batch_f64(
         D[13 * count + k] = AS42;
         D[14 * count + k] = AS43;
         D[15 * count + k] = parameters->J4 + parameters->I4;
+    }
+}
+
+/* link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
+ * in   q (4) [rad]: joint positions
+ * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
+ * Source: Lagrangian; the model file's rotor inertias
+ * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+void vishard4_link_inertia_f64(const vishard4_parameters_f64 *parameters, const double q[4], double D[16])
+{
+    /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
+     *   columns in joint angles; D: inertia of a joint, its rotor included */
+    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
+    const double m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const double t2 = parameters->l1_by_l2 * parameters->mu3;
+    const double m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const double m13 = t2 * parameters->l3_by_l2;
+    const double m14 = parameters->l1_by_l2 * parameters->h4;
+    const double m22 = parameters->mu2 + parameters->mu3;
+    const double m23 = parameters->mu3 * parameters->l3_by_l2;
+    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m34 = parameters->l3_by_l2 * parameters->h4;
+    const double A11 = m11 + parameters->J1;
+    const double c2 = tendon_cos_f64(q[1]);
+    const double A12 = m12 * c2;
+    const double t3 = q[1] + q[2];
+    const double c23 = tendon_cos_f64(t3);
+    const double A13 = m13 * c23;
+    const double c234 = tendon_cos_f64(t3 + q[3]);
+    const double A14 = m14 * c234;
+    const double A22 = m22 + parameters->J2;
+    const double c3 = tendon_cos_f64(q[2]);
+    const double A23 = m23 * c3;
+    const double c34 = tendon_cos_f64(q[2] + q[3]);
+    const double A24 = parameters->h4 * c34;
+    const double A33 = m33 + parameters->J3;
+    const double c4 = tendon_cos_f64(q[3]);
+    const double A34 = m34 * c4;
+    const double AS13 = A13 + A14;
+    const double AS12 = A12 + AS13;
+    const double AS11 = A11 + AS12;
+    const double AS23 = A23 + A24;
+    const double AS22 = A22 + AS23;
+    const double AS21 = A12 + AS22;
+    const double AS33 = A33 + A34;
+    const double AS32 = A23 + AS33;
+    const double AS31 = A13 + AS32;
+    const double AS43 = A34 + parameters->J4;
+    const double AS42 = A24 + AS43;
+    const double AS41 = A14 + AS42;
+    const double D31 = AS31 + AS41;
+    const double D21 = AS21 + D31;
+    const double D11 = AS11 + D21;
+    const double D32 = AS32 + AS42;
+    const double D22 = AS22 + D32;
+    const double D33 = AS33 + AS43;
+    const double D23 = AS23 + D33;
+    const double D22_2 = D22 + parameters->I2;
+    const double D33_2 = D33 + parameters->I3;
+    const double D44 = parameters->J4 + parameters->I4;
+    D[0] = D11 - 0.39;
+    D[1] = AS12 + D22;
+    D[2] = AS13 + D23;
+    D[3] = AS41;
+    D[4] = D21;
+    D[5] = D22_2 - 0.9;
+    D[6] = D23;
+    D[7] = AS42;
+    D[8] = D31;
+    D[9] = D32;
+    D[10] = D33_2 - 0.58;
+    D[11] = AS43;
+    D[12] = AS41;
+    D[13] = AS42;
+    D[14] = AS43;
+    D[15] = D44 - 0.20940411638385;
+}
+
+/* link_inertia of `count` samples; element j of sample k at [j * count + k]; no overlap. */
+void vishard4_link_inertia_batch_f64(
+    size_t count,
+    const vishard4_parameters_f64 *parameters,
+    const double *restrict q,
+    double *restrict D)
+{
+    TENDON_INDEPENDENT
+    for (size_t k = 0; k < count; ++k) {
+        const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
+        const double m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+        const double t2 = parameters->l1_by_l2 * parameters->mu3;
+        const double m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+        const double m13 = t2 * parameters->l3_by_l2;
+        const double m14 = parameters->l1_by_l2 * parameters->h4;
+        const double m22 = parameters->mu2 + parameters->mu3;
+        const double m23 = parameters->mu3 * parameters->l3_by_l2;
+        const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+        const double m34 = parameters->l3_by_l2 * parameters->h4;
+        const double A11 = m11 + parameters->J1;
+        const double c2 = tendon_cos_f64(q[count + k]);
+        const double A12 = m12 * c2;
+        const double t3 = q[count + k] + q[2 * count + k];
+        const double c23 = tendon_cos_f64(t3);
+        const double A13 = m13 * c23;
+        const double c234 = tendon_cos_f64(t3 + q[3 * count + k]);
+        const double A14 = m14 * c234;
+        const double A22 = m22 + parameters->J2;
+        const double c3 = tendon_cos_f64(q[2 * count + k]);
+        const double A23 = m23 * c3;
+        const double c34 = tendon_cos_f64(q[2 * count + k] + q[3 * count + k]);
+        const double A24 = parameters->h4 * c34;
+        const double A33 = m33 + parameters->J3;
+        const double c4 = tendon_cos_f64(q[3 * count + k]);
+        const double A34 = m34 * c4;
+        const double AS13 = A13 + A14;
+        const double AS12 = A12 + AS13;
+        const double AS11 = A11 + AS12;
+        const double AS23 = A23 + A24;
+        const double AS22 = A22 + AS23;
+        const double AS21 = A12 + AS22;
+        const double AS33 = A33 + A34;
+        const double AS32 = A23 + AS33;
+        const double AS31 = A13 + AS32;
+        const double AS43 = A34 + parameters->J4;
+        const double AS42 = A24 + AS43;
+        const double AS41 = A14 + AS42;
+        const double D31 = AS31 + AS41;
+        const double D21 = AS21 + D31;
+        const double D11 = AS11 + D21;
+        const double D32 = AS32 + AS42;
+        const double D22 = AS22 + D32;
+        const double D33 = AS33 + AS43;
+        const double D23 = AS23 + D33;
+        const double D22_2 = D22 + parameters->I2;
+        const double D33_2 = D33 + parameters->I3;
+        const double D44 = parameters->J4 + parameters->I4;
+        D[k] = D11 - 0.39;
+        D[count + k] = AS12 + D22;
+        D[2 * count + k] = AS13 + D23;
+        D[3 * count + k] = AS41;
+        D[4 * count + k] = D21;
+        D[5 * count + k] = D22_2 - 0.9;
+        D[6 * count + k] = D23;
+        D[7 * count + k] = AS42;
+        D[8 * count + k] = D31;
+        D[9 * count + k] = D32;
+        D[10 * count + k] = D33_2 - 0.58;
+        D[11 * count + k] = AS43;
+        D[12 * count + k] = AS41;
+        D[13 * count + k] = AS42;
+        D[14 * count + k] = AS43;
+        D[15 * count + k] = D44 - 0.20940411638385;
     }
 }
 
@@ -1056,6 +1339,87 @@ void vishard4_tip_jacobian_batch_f64(
         J[9 * count + k] = 1.0;
         J[10 * count + k] = 1.0;
         J[11 * count + k] = 1.0;
+    }
+}
+
+/* tip_rate: Rate of the end-effector's position and angle.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * out  v (3) [m/s, m/s, rad/s]: rates of x, y and angle
+ * Source: J qd, with J of equation (1)
+ * Operations: 35 operations (18 add, 16 mul, 1 neg) and 4 sincos */
+void vishard4_tip_rate_f64(
+    const vishard4_parameters_f64 *parameters,
+    const double q[4],
+    const double qd[4],
+    double v[3])
+{
+    /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by the angle
+     *   of a joint */
+    double s1;
+    double c1;
+    tendon_sincos_f64(q[0], &s1, &c1);
+    const double theta2 = q[0] + q[1];
+    double s12;
+    double c12;
+    tendon_sincos_f64(theta2, &s12, &c12);
+    const double theta3 = theta2 + q[2];
+    double s123;
+    double c123;
+    tendon_sincos_f64(theta3, &s123, &c123);
+    const double theta4 = theta3 + q[3];
+    double s1234;
+    double c1234;
+    tendon_sincos_f64(theta4, &s1234, &c1234);
+    const double x4 = s1234 * parameters->l4;
+    const double y4 = c1234 * parameters->l4;
+    const double t1 = x4 + s123 * parameters->l3;
+    const double y3 = y4 + c123 * parameters->l3;
+    const double t2 = t1 + s12 * parameters->l2;
+    const double y2 = y3 + c12 * parameters->l2;
+    const double y1 = y2 + c1 * parameters->l1;
+    v[0] = -(x4 * qd[3] + (t1 * qd[2] + ((t2 + s1 * parameters->l1) * qd[0] + t2 * qd[1])));
+    v[1] = y4 * qd[3] + (y3 * qd[2] + (y1 * qd[0] + y2 * qd[1]));
+    v[2] = qd[3] + (qd[2] + (qd[0] + qd[1]));
+}
+
+/* tip_rate of `count` samples; element j of sample k at [j * count + k]; no overlap. */
+void vishard4_tip_rate_batch_f64(
+    size_t count,
+    const vishard4_parameters_f64 *parameters,
+    const double *restrict q,
+    const double *restrict qd,
+    double *restrict v)
+{
+    TENDON_INDEPENDENT
+    for (size_t k = 0; k < count; ++k) {
+        double s1;
+        double c1;
+        tendon_sincos_f64(q[k], &s1, &c1);
+        const double theta2 = q[k] + q[count + k];
+        double s12;
+        double c12;
+        tendon_sincos_f64(theta2, &s12, &c12);
+        const double theta3 = theta2 + q[2 * count + k];
+        double s123;
+        double c123;
+        tendon_sincos_f64(theta3, &s123, &c123);
+        const double theta4 = theta3 + q[3 * count + k];
+        double s1234;
+        double c1234;
+        tendon_sincos_f64(theta4, &s1234, &c1234);
+        const double x4 = s1234 * parameters->l4;
+        const double y4 = c1234 * parameters->l4;
+        const double t1 = x4 + s123 * parameters->l3;
+        const double y3 = y4 + c123 * parameters->l3;
+        const double t2 = t1 + s12 * parameters->l2;
+        const double y2 = y3 + c12 * parameters->l2;
+        const double y1 = y2 + c1 * parameters->l1;
+        const double t3 = x4 * qd[3 * count + k] + (t1 * qd[2 * count + k] + ((t2 + s1 * parameters->l1) * qd[k] +
+            t2 * qd[count + k]));
+        v[k] = -t3;
+        v[count + k] = y4 * qd[3 * count + k] + (y3 * qd[2 * count + k] + (y1 * qd[k] + y2 * qd[count + k]));
+        v[2 * count + k] = qd[3 * count + k] + (qd[2 * count + k] + (qd[k] + qd[count + k]));
     }
 }
 

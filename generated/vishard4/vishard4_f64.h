@@ -49,6 +49,29 @@ void vishard4_inverse_dynamics_batch_f64(
     const double *restrict qdd,
     double *restrict tau);
 
+/* link_load: Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * in   qdd (4) [rad/s^2]: joint accelerations
+ * out  load (4) [N m]: at the joints' outputs
+ * Source: Equation (1) less the model file's rotor inertia times qdd
+ * Operations: 81 operations (30 add, 8 sub, 43 mul) and 3 sincos */
+void vishard4_link_load_f64(
+    const vishard4_parameters_f64 *parameters,
+    const double q[4],
+    const double qd[4],
+    const double qdd[4],
+    double load[4]);
+
+/* link_load of `count` samples; element j of sample k at [j * count + k]; no overlap. */
+void vishard4_link_load_batch_f64(
+    size_t count,
+    const vishard4_parameters_f64 *parameters,
+    const double *restrict q,
+    const double *restrict qd,
+    const double *restrict qdd,
+    double *restrict load);
+
 /* inertia: Inertia matrix D(q), rotors included.
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
@@ -58,6 +81,20 @@ void vishard4_inertia_f64(const vishard4_parameters_f64 *parameters, const doubl
 
 /* inertia of `count` samples; element j of sample k at [j * count + k]; no overlap. */
 void vishard4_inertia_batch_f64(
+    size_t count,
+    const vishard4_parameters_f64 *parameters,
+    const double *restrict q,
+    double *restrict D);
+
+/* link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
+ * in   q (4) [rad]: joint positions
+ * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
+ * Source: Lagrangian; the model file's rotor inertias
+ * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+void vishard4_link_inertia_f64(const vishard4_parameters_f64 *parameters, const double q[4], double D[16]);
+
+/* link_inertia of `count` samples; element j of sample k at [j * count + k]; no overlap. */
+void vishard4_link_inertia_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
     const double *restrict q,
@@ -170,6 +207,26 @@ void vishard4_tip_jacobian_batch_f64(
     const vishard4_parameters_f64 *parameters,
     const double *restrict q,
     double *restrict J);
+
+/* tip_rate: Rate of the end-effector's position and angle.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * out  v (3) [m/s, m/s, rad/s]: rates of x, y and angle
+ * Source: J qd, with J of equation (1)
+ * Operations: 35 operations (18 add, 16 mul, 1 neg) and 4 sincos */
+void vishard4_tip_rate_f64(
+    const vishard4_parameters_f64 *parameters,
+    const double q[4],
+    const double qd[4],
+    double v[3]);
+
+/* tip_rate of `count` samples; element j of sample k at [j * count + k]; no overlap. */
+void vishard4_tip_rate_batch_f64(
+    size_t count,
+    const vishard4_parameters_f64 *parameters,
+    const double *restrict q,
+    const double *restrict qd,
+    double *restrict v);
 
 /* tip_load: Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).
  * in   q (4) [rad]: joint positions

@@ -29,6 +29,7 @@ from runtime.estimation import grids
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
 from runtime.estimation.regressors import Regressors
+from runtime.model.signals import needs_of
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -75,17 +76,12 @@ class CandidateField:
         return found
 
     def _possible(self, term: Term) -> bool:
-        signals = self.model.library.effects[term.effect].signals
         if not any(self.motion.moving(i).any() for i in joints_of(self.model, term)[:1]):
             return False
-        if "plate_y" in signals and Term("plate") not in self.problem.layout.terms:
-            return False
-        if "predicted_rate" in signals and self.fit.skew_free:
+        if "torque_rate" in needs_of(self.model.library, term.effect) and self.fit.skew_free:
             # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.
             return False
-        if "level" in signals and term.joint is not None:
-            return bool(np.any(np.asarray(self.regressors.signals[0].get("level", term.joint - 1)) > 0))
-        return True
+        return not self.regressors.signals[0].lacks(term)
 
     @cached_property
     def ground(self) -> Ground:
@@ -176,7 +172,7 @@ class CandidateField:
         return CandidateBlock(parts, bounds[:, 0], bounds[:, 1])
 
     def _gives_way(self, term: Term) -> bool:
-        return "coupling" in self.model.library.effects[term.effect].signals
+        return self.model.library.effects[term.effect].gives_way
 
     def watched(self, term: Term) -> bool:
         """Whether it is a transmission with an encoder on either side."""
@@ -248,8 +244,8 @@ class CandidateField:
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried."""
         choices = grids.points(self.excerpt[0], term)
-        signals = self.model.library.effects[term.effect].signals
-        if "warmth" in signals and all(bool(p.measured.all()) for p in self.motion.pieces):
+        warms = "temperature" in needs_of(self.model.library, term.effect)
+        if warms and all(bool(p.measured.all()) for p in self.motion.pieces):
             # The measured temperature takes the place of the assumed warming: its time constant is idle.
             return choices[:1]
         return choices

@@ -210,7 +210,7 @@ def _freed(field: CandidateField, term: Term) -> float:
     (J/J_m)^½ times the frequency of the link alone behind a motor that is held. With r the square of a frequency
     over that of the link alone, the torque J_l r/(1 − r J_m/J) along the motion of the rigid joint.
     """
-    if "coupling" not in field.model.library.effects[term.effect].signals:
+    if not field.model.library.effects[term.effect].gives_way:
         return 1.0
     own = joints_of(field.model, term)[0]
     rotor = field.model.joints[own].rotor_inertia

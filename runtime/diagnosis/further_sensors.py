@@ -115,7 +115,7 @@ class FurtherSensors:
             if deflection is None or piece.sensors.twist is None:
                 return ()
             twists.append(piece.in_band(np.array([piece.sensors.twist[own], deflection])))
-            loads.append(piece.in_band(np.asarray(signals.get("load", own))))
+            loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
         largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
@@ -171,7 +171,7 @@ class FurtherSensors:
         return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
 
     def _gives_way(self, term: Term) -> bool:
-        return "coupling" in self.field.model.library.effects[term.effect].signals
+        return self.field.model.library.effects[term.effect].gives_way
 
     def _torque(self, regressors: Regressors, term: Term, joint: int) -> Array:
         """(M,) of a term of the fitted model, in the band."""

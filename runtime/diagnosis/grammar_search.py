@@ -19,6 +19,7 @@ from runtime.estimation.compare import series
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
 from runtime.model.loader import Model
+from runtime.model.signals import steps
 from runtime.model.terms import Structure, Term
 
 Wider = Callable[[], tuple[Model, Collection[str]]]
@@ -88,8 +89,7 @@ def _at(term: Term, joint: int) -> bool:
 
 def _has_neighbours(model: Model, term: Term) -> bool:
     """Whether the joints beside it are there whose motion the term reads."""
-    signals, joint = model.library.effects[term.effect].signals, term.joint or 1
-    return ("qd_next" not in signals or joint < model.n) and ("qd_previous" not in signals or joint > 1)
+    return all(0 <= (term.joint or 1) - 1 + step < model.n for step in steps(model.library, term.effect))
 
 
 def _rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:

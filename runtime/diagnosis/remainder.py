@@ -38,24 +38,6 @@ def physics(step: Step, joint: int) -> str | None:
     return None
 
 
-_SEEN_OVER = {
-    "q": "position",
-    "qd": "velocity",
-    "qdd": "acceleration",
-    "load": "load",
-    "predicted": "load",
-    "predicted_rate": "acceleration",
-    "level": "velocity",
-    "coupling": "acceleration",
-    "link_inertia": "acceleration",
-    "t": "time",
-    "warmth": "temperature",
-    "tip_load": "load",
-    "moment_x": "position",
-}
-"""Over which of `compare`'s signals an effect shows that reads a signal of the declarations."""
-
-
 def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
     """What is left at a joint (0-based) once an effect was named and added, in words; None if it is noise."""
     s = step.joints[joint]
@@ -64,7 +46,8 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
         return outside(step, joint)
     shares = structure_shares(s)
     strongest = max(shares, key=lambda name: shares[name])
-    own = {_SEEN_OVER[name] for name in effect.signals if name in _SEEN_OVER}
+    signal = step.identification.model.library.signal
+    own = {signal[name].seen_over for name in effect.signals}
     share = f"{100 * min(part, 1.0):.0f} % of what is left comes back with the motion, most of it over {strongest}"
     if strongest in own or (strongest == "direction" and "velocity" in own):
         return f"{share}: {effect.name} is the right effect in another form than the library's law"

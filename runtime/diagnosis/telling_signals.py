@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from runtime.model.loader import Model
+from runtime.model.signals import sensors
 from runtime.model.terms import Term, joints_of
 from runtime.motion.motion import Motion
 
@@ -51,24 +52,19 @@ def to_json(found: Sequence[Missing]) -> list[dict[str, Any]]:
 
 def _telling(model: Model, motion: Motion, one: Term, other: Term) -> list[tuple[str, tuple[str, ...]]]:
     """Kinds and columns of unmeasured signals in which two terms differ."""
-    reads = {t: frozenset(model.library.effects[t.effect].signals) for t in (one, other)}
+    shown = {t: sensors(model.library, t.effect) for t in (one, other)}
     sides = {model.library.effects[t.effect].side for t in (one, other)}
     found: list[tuple[str, tuple[str, ...]]] = []
     for here, there in ((one, other), (other, one)):
-        joint, own, rest = joints_of(model, here)[0], reads[here], reads[there]
+        joint, own, rest = joints_of(model, here)[0], shown[here], shown[there]
         # A gap and a spring give way differently, too: the encoder shows the play.
-        if "coupling" in own and not motion.has("twist", joint):
+        if "link" in own and not motion.has("twist", joint):
             found.append(("link", (f"q{joint + 1}_link",)))
-        if "warmth" in own - rest and not all(bool(p.measured[joint]) for p in motion.pieces):
+        if "temperature" in own - rest and not all(bool(p.measured[joint]) for p in motion.pieces):
             found.append(("temperature", (f"temperature{joint + 1}",)))
-        if _at_tip(own) and not _at_tip(rest) and any(p.sensors.force is None for p in motion.pieces):
+        if "force" in own - rest and any(p.sensors.force is None for p in motion.pieces):
             found.append(("force", ("fx", "fy")))
     joint = (one.joint or other.joint or 1) - 1
     if None not in sides and len(sides) > 1 and not motion.has("tau_link", joint):
         found.append(("output", (f"tau{joint + 1}_link",)))
     return list(dict.fromkeys(found))
-
-
-def _at_tip(signals: frozenset[str]) -> bool:
-    """Whether an effect acts through the end-effector."""
-    return any(name.startswith("tip_") for name in signals)

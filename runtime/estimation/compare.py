@@ -127,9 +127,7 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
     model, motion, fit = identification.model, identification.motion, identification.fit
     regressors = Regressors(model, motion, fit.prediction)
     found = repeats.find(motion)
-    loads = np.concatenate(
-        [np.stack([s.get("load", i) for i in range(model.n)])[:, p.centres] for s, p in _pairs(regressors)], axis=1
-    )
+    loads = np.concatenate([s.loads[:, p.centres] for s, p in _pairs(regressors)], axis=1)
     out = []
     for i, joint in enumerate(model.joints):
         use = motion.moving(i)

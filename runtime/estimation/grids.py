@@ -18,7 +18,7 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     if of == "one":
         return 0.0, 1.0
     joints = joints_of(regressors.model, term)
-    if "coupling" in regressors.model.library.effects[term.effect].signals:
+    if regressors.model.library.effects[term.effect].gives_way:
         joints = joints[:1]
     if of == "critical":
         inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
@@ -52,7 +52,7 @@ def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[f
 
 
 def _everywhere(regressors: Regressors, signal: str, joints: tuple[int, ...]) -> Array:
-    return np.concatenate([np.atleast_1d(s.get(signal, i)) for s in regressors.signals for i in joints])
+    return np.concatenate([np.atleast_1d(s.at(signal, i)) for s in regressors.signals for i in joints])
 
 
 def axis(regressors: Regressors, term: Term, parameter: ParameterInfo, known: Values) -> Array:

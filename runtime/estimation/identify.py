@@ -20,7 +20,7 @@ from runtime.estimation import grids
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.problem import Fit, Problem, Skew
-from runtime.estimation.regressors import PREDICTED, Regressors
+from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import (
     HOLD,
     NOMINAL_SKEW,
@@ -35,6 +35,7 @@ from runtime.estimation.settings import (
     SKEWS_APART,
 )
 from runtime.model.loader import Model
+from runtime.model.signals import IDENTIFIED, needs_of
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, rigid_inertia
 from runtime.motion.motion import Motion, prepare
@@ -84,7 +85,7 @@ def solve(
         start = plain
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
-    if free and any("predicted_rate" in model.library.effects[t.effect].signals for t in terms):
+    if free and any("torque_rate" in needs_of(model.library, t.effect) for t in terms):
         # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
@@ -102,12 +103,12 @@ def solve(
 def _drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
     """Whether what hangs on every transmission has an inertia, without which its motion has no meaning."""
     regressors = Regressors(model, motion, prediction)
-    own = [t.joint - 1 for t in terms if t.joint and "coupling" in model.library.effects[t.effect].signals]
-    return all(float(np.min(s.get("link_inertia", i))) > 0 for s in regressors.signals for i in own)
+    own = [t.joint - 1 for t in terms if t.joint and model.library.effects[t.effect].gives_way]
+    return all(float(np.min(s.link_inertia(i))) > 0 for s in regressors.signals for i in own)
 
 
 def _needs_prediction(model: Model, term: Term) -> bool:
-    return bool(PREDICTED & set(model.library.effects[term.effect].signals))
+    return bool(needs_of(model.library, term.effect) & IDENTIFIED)
 
 
 def _refine(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model
-from runtime.model.terms import Prediction, Term, joints_of
+from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext, needs_of
+from runtime.model.terms import Prediction, Term, given, joints_of
 from runtime.motion.motion import Motion, Piece
 
 Array = NDArray[np.float64]
@@ -18,16 +19,12 @@ Array = NDArray[np.float64]
 DEFLECTION = "deflection"
 """The state of a transmission that a link-side encoder measures: motor less link."""
 
-LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
-"""The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
-
-
-PREDICTED = frozenset({"load", "link_inertia", "coupling", "level", "predicted", "predicted_rate", "plate_y"})
-"""Signals that need an identified model; all others follow from the motion alone."""
+TRANSMITTED = "link_load"
+"""The arm's function whose value a recording may know better."""
 
 
 @dataclass
-class Signals:
+class Signals(SignalContext):
     """The signals that effects read, along one piece, computed when first asked for.
 
     `prediction` is None as long as nothing is identified: then signals that need it are not there.
@@ -36,17 +33,55 @@ class Signals:
     model: Model
     piece: Piece
     prediction: Prediction | None
-    _cache: dict[tuple[str, int], Array | float] = field(default_factory=dict)
+    _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
 
-    def of(self, effect: str, joint: int) -> dict[str, Array | float]:
-        """What the effect reads at a joint (0-based), and the time, which tells how many samples there are."""
-        return {name: self.get(name, joint) for name in ("t", *self.model.library.effects[effect].signals)}
-
-    def get(self, name: str, joint: int) -> Array | float:
-        key = (name, joint)
+    def signal(self, name: str, joint: int, own: int | None) -> Array | float:
+        key = (name, joint, own)
         if key not in self._cache:
-            self._cache[key] = _READERS[name](self, joint)
+            if self.prediction is None and self.model.library.signal[name].needs in IDENTIFIED:
+                raise RuntimeError(f"{name} needs an identified model")
+            self._cache[key] = super().signal(name, joint, own)
         return self._cache[key]
+
+    def at(self, name: str, joint: int) -> Array | float:
+        """A signal at a joint (0-based), for an effect that sits there."""
+        return self.signal(name, joint, joint)
+
+    def of(self, term: Term, joint: int) -> dict[str, Array | float]:
+        """What a term reads for its torque at a joint (0-based), and the time, which tells how many samples there
+        are."""
+        read = self.reader(term, joint)
+        return {"t": self.piece.t, **{name: read(name) for name in self.model.library.effects[term.effect].signals}}
+
+    def lacks(self, term: Term) -> bool:
+        """Whether the term reads of another effect that is not there: of a joint's dry friction, of a parameter."""
+        read = [self.model.library.signal[name] for name in self.model.library.effects[term.effect].signals]
+        if any(info.needs == "effect" and self.given(info.name) is None for info in read):
+            return True
+        rubbing = [info.name for info in read if info.needs == "friction" and term.joint is not None]
+        return not all(np.any(self.at(name, (term.joint or 1) - 1)) for name in rubbing)
+
+    def coordinate(self, name: str) -> Array:
+        return getattr(self.piece, name)
+
+    def evaluate(self, function: str) -> Array:
+        if function == TRANSMITTED:
+            return self._loads
+        inputs = self.model.metadata["functions"][function]["inputs"]
+        lumps = None if self.prediction is None else self.prediction.lumps
+        return self.model.call(function, {name: self.coordinate(name) for name, _ in inputs}, lumps)
+
+    def given(self, name: str) -> float | None:
+        return given(self.model.library, self._known.values, name)
+
+    def time(self) -> Array:
+        return self.piece.t
+
+    def warmth(self, joint: int) -> Array | None:
+        return self.piece.warmth[joint] if self.piece.measured[joint] else None
+
+    def terms(self) -> Collection[Term]:
+        return self._known.values.keys()
 
     @cached_property
     def measured(self) -> Array | None:
@@ -56,7 +91,7 @@ class Signals:
         if sensors.tau_rigid is not None:
             return sensors.tau_rigid
         if sensors.force is not None:
-            return -np.einsum("cjt,ct->jt", self.tip_jacobian[:2], sensors.force)
+            return -np.einsum("cjt,ct->jt", self.arm("tip_jacobian")[:2], sensors.force)
         return None
 
     @cached_property
@@ -76,11 +111,11 @@ class Signals:
         What is simulated under a load amplifies noise at its resonance, and magnitudes do not average it.
         """
         p = self.piece
-        rotors = np.array([[joint.rotor_inertia] for joint in self.model.joints])
         if p.sensors.tau_rigid is not None:
+            rotors = np.array([[joint.rotor_inertia] for joint in self.model.joints])
             whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
             return whole - rotors * p.slow
-        loads = self.model.inverse_dynamics(p.q, p.qd, p.slow, self._known.lumps) - rotors * p.slow
+        loads = self.model.call(TRANSMITTED, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)
         return loads if self.measured is None else loads + self.measured
 
     @property
@@ -89,101 +124,40 @@ class Signals:
             raise RuntimeError("this signal needs an identified model")
         return self.prediction
 
-    @cached_property
-    def tip(self) -> Array:
-        return self.model.tip(self.piece.q)
-
-    @cached_property
-    def tip_jacobian(self) -> Array:
-        return self.model.tip_jacobian(self.piece.q)
-
-    @cached_property
-    def tip_loads(self) -> Array:
-        return self.model.tip_load(self.piece.q, self.piece.qd, self.piece.qdd)
-
-    @cached_property
-    def moments(self) -> Array:
-        return self.model.moment_jacobian(self.piece.q)
-
-    @cached_property
-    def _inertia(self) -> Array:
-        return self.model.inertia(self.piece.q, self._known.lumps)
+    @property
+    def loads(self) -> Array:
+        """(n, N) torque that every joint transmits to its link."""
+        return self.arm(TRANSMITTED)
 
     def link_inertia(self, joint: int) -> Array:
-        return self._inertia[joint, joint] - self.model.joints[joint].rotor_inertia
+        """(N,) inertia of the link side as a joint (0-based) sees it."""
+        return self.coupling(joint, joint)
 
     def coupling(self, joint: int, own: int) -> Array:
-        """(N,) inertia between two joints (0-based), link side: the signal of that name."""
-        return self.link_inertia(own) if joint == own else self._inertia[joint, own]
-
-    def plate(self) -> float:
-        return self._known.values.get(Term("plate"), {}).get("position", -np.inf)
-
-    def level(self, joint: int) -> Array:
-        total = np.zeros_like(self.piece.t)
-        for effect in LEVEL_EFFECTS:
-            term = Term(effect, joint + 1)
-            if term in self._known.values:
-                total += self.torque(term, joint)
-        return np.abs(total)
+        """(N,) inertia between two joints (0-based), link side."""
+        return self.arm("link_inertia")[joint, own]
 
     def predicted(self, joint: int) -> Array:
         total = self.rigid[joint].copy()
         for term in self._known.values:
-            if joint in joints_of(self.model, term) and "predicted" not in self._reads(term):
+            if joint in joints_of(self.model, term) and not needs_of(self.model.library, term.effect) & OF_DRIVE:
                 total += self.torque(term, joint)
         return total
 
-    def _reads(self, term: Term) -> str:
-        return " ".join(self.model.library.effects[term.effect].signals)
+    def predicted_rate(self, joint: int) -> Array:
+        return np.gradient(np.asarray(self.at("predicted", joint)), self.piece.dt)
 
     def torque(self, term: Term, joint: int) -> Array:
         """(N,) torque of a term of the prediction at a joint (0-based)."""
         values = self._known.values[term]
-        return self.model.library.torque(term.effect, self.term_signals(term, joint), values, self.piece.dt)
+        return self.model.library.torque(term.effect, self.of(term, joint), values, self.piece.dt)
 
     def deflection(self, term: Term, shape: Mapping[str, float]) -> Array | None:
         """(N,) by which a term's link lags behind its motor; None for a term without such a state."""
         if term.joint is None or DEFLECTION not in self.model.library.effects[term.effect].states:
             return None
-        read = self.term_signals(term, term.joint - 1)
+        read = self.of(term, term.joint - 1)
         return self.model.library.states(term.effect, read, shape, self.piece.dt)[DEFLECTION]
-
-    def term_signals(self, term: Term, joint: int) -> dict[str, Array | float]:
-        """As `of`, with the place of the joint in a pair of joints, or its coupling to the term's own."""
-        if "coupling" in self.model.library.effects[term.effect].signals and term.joint is not None:
-            return {**self.of(term.effect, term.joint - 1), "coupling": self.coupling(joint, term.joint - 1)}
-        signals = self.of(term.effect, joint)
-        if "has_next" in signals:
-            signals["has_next"] = 1.0 if term.joint is not None and joint == term.joint - 1 else 0.0
-        return signals
-
-
-_READERS: dict[str, Callable[[Signals, int], Array | float]] = {
-    "q": lambda s, i: s.piece.q[i],
-    "qd": lambda s, i: s.piece.qd[i],
-    "qdd": lambda s, i: s.piece.qdd[i],
-    "t": lambda s, _: s.piece.t,
-    "load": lambda s, i: s._loads[i],
-    "link_inertia": lambda s, i: s.link_inertia(i),
-    "coupling": lambda s, i: s.link_inertia(i),
-    "level": lambda s, i: s.level(i),
-    "predicted": lambda s, i: s.predicted(i),
-    "predicted_rate": lambda s, i: np.gradient(np.asarray(s.get("predicted", i)), s.piece.dt),
-    "warmth": lambda s, i: s.piece.warmth[i],
-    "unmeasured": lambda s, i: 0.0 if s.piece.measured[i] else 1.0,
-    "qd_next": lambda s, i: s.piece.qd[i + 1] if i + 1 < s.model.n else 0.0,
-    "qd_previous": lambda s, i: s.piece.qd[i - 1] if i else 0.0,
-    "has_next": lambda _, __: 1.0,
-    "moment_x": lambda s, i: s.moments[0, i],
-    "moment_y": lambda s, i: s.moments[1, i],
-    "tip_load": lambda s, i: s.tip_loads[i],
-    "tip_y": lambda s, _: s.tip[1],
-    "tip_yd": lambda s, _: np.sum(s.tip_jacobian[1] * s.piece.qd, axis=0),
-    "tip_row": lambda s, i: s.tip_jacobian[1, i],
-    "plate_y": lambda s, _: s.plate(),
-    "ratio": lambda s, i: s.model.joints[i].gear_ratio,
-}
 
 
 @dataclass
@@ -250,13 +224,13 @@ class Regressors:
             return np.concatenate(rows, axis=1)
 
         library = self.model.library
-        of_motion = not PREDICTED & set(library.effects[term.effect].signals)
+        of_motion = not needs_of(library, term.effect) & IDENTIFIED
         return self._kept((library.directory, self.model.directory, term, joint, *shape.values()), of_motion, make)
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""
         library = self.model.library
-        return library.columns(term.effect, signals.term_signals(term, joint), shape, signals.piece.dt)
+        return library.columns(term.effect, signals.of(term, joint), shape, signals.piece.dt)
 
     def skew(self, joint: int) -> Array:
         """(M,) change of the in-band torque when it is taken one sample later."""

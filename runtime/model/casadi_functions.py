@@ -42,6 +42,12 @@ def effect_function(model: Model, effect: str, what: str = "torque") -> ca.Funct
     return _function(model.library.directory / "effects_casadi.py", f"{effect}_{what}")
 
 
+def evaluate(model: Model, name: str, struct: Any, coordinate: Callable[[str], Any]) -> Any:
+    """A function of the arm whose inputs, beside the struct of parameters, are read by name."""
+    inputs = model.metadata["functions"][name]["inputs"]
+    return arm_function(model, name)(struct, *(coordinate(argument) for argument, _ in inputs))
+
+
 def struct_values(model: Model) -> list[float]:
     """Values of the struct of parameters: lumps, then geometry."""
     return [float(field["default"]) for field in model.metadata["struct"]]

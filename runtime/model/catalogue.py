@@ -13,6 +13,28 @@ class LoaderError(ValueError):
 
 
 @dataclass(frozen=True)
+class SignalInfo:
+    """A signal that effects may read; see symbolic/effects/signals.py.
+
+    source   its kind and fields; None for one that needs what surrounds the sample
+    """
+
+    name: str
+    unit: Mapping[str, str]
+    meaning: str
+    needs: str
+    source: Mapping[str, Any] | None
+    known_to: str
+    seen_over: str | None
+    sensor: str | None
+
+    @property
+    def between(self) -> bool:
+        """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
+        return self.source is not None and "own" in self.source.get("index", ())
+
+
+@dataclass(frozen=True)
 class GridInfo:
     """Where a shape parameter is looked for; see symbolic/effects/declaration.py."""
 
@@ -40,6 +62,7 @@ class ParameterInfo:
     bounds: tuple[float, float]
     grid: GridInfo | None
     default: float | None
+    gives: str
 
     def unit(self, joint_type: str = "revolute") -> str:
         """For people, e.g. `N m s/rad`."""
@@ -71,6 +94,7 @@ class EffectInfo:
     dissipates: bool
     generalises: tuple[str, ...]
     signals: tuple[str, ...]
+    gives_way: bool
     parameters: tuple[ParameterInfo, ...]
     coefficients: tuple[ParameterInfo, ...]
     recover: tuple[Any, ...] | None
@@ -92,6 +116,10 @@ class EffectInfo:
     @property
     def shape(self) -> tuple[ParameterInfo, ...]:
         return tuple(p for p in self.parameters if p.role == "shape")
+
+    def giving(self, signal: str) -> ParameterInfo | None:
+        """The parameter whose value is a signal for others."""
+        return next((p for p in self.parameters if p.gives == signal), None)
 
     def parameter(self, name: str) -> ParameterInfo:
         for p in self.parameters:
@@ -192,6 +220,7 @@ def _parameter(data: Mapping[str, Any]) -> ParameterInfo:
         bounds=(-inf if low is None else float(low), inf if high is None else float(high)),
         grid=None if data["grid"] is None else GridInfo(**data["grid"]),
         default=data["default"],
+        gives=data["gives"],
     )
 
 
@@ -203,6 +232,7 @@ def effect_info(data: Mapping[str, Any]) -> EffectInfo:
         dissipates=data["dissipates"],
         generalises=tuple(data["generalises"]),
         signals=tuple(data["signals"]),
+        gives_way=data["gives_way"],
         parameters=tuple(_parameter(p) for p in data["parameters"]),
         coefficients=tuple(_parameter(c) for c in data["coefficients"]),
         recover=None if data["recover"] is None else tuple(data["recover"]),

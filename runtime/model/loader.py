@@ -23,6 +23,7 @@ from runtime.model.catalogue import (
     LoaderError,
     LumpInfo,
     ParameterInfo,
+    SignalInfo,
     effect_info,
     evaluate,
     joint_info,
@@ -195,7 +196,8 @@ class Library:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self.metadata, self._lib = _open(directory, "effects.json")
-        self.signals: tuple[str, ...] = tuple(s["name"] for s in self.metadata["signals"])
+        self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
+        self.signals: tuple[str, ...] = tuple(self.signal)
         self.effects: dict[str, EffectInfo] = {e["name"]: effect_info(e) for e in self.metadata["effects"]}
 
     def __getitem__(self, effect: str) -> EffectInfo:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.model.loader import Model
+from runtime.model.loader import Library, Model
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -50,9 +50,28 @@ def joints_of(model: Model, term: Term) -> tuple[int, ...]:
     info = model.library.effects[term.effect]
     if info.scope == "joints":
         return (term.joint - 1, term.joint)
-    if "coupling" in info.signals:
+    if info.gives_way:
         return (term.joint - 1, *(i for i in range(model.n) if i != term.joint - 1))
     return (term.joint - 1,)
+
+
+SURFACE = "plate_y"
+"""The signal that says where the end-effector touches something: the value of a parameter of an effect."""
+
+
+def giver(library: Library, terms: Iterable[Term], signal: str) -> tuple[Term, str] | None:
+    """The term of which a parameter is a signal for the effects beside it, and that parameter's name."""
+    for term in terms:
+        parameter = library[term.effect].giving(signal)
+        if parameter is not None:
+            return term, parameter.name
+    return None
+
+
+def given(library: Library, values: Mapping[Term, Values], signal: str) -> float | None:
+    """The signal that a parameter of one of these terms is; None where there is none or its value is not known."""
+    found = giver(library, values, signal)
+    return None if found is None else values[found[0]].get(found[1])
 
 
 def unit_of(model: Model, term: Term, parameter: str) -> str:

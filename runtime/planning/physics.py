@@ -11,17 +11,13 @@ import casadi as ca
 
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term, structure
+from runtime.model.signals import OF_DRIVE, SignalContext, needs_of, unknown_to_plan
+from runtime.model.terms import SURFACE, Structure, Term, giver, joints_of, structure
 from runtime.planning.scenario import Scenario
 from runtime.planning.trajectory import SPRING
 
 FRICTION = "friction"
 """The family of effects that a frictionless plan leaves out."""
-ARM_SIGNALS = frozenset({"moment_x", "moment_y", "tip_load", "tip_y", "tip_yd", "tip_row", "plate_y"})
-PLANNED = (
-    frozenset({"q", "qd", "qdd", "load", "predicted", "qd_next", "qd_previous", "has_next", "ratio"}) | ARM_SIGNALS
-)
-"""Signals that a plan knows; time, temperature and what has a memory it does not."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ class Physics:
             info = model.library[term.effect]
             if term.effect == SPRING or (info.family == FRICTION and not scenario.friction):
                 continue
-            unknown = sorted(set(info.signals) - PLANNED)
+            unknown = unknown_to_plan(model.library, term.effect)
             if info.states or unknown:
                 left_out[term] = "it has a memory" if info.states else f"a plan does not know its {unknown[0]}"
                 continue
@@ -59,14 +55,20 @@ class Physics:
         own = {str(term): casadi_functions.ordered(self.model, term.effect, v) for term, v in self.terms.items()}
         return {"struct": casadi_functions.struct_values(self.model), "width": widths(width), **own}
 
-    @property
-    def touches(self) -> bool:
-        """Whether there is a plate."""
-        return Term("plate") in self.terms
+    def given(self, signal: str, p: Callable[[str], ca.SX]) -> ca.SX | None:
+        """The signal that a parameter of a term is; None where there is none."""
+        found = giver(self.model.library, self.terms, signal)
+        if found is None:
+            return None
+        term, name = found
+        names = [parameter.name for parameter in self.model.library[term.effect].parameters]
+        return p(str(term))[names.index(name)]
 
     def plate_position(self, p: Callable[[str], ca.SX]) -> ca.SX:
-        names = [parameter.name for parameter in self.model.library["plate"].parameters]
-        return p("plate")[names.index("position")]
+        """Base y of what the end-effector touches."""
+        position = self.given(SURFACE, p)
+        assert position is not None, "the end-effector touches nothing"
+        return position
 
 
 def widths(rate: float) -> list[float]:
@@ -89,78 +91,56 @@ class PlanInstant:
     p: Callable[[str], ca.SX]
     apart: bool
 
-    def _arm(self, name: str, *inputs: Any) -> Any:
-        return casadi_functions.arm_function(self.physics.model, name)(self.p("struct"), *inputs)
-
     @cached_property
+    def _signals(self) -> _Signals:
+        return _Signals(self)
+
+    @property
     def tip(self) -> ca.SX:
-        return self._arm("tip", self.q)
+        return self._signals.arm("tip")
 
-    @cached_property
+    @property
     def tip_rate(self) -> ca.SX:
-        return self._jacobian @ self.qd
-
-    @cached_property
-    def _jacobian(self) -> ca.SX:
-        return self._arm("tip_jacobian", self.q)
-
-    @cached_property
-    def _rigid(self) -> ca.SX:
-        return self._arm("inverse_dynamics", self.q, self.qd, self.qdd)
-
-    @cached_property
-    def _moments(self) -> ca.SX:
-        return self._arm("moment_jacobian", self.q)
-
-    @cached_property
-    def _tip_load(self) -> ca.SX:
-        return self._arm("tip_load", self.q, self.qd, self.qdd)
+        return self._signals.arm("tip_rate")
 
     @cached_property
     def torque(self) -> ca.SX:
         """(n,) motor torques, N m or N."""
-        own = [self._rigid[i] for i in range(self.physics.model.n)]
+        own = self._signals.own
         for joint, values in self.springs.items():
-            own[joint - 1] += self._torque(SPRING, values, joint - 1, own, 1.0)
+            own[joint - 1] += self._torque(Term(SPRING, joint), values, joint - 1)
         # What reads the predicted torque comes last, when all the rest is in it.
-        library = self.physics.model.library
+        model, library = self.physics.model, self.physics.model.library
         terms = [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]
-        for term in sorted(terms, key=lambda t: "predicted" in library[t.effect].signals):
-            for joint, first in self._joints(term):
-                own[joint] += self._torque(term.effect, self.p(str(term)), joint, own, first)
+        for term in sorted(terms, key=lambda t: bool(needs_of(library, t.effect) & OF_DRIVE)):
+            for joint in joints_of(model, term):
+                own[joint] += self._torque(term, self.p(str(term)), joint)
         return ca.vertcat(*own)
 
-    def _joints(self, term: Term) -> list[tuple[int, float]]:
-        """Joints (0-based) on which a term acts, and 1 for the first of two joints."""
-        if term.joint is None:
-            return [(i, 1.0) for i in range(self.physics.model.n)]
-        i = term.joint - 1
-        both = self.physics.model.library[term.effect].scope == "joints"
-        return [(i, 1.0), (i + 1, 0.0)] if both else [(i, 1.0)]
+    def _torque(self, term: Term, values: Any, joint: int) -> Any:
+        read = self._signals.reader(term, joint)
+        return casadi_functions.effect_torque(self.physics.model, term.effect, read, values, self.p("width"))
 
-    def _torque(self, effect: str, values: Any, joint: int, own: list[Any], first: float) -> Any:
-        def read(name: str) -> Any:
-            return first if name == "has_next" else self._signal(name, joint, own)
 
-        return casadi_functions.effect_torque(self.physics.model, effect, read, values, self.p("width"))
+class _Signals(SignalContext):
+    """What effects read at one instant of a plan; own: the motors' torques (n,), as far as they are summed."""
 
-    def _signal(self, name: str, i: int, own: list[Any]) -> Any:
-        joint, n = self.physics.model.joints[i], self.physics.model.n
-        readers: dict[str, Callable[[], Any]] = {
-            "q": lambda: self.q[i],
-            "qd": lambda: self.qd[i],
-            "qdd": lambda: self.qdd[i],
-            "load": lambda: self._rigid[i] - joint.rotor_inertia * self.qdd[i],
-            "predicted": lambda: own[i],
-            "qd_next": lambda: self.qd[i + 1] if i + 1 < n else 0.0,
-            "qd_previous": lambda: self.qd[i - 1] if i else 0.0,
-            "ratio": lambda: joint.gear_ratio,
-            "moment_x": lambda: self._moments[0, i],
-            "moment_y": lambda: self._moments[1, i],
-            "tip_load": lambda: self._tip_load[i],
-            "tip_y": lambda: self.tip[1],
-            "tip_yd": lambda: self.tip_rate[1],
-            "tip_row": lambda: self._jacobian[1, i],
-            "plate_y": lambda: self.physics.plate_position(self.p) if self.physics.touches else -1e9,
-        }
-        return readers[name]()
+    def __init__(self, instant: PlanInstant) -> None:
+        self.model, self.instant = instant.physics.model, instant
+
+    @cached_property
+    def own(self) -> list[ca.SX]:
+        rigid = self.arm("inverse_dynamics")
+        return [rigid[i] for i in range(self.model.n)]
+
+    def coordinate(self, name: str) -> ca.SX:
+        return getattr(self.instant, name)
+
+    def evaluate(self, function: str) -> ca.SX:
+        return casadi_functions.evaluate(self.model, function, self.instant.p("struct"), self.coordinate)
+
+    def given(self, name: str) -> ca.SX | None:
+        return self.instant.physics.given(name, self.instant.p)
+
+    def predicted(self, joint: int) -> ca.SX:
+        return self.own[joint]

@@ -1,12 +1,12 @@
 """The equation of motion of an arm with all its effects, solved for the accelerations, as CasADi expressions.
 
-What the signals mean is said in estimation/regressors.py; here the same are expressions of one instant. The effects'
-torques and steps are the generated ones, with switches of the widths named here.
+What effects read are expressions of one instant (runtime/model/signals.py). Their torques and steps are the generated
+ones, with switches of the widths named here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.estimation.regressors import LEVEL_EFFECTS
-from runtime.model.casadi_functions import arm_function, effect_function, effect_torque, ordered, struct_values
+from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, struct_values
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term, joints_of
+from runtime.model.signals import LEVEL_EFFECTS, OF_DRIVE, SignalContext, needs_of
+from runtime.model.terms import Structure, Term, given, joints_of
 
 RATE_WIDTH = 1e-3
 """rad/s (m/s) to either side of rest within which dry friction grows to its full height: at rest a joint creeps by
@@ -29,8 +29,6 @@ _SHARP = (1e-12, 1e-12, 1e-12, 1e-12)
 """For effects with a memory, and what they act upon: their law has a finite slope without any smoothing."""
 _INSTANT = 1e-8
 """s; a step so short that what follows the signals at once (a link's acceleration) is that of this instant."""
-_NEVER = -1e9
-"""m: base y of the plate's surface where there is none."""
 _NEWTON_STEPS, _DRIVE_STEPS = 3, 6
 
 
@@ -71,24 +69,24 @@ class PlantEquations:
         check_complete(model, terms)
         self.model, self.terms, self.n = model, terms, model.n
         self.rate_widths: list[float] = np.asarray(rate_widths, dtype=np.float64).tolist()
-        reads = {term: set(model.library[term.effect].signals) for term in terms}
-        self._bristled = {term.joint for term in terms if "level" in reads[term]}
-        self.drive = [term for term in terms if reads[term] & {"predicted", "predicted_rate"}]
+        needed = {term: needs_of(model.library, term.effect) for term in terms}
+        self._bristled = {term.joint for term in terms if "friction" in needed[term]}
+        self.drive = [term for term in terms if needed[term] & OF_DRIVE]
         self.forces = [term for term in terms if term not in self.drive]
         self.memories = self._find_memories()
         self.states = sum(len(m.at_once) for m in self.memories)
-        self._check(reads)
+        self._check(needed)
 
-    def _check(self, reads: dict[Term, set[str]]) -> None:
+    def _check(self, needed: dict[Term, frozenset[str]]) -> None:
         for term in self.drive:
             if self.model.library[term.effect].states:
                 raise PlantError(f"{term}: a drive with a memory cannot be simulated forwards; leave it out")
-            if "predicted_rate" in reads[term] and self.terms[term].get("time", 0.0) < 0:
+            if "torque_rate" in needed[term] and self.terms[term].get("time", 0.0) < 0:
                 raise PlantError(
                     f"{term}: time = {self.terms[term]['time']:g} s: a torque recorded after it has acted cannot be "
                     "simulated forwards; choose a time > 0"
                 )
-        for term in (t for t in self.terms if t.joint in self._bristled and "level" in reads[t]):
+        for term in (t for t in self.terms if "friction" in needed[t]):
             if not any(Term(effect, term.joint) in self.terms for effect in LEVEL_EFFECTS):
                 raise PlantError(f"{term}: takes the place of the joint's Coulomb friction, and it has none")
 
@@ -97,11 +95,11 @@ class PlantEquations:
     def torque(self, at: PlantInstant, memory: Any) -> Any:
         """Torques (n,) that the motors must give for these accelerations."""
         signals = _Signals(self, at)
-        total = ca.SX(signals.rigid)
+        total = ca.SX(signals.arm("inverse_dynamics"))
         for term in self.forces:
             states = self._present(term, signals, memory)
             for joint in joints_of(self.model, term):
-                total[joint] += self._force(term, joint, signals, states)
+                total[joint] += self.force(term, joint, signals, states)
         return total
 
     def acceleration(self, q: Any, qd: Any, acting: Any, t: Any, memory: Any) -> Any:
@@ -131,7 +129,8 @@ class PlantEquations:
         q, qd, qdd = (ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
         return q, qd, qdd, ca.SX.sym("t"), ca.SX.sym("memory", self.states)
 
-    def _force(self, term: Term, joint: int, signals: _Signals, states: Any) -> Any:
+    def force(self, term: Term, joint: int, signals: SignalContext, states: Any) -> Any:
+        """Torque of a term at a joint (0-based)."""
         read = signals.reader(term, joint)
         return effect_torque(self.model, term.effect, read, self._values(term), self._width(term, joint), states)
 
@@ -143,11 +142,6 @@ class PlantEquations:
         if sharp or self.model.library[term.effect].states:
             return _SHARP
         return (self.rate_widths[joint], POSITION_WIDTH, FORCE_WIDTH, TIME_WIDTH)
-
-    def level(self, joint: int, signals: _Signals) -> Any:
-        """Magnitude of the joint's Coulomb friction in the present direction."""
-        terms = [Term(effect, joint + 1) for effect in LEVEL_EFFECTS]
-        return ca.fabs(sum(self._force(term, joint, signals, None) for term in terms if term in self.terms))
 
     # --- memory ---
 
@@ -219,25 +213,14 @@ class PlantEquations:
         found = ca.SX(command)
         for joint in {(term.joint or 1) - 1 for term in self.drive}:
             torque = ca.SX.sym("acting")
-            excess = sum(
-                self._excess(term, joint, signals, torque, (torque - before[joint]) / dt)
-                for term in self.drive
-                if joint in joints_of(self.model, term)
-            )
-            recorded = torque + excess
+            driven = _Driven(signals, torque, (torque - before[joint]) / dt)
+            terms = [term for term in self.drive if joint in joints_of(self.model, term)]
+            recorded = torque + sum(self.force(term, joint, driven, None) for term in terms)
             better = torque - (recorded - command[joint]) / ca.jacobian(recorded, torque)
             # A saturation's curve is convex: from beyond its root, each step comes nearer.
             for _ in range(_DRIVE_STEPS):
                 found[joint] = ca.substitute(better, torque, found[joint])
         return found
-
-    def _excess(self, term: Term, joint: int, signals: _Signals, torque: Any, slope: Any) -> Any:
-        own = {"predicted": torque, "predicted_rate": slope}
-        read = signals.reader(term, joint)
-        width = self._width(term, joint)
-        return effect_torque(
-            self.model, term.effect, lambda s: own[s] if s in own else read(s), self._values(term), width
-        )
 
 
 def check_complete(model: Model, terms: Structure) -> None:
@@ -251,83 +234,40 @@ def check_complete(model: Model, terms: Structure) -> None:
                 )
 
 
-class _Signals:
-    """The signals that effects read, as expressions of one instant."""
+class _Signals(SignalContext):
+    """The signals that effects read, as expressions of one instant; no temperature is measured there."""
 
     def __init__(self, equations: PlantEquations, at: PlantInstant) -> None:
-        self.equations, self.model, self.at = equations, equations.model, at
+        self.equations, self.model, self.instant = equations, equations.model, at
 
-    def reader(self, term: Term, joint: int) -> Callable[[str], Any]:
-        """Signals of a term by name, as it reads them for its torque at a joint (0-based)."""
-        own = (term.joint or 1) - 1
-        coupled = "coupling" in self.model.library[term.effect].signals and term.joint is not None
+    def coordinate(self, name: str) -> Any:
+        return getattr(self.instant, name)
 
-        def read(name: str) -> Any:
-            if name == "coupling" and coupled:
-                return self.link_inertia(own) if joint == own else self.inertia[joint, own]
-            if name == "has_next":
-                return 1.0 if term.joint is not None and joint == own else 0.0
-            return _READERS[name](self, own if coupled else joint)
+    def evaluate(self, function: str) -> Any:
+        return evaluate(self.model, function, struct_values(self.model), self.coordinate)
 
-        return read
+    def given(self, name: str) -> float | None:
+        return given(self.model.library, self.equations.terms, name)
 
-    def _arm(self, name: str, *arguments: Any) -> Any:
-        return arm_function(self.model, name)(struct_values(self.model), *arguments)
+    def time(self) -> Any:
+        return self.instant.t
 
-    @cached_property
-    def rigid(self) -> Any:
-        return self._arm("inverse_dynamics", self.at.q, self.at.qd, self.at.qdd)
+    def terms(self) -> Collection[Term]:
+        return self.equations.terms.keys()
 
-    @cached_property
-    def inertia(self) -> Any:
-        return self._arm("inertia", self.at.q)
-
-    def link_inertia(self, joint: int) -> Any:
-        return self.inertia[joint, joint] - self.model.joints[joint].rotor_inertia
-
-    def load(self, joint: int) -> Any:
-        return self.rigid[joint] - self.model.joints[joint].rotor_inertia * self.at.qdd[joint]
-
-    @cached_property
-    def tip(self) -> Any:
-        return self._arm("tip", self.at.q)
-
-    @cached_property
-    def tip_row(self) -> Any:
-        return self._arm("tip_jacobian", self.at.q)[1, :]
-
-    @cached_property
-    def moments(self) -> Any:
-        return self._arm("moment_jacobian", self.at.q)
-
-    @cached_property
-    def tip_load(self) -> Any:
-        return self._arm("tip_load", self.at.q, self.at.qd, self.at.qdd)
-
-    def plate(self) -> float:
-        return self.equations.terms.get(Term("plate"), {}).get("position", _NEVER)
+    def torque(self, term: Term, joint: int) -> Any:
+        return self.equations.force(term, joint, self, None)
 
 
-_READERS: dict[str, Callable[[_Signals, int], Any]] = {
-    "q": lambda s, i: s.at.q[i],
-    "qd": lambda s, i: s.at.qd[i],
-    "qdd": lambda s, i: s.at.qdd[i],
-    "t": lambda s, _: s.at.t,
-    "load": lambda s, i: s.load(i),
-    "link_inertia": lambda s, i: s.link_inertia(i),
-    "coupling": lambda s, i: s.link_inertia(i),
-    "level": lambda s, i: s.equations.level(i, s),
-    # No temperature is measured here.
-    "warmth": lambda _, __: 0.0,
-    "unmeasured": lambda _, __: 1.0,
-    "qd_next": lambda s, i: s.at.qd[i + 1] if i + 1 < s.model.n else 0.0,
-    "qd_previous": lambda s, i: s.at.qd[i - 1] if i else 0.0,
-    "moment_x": lambda s, i: s.moments[0, i],
-    "moment_y": lambda s, i: s.moments[1, i],
-    "tip_load": lambda s, i: s.tip_load[i],
-    "tip_y": lambda s, _: s.tip[1],
-    "tip_yd": lambda s, _: ca.mtimes(s.tip_row, s.at.qd),
-    "tip_row": lambda s, i: s.tip_row[i],
-    "plate_y": lambda s, _: s.plate(),
-    "ratio": lambda s, i: s.model.joints[i].gear_ratio,
-}
+class _Driven(_Signals):
+    """The same where a drive acts: the torque that it gives, and how that changes in time."""
+
+    def __init__(self, signals: _Signals, acting: Any, slope: Any) -> None:
+        super().__init__(signals.equations, signals.instant)
+        self.acting, self.slope = acting, slope
+
+    def predicted(self, _joint: int) -> Any:
+        return self.acting
+
+    def predicted_rate(self, _joint: int) -> Any:
+        return self.slope

@@ -21,6 +21,7 @@ from scipy.interpolate import make_interp_spline
 from runtime.estimation.grids import points
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.model.loader import JointInfo, Library, LoaderError, Model, ParameterInfo
+from runtime.model.signals import OF_OTHERS, needs_of
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
@@ -184,7 +185,7 @@ def _link(signals: Signals, values: Structure) -> Array:
 def _output(signals: Signals, values: Structure) -> Array:
     """(n, N) torque at the joints' output: what moves and holds the link side, without noise."""
     model = signals.model
-    torque = np.array([np.asarray(signals.get("load", i)) for i in range(model.n)])
+    torque = signals.loads.copy()
     for term in (t for t in values if model.library.effects[t.effect].side == "link"):
         for joint in joints_of(model, term):
             torque[joint] += signals.torque(term, joint)
@@ -226,8 +227,7 @@ def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
     """All parameters of all terms: as stated, else shape from the middle of its grid and size by SHARE."""
     done: Structure = {}
     # Effects that read what others predict come last, so that those are there.
-    late = ("level", "predicted", "predicted_rate", "plate_y")
-    order = sorted(terms, key=lambda t: sum(s in late for s in model.library.effects[t.effect].signals))
+    order = sorted(terms, key=lambda t: len(needs_of(model.library, t.effect) & OF_OTHERS))
     for term in order:
         info, given = model.library.effects[term.effect], dict(terms[term])
         if any(p.name not in given for p in info.parameters if p.role != "given"):

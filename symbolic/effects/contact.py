@@ -33,6 +33,7 @@ PLATE = Effect(
             "base y of the plate when it is not touched, y_p",
             "shape",
             grid=Grid(0, 1, 48, "tip", "linear"),
+            gives="plate_y",
         ),
     ),
     summary="A plate on a spring that the end-effector presses down.",

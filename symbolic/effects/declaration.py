@@ -19,57 +19,26 @@ from typing import Any, Literal
 import sympy as sp
 
 from symbolic import units as u
+from symbolic.effects.signals import SIGNAL, SIGNALS, Signal
 from symbolic.primitives import WIDTHS
 
+__all__ = [
+    "DT",
+    "SIGNAL",
+    "SIGNALS",
+    "Effect",
+    "Grid",
+    "LinearForm",
+    "Parameter",
+    "Signal",
+    "State",
+    "check",
+    "parameter",
+    "prefix",
+    "state",
+]
 
-@dataclass(frozen=True)
-class Signal:
-    """A quantity that effects may read, one value a joint and sample."""
 
-    symbol: sp.Symbol
-    unit: u.Unit
-    meaning: str
-
-    @property
-    def name(self) -> str:
-        return self.symbol.name
-
-
-def _signal(name: str, unit: u.Unit, meaning: str) -> Signal:
-    return Signal(sp.Symbol(name, real=True), unit, meaning)
-
-
-SIGNALS: tuple[Signal, ...] = (
-    _signal("q", u.POSITION, "joint position"),
-    _signal("qd", u.RATE, "joint rate"),
-    _signal("qdd", u.ACCELERATION, "joint acceleration"),
-    _signal("t", u.SECOND, "time since the start of the run"),
-    _signal("load", u.FORCE, "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor"),
-    _signal("link_inertia", u.INERTIA, "inertia of the link side as this joint sees it, without the own rotor"),
-    _signal(
-        "coupling",
-        u.INERTIA,
-        "inertia between this joint and the effect's own, link side; at the own joint link_inertia. An effect that "
-        "reads it acts on all joints: what its own joint's link does is felt in the others",
-    ),
-    _signal("level", u.FORCE, "predicted magnitude of the joint's Coulomb friction in the present direction"),
-    _signal("predicted", u.FORCE, "predicted motor torque, all active effects included"),
-    _signal("predicted_rate", u.FORCE / u.SECOND, "time derivative of the predicted motor torque"),
-    _signal("warmth", u.KELVIN, "rise of the measured temperature since the start; 0 where none is measured"),
-    _signal("unmeasured", u.KELVIN, "1 K where no temperature is measured, else 0"),
-    _signal("qd_next", u.RATE, "rate of the next joint outwards; 0 at the last"),
-    _signal("qd_previous", u.RATE, "rate of the joint before; 0 at the first"),
-    _signal("has_next", u.ONE, "1 if the effect's second joint is the next one outwards, else 0"),
-    _signal("moment_x", u.FORCE * u.SECOND**2 / u.METRE, "derivative of the arm's first mass moment along base x by q"),
-    _signal("moment_y", u.FORCE * u.SECOND**2 / u.METRE, "derivative of the arm's first mass moment along base y by q"),
-    _signal("tip_load", u.FORCE / u.KILOGRAM, "torque that a unit mass at the end-effector asks of this joint"),
-    _signal("tip_y", u.METRE, "end-effector's y in the base frame"),
-    _signal("tip_yd", u.METRE / u.SECOND, "rate of the end-effector's y"),
-    _signal("tip_row", u.FORCE / u.NEWTON, "derivative of the end-effector's y by q"),
-    _signal("plate_y", u.METRE, "base y of the active plate's surface; minus infinity where no plate is active"),
-    _signal("ratio", u.ONE / u.POSITION, "gear ratio per unit of position: motor turns' angle by q"),
-)
-SIGNAL = {s.name: s for s in SIGNALS}
 DT = sp.Symbol("dt", positive=True)
 """Step of the recursion of effects with memory, s."""
 
@@ -116,6 +85,7 @@ class Parameter:
     """A parameter of an effect; `bounds` are physical (dissipation, order), in SI.
 
     default   the value of a "given" parameter that the model file does not state
+    gives     the signal that its value is for the effects beside it; "" for none
     """
 
     name: str
@@ -125,6 +95,7 @@ class Parameter:
     bounds: tuple[float, float] = (-inf, inf)
     grid: Grid | None = None
     default: float | None = None
+    gives: str = ""
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -234,6 +205,11 @@ class Effect:
         """Those it reads, in the order of SIGNALS."""
         used = _symbols(self)
         return tuple(s for s in SIGNALS if s.symbol in used)
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether the transmission gives way: what the own joint's link does is felt at all joints."""
+        return any(s.between for s in self.signals)
 
     @property
     def columns(self) -> tuple[sp.Expr, ...]:

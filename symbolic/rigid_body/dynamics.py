@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import sympy as sp
@@ -19,30 +20,48 @@ def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
     return Lumps(**{kind: tuple(values.get((kind, i), 0) for i in range(n)) for kind in KINDS})
 
 
-def functions(author: Author, chain: Chain, symbols: dict[Column, sp.Symbol], frame: int) -> list[SymbolicFunction]:
-    """All functions of D qdd + C qd + g = tau. `symbols`: the base parameters; `frame`: see newton_euler."""
+def functions(
+    author: Author, chain: Chain, symbols: dict[Column, sp.Symbol], frame: int, rotors: Sequence[sp.Expr]
+) -> list[SymbolicFunction]:
+    """All functions of D qdd + C qd + g = tau. `symbols`: the base parameters; `frame`: see newton_euler; `rotors`:
+    (n,) the model file's rotor inertias, kg m² (kg)."""
     lumps = lumps_of(symbols, chain.n)
     return [
-        _inverse_dynamics(author, chain, lumps, frame),
-        *_closed_forms(author, chain, lumps),
+        *_inverse_dynamics(author, chain, lumps, frame, rotors),
+        *_closed_forms(author, chain, lumps, rotors),
         _forward_dynamics(author, chain, lumps, frame),
         _regressor(author, chain, tuple(symbols), frame),
     ]
 
 
-def _inverse_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) -> SymbolicFunction:
+def _inverse_dynamics(
+    author: Author, chain: Chain, lumps: Lumps, frame: int, rotors: Sequence[sp.Expr]
+) -> list[SymbolicFunction]:
     recorder = author.recorder()
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     tau = inverse_dynamics(chain, lumps, frame, q, qd, qdd, recorder)
-    return author.function(
-        "inverse_dynamics",
-        ("q", "qd", "qdd"),
-        ("tau", tau, (chain.n,), author.coordinates.force, "joint torques"),
-        recorder,
-        "tau = D(q) qdd + C(q, qd) qd + g(q).",
-        "Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
-        notation(frame),
-    )
+    whole = [recorder.let(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
+    load = [torque - rotor * a for torque, rotor, a in zip(whole, rotors, qdd, strict=True)]
+    return [
+        author.function(
+            "inverse_dynamics",
+            ("q", "qd", "qdd"),
+            ("tau", tau, (chain.n,), author.coordinates.force, "joint torques"),
+            recorder,
+            "tau = D(q) qdd + C(q, qd) qd + g(q).",
+            "Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
+            notation(frame),
+        ),
+        author.function(
+            "link_load",
+            ("q", "qd", "qdd"),
+            ("load", load, (chain.n,), author.coordinates.force, "at the joints' outputs"),
+            recorder,
+            "Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
+            "Equation (1) less the model file's rotor inertia times qdd",
+            notation(frame) | {"whole": "torque of a joint, its rotor included"},
+        ),
+    ]
 
 
 def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -> Mechanics:
@@ -50,12 +69,14 @@ def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -
     return mechanics(chain, lumped_bodies(lumps, chain, q), list(lumps.I), q, qd, recorder)
 
 
-def _closed_forms(author: Author, chain: Chain, lumps: Lumps) -> list[SymbolicFunction]:
+def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[sp.Expr]) -> list[SymbolicFunction]:
     recorder, n = author.recorder(), chain.n
     m = _mechanics(author, chain, lumps, recorder)
     unit = author.coordinates.unit
     D = [e for row in m.D for e in row]
     C = [e for row in m.C for e in row]
+    own = [recorder.let(f"D{i + 1}{i + 1}", m.D[i][i]) - rotor for i, rotor in enumerate(rotors)]
+    links = [own[i] if i == j else e for i, row in enumerate(m.D) for j, e in enumerate(row)]
     inertia = "kg m^2, kg m or kg" if " or " in author.coordinates.force else unit("kg m^2", "kg")
     rate = "per entry: torque by rate" if " or " in author.coordinates.force else unit("kg m^2/s", "kg/s")
     return [
@@ -67,6 +88,15 @@ def _closed_forms(author: Author, chain: Chain, lumps: Lumps) -> list[SymbolicFu
             "Inertia matrix D(q), rotors included.",
             "Lagrangian; D of equation (1)",
             NOTATION,
+        ),
+        author.function(
+            "link_inertia",
+            ("q",),
+            ("D", links, (n, n), inertia, "inertia matrix without the rotors"),
+            recorder,
+            "Inertia of the links as the joints see it: D(q) less the rotors.",
+            "Lagrangian; the model file's rotor inertias",
+            NOTATION | {"D": "inertia of a joint, its rotor included"},
         ),
         author.function(
             "coriolis",

@@ -88,8 +88,13 @@ NOTATION = {"theta": "absolute angle of a link", "c, s": "cosine and sine; c12 o
 
 
 def functions(author: Author, arm: Arm, chain: Chain, frame: int) -> list[SymbolicFunction]:
-    """tip, tip_jacobian, tip_load, moment_jacobian. `chain`: lengths in m, gravity in m/s²."""
-    return [_tip(author, chain), _tip_jacobian(author, chain), _tip_load(author, chain, frame), _moment(author, arm)]
+    """tip, tip_jacobian, tip_rate, tip_load, moment_jacobian. `chain`: lengths in m, gravity in m/s²."""
+    return [
+        _tip(author, chain),
+        *_tip_motion(author, chain),
+        _tip_load(author, chain, frame),
+        _moment(author, arm),
+    ]
 
 
 def base_coordinates(vector: Components, directions: dict[int, tuple[Any, Any]]) -> tuple[Any, Any]:
@@ -128,21 +133,33 @@ def _tip(author: Author, chain: Chain) -> SymbolicFunction:
     )
 
 
-def _tip_jacobian(author: Author, chain: Chain) -> SymbolicFunction:
-    recorder, q = author.recorder(), author.coordinates.symbols("q")
+def _tip_motion(author: Author, chain: Chain) -> list[SymbolicFunction]:
+    recorder, q, qd = author.recorder(), author.coordinates.symbols("q"), author.coordinates.symbols("qd")
     turned = directions(chain.revolute, q, recorder)
     columns = _columns(distal_points(chain, q)[-1], chain, turned, recorder)
     rows = [[x for x, _ in columns], [y for _, y in columns], [int(turns) for turns in chain.revolute]]
+    rates = [sum((slope * rate for slope, rate in zip(row, qd, strict=True)), sp.Integer(0)) for row in rows]
     unit = author.coordinates.unit("m/rad", "1")
-    return author.function(
-        "tip_jacobian",
-        ("q",),
-        ("J", [e for row in rows for e in row], (3, chain.n), unit, "rows x, y, angle"),
-        recorder,
-        "Derivative of the end-effector's position and angle by q.",
-        "J of equation (1)",
-        NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
-    )
+    return [
+        author.function(
+            "tip_jacobian",
+            ("q",),
+            ("J", [e for row in rows for e in row], (3, chain.n), unit, "rows x, y, angle"),
+            recorder,
+            "Derivative of the end-effector's position and angle by q.",
+            "J of equation (1)",
+            NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
+        ),
+        author.function(
+            "tip_rate",
+            ("q", "qd"),
+            ("v", rates, (3,), "m/s, m/s, rad/s", "rates of x, y and angle"),
+            recorder,
+            "Rate of the end-effector's position and angle.",
+            "J qd, with J of equation (1)",
+            NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
+        ),
+    ]
 
 
 def _columns(

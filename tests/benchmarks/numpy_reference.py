@@ -73,7 +73,7 @@ class NumPyFit:
             for term in layout.terms:
                 if i in joints_of(problem.model, term):
                     part = layout.slices[term]
-                    columns = self.columns(term, shapes[term], signals.term_signals(term, i), len(piece.t))
+                    columns = self.columns(term, shapes[term], signals.of(term, i), len(piece.t))
                     x[0] += columns[0]
                     x[1 + part.start : 1 + part.stop] = columns[1:]
             out.append(piece.in_band(x))

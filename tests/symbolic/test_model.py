@@ -17,8 +17,8 @@ from symbolic.model_file.checks import ModelError
 from symbolic.model_file.reader import load
 
 ARMS = Path(symbolic.__file__).parent / "arms"
-EVERY = ["inverse_dynamics", "inertia", "coriolis", "gravity", "forward_dynamics", "regressor"]
-EVERY += ["tip", "tip_jacobian", "tip_load", "moment_jacobian"]
+EVERY = ["inverse_dynamics", "link_load", "inertia", "link_inertia", "coriolis", "gravity"]
+EVERY += ["forward_dynamics", "regressor", "tip", "tip_jacobian", "tip_rate", "tip_load", "moment_jacobian"]
 CONTACT = [f"contact_{x}" for x in ("coordinates", "jacobian", "bias", "inverse", "acceleration")]
 
 
@@ -179,6 +179,25 @@ def test_moments_give_gravity(types: str) -> None:
     assert case.call("gravity", q=q) == [-(a - 9 * b) for a, b in zip(x, y, strict=True)]
 
 
+@pytest.mark.parametrize("types", ["R", "P", "RRRR", "RPR", "PRP"])
+def test_links_are_what_an_arm_without_rotors_is(types: str) -> None:
+    arm = exact.chain_of(types, (1.0, -9.0), 0.01)
+    light = exact.case(replace(arm, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in arm.joints)))
+    case = exact.case(arm)
+    state = case.point(4)
+    assert case.call("link_load", **state) == light.call("inverse_dynamics", **state)
+    assert case.call("link_inertia", q=state["q"]) == light.call("inertia", q=state["q"])
+
+
+@pytest.mark.parametrize("types", ["R", "P", "RRRR", "RPR", "PRP"])
+def test_tip_moves_as_its_jacobian_says(types: str) -> None:
+    case = exact.case(exact.chain_of(types, (0.0, 0.0), 0.01))
+    state = case.point(5)
+    J = case.matrix("tip_jacobian", q=state["q"])
+    expected = [sum(a * b for a, b in zip(row, state["qd"], strict=True)) for row in J]
+    assert case.call("tip_rate", q=state["q"], qd=state["qd"]) == expected
+
+
 # --- energy and units, in floating point ---
 
 
@@ -267,13 +286,16 @@ def test_every_function_keeps_its_units(types: str, gravity: tuple[float, float]
     by_lump = [scale(lump.unit) for lump in one.lumps]
     out = {
         "inverse_dynamics": of["tau"],
+        "link_load": of["tau"],
         "gravity": of["tau"],
         "forward_dynamics": of["qdd"],
         "inertia": [energy * S**2 / (a * b) for a, b in pairs],
+        "link_inertia": [energy * S**2 / (a * b) for a, b in pairs],
         "coriolis": [energy * S / (a * b) for a, b in pairs],
         "regressor": [t / lump for t in of["tau"] for lump in by_lump],
         "tip": place,
         "tip_jacobian": [p / c for p in place for c in coordinate],
+        "tip_rate": [p / S for p in place],
         "tip_load": [t / KG for t in of["tau"]],
         "moment_jacobian": [KG * M / c for _ in range(2) for c in coordinate],
         "contact_coordinates": of["w"],

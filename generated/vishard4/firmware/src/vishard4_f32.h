@@ -40,12 +40,33 @@ void vishard4_inverse_dynamics_f32(
     const float qdd[4],
     float tau[4]);
 
+/* link_load: Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * in   qdd (4) [rad/s^2]: joint accelerations
+ * out  load (4) [N m]: at the joints' outputs
+ * Source: Equation (1) less the model file's rotor inertia times qdd
+ * Operations: 81 operations (30 add, 8 sub, 43 mul) and 3 sincos */
+void vishard4_link_load_f32(
+    const vishard4_parameters_f32 *parameters,
+    const float q[4],
+    const float qd[4],
+    const float qdd[4],
+    float load[4]);
+
 /* inertia: Inertia matrix D(q), rotors included.
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
  * Source: Lagrangian; D of equation (1)
  * Operations: 50 operations (33 add, 17 mul) and 6 sincos */
 void vishard4_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16]);
+
+/* link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
+ * in   q (4) [rad]: joint positions
+ * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
+ * Source: Lagrangian; the model file's rotor inertias
+ * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+void vishard4_link_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16]);
 
 /* coriolis: Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.
  * in   q (4) [rad]: joint positions
@@ -107,6 +128,18 @@ void vishard4_tip_f32(const vishard4_parameters_f32 *parameters, const float q[4
  * Source: J of equation (1)
  * Operations: 21 operations (9 add, 8 mul, 4 neg) and 4 sincos */
 void vishard4_tip_jacobian_f32(const vishard4_parameters_f32 *parameters, const float q[4], float J[12]);
+
+/* tip_rate: Rate of the end-effector's position and angle.
+ * in   q (4) [rad]: joint positions
+ * in   qd (4) [rad/s]: joint rates
+ * out  v (3) [m/s, m/s, rad/s]: rates of x, y and angle
+ * Source: J qd, with J of equation (1)
+ * Operations: 35 operations (18 add, 16 mul, 1 neg) and 4 sincos */
+void vishard4_tip_rate_f32(
+    const vishard4_parameters_f32 *parameters,
+    const float q[4],
+    const float qd[4],
+    float v[3]);
 
 /* tip_load: Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).
  * in   q (4) [rad]: joint positions

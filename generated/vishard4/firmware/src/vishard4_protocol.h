@@ -13,7 +13,7 @@
 #define VISHARD4_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define VISHARD4_BUILD 0x7219ea14U
+#define VISHARD4_BUILD 0x385e4a25U
 
 /* What is held of a trajectory, and how many of its control points come in a message. */
 #define VISHARD4_MAX_PHASES 16U

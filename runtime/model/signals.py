@@ -1,0 +1,175 @@
+"""What effects read, wherever they are evaluated: along a recording in NumPy, at one instant in CasADi.
+
+A signal that follows from the motion, the arm's geometry or the model file is read as its declaration says
+(symbolic/effects/signals.py); the few that need what surrounds the sample have a row in _ROWS. Estimation, simulation
+and planning each bring a SignalContext, which says what the motion is and what surrounds it there.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping
+from functools import cached_property
+from typing import Any
+
+from runtime.model.loader import Library, Model
+from runtime.model.terms import Term
+
+LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
+"""The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
+
+
+class UnknownHere(LookupError):
+    """A signal was asked for where nobody knows it."""
+
+
+class SignalContext(ABC):
+    """What surrounds the place where an effect reads: numbers (N,) along samples, or expressions of one instant.
+
+    What a context does not know, it leaves out: nothing that reads it may be evaluated there.
+    """
+
+    model: Model
+
+    @abstractmethod
+    def coordinate(self, name: str) -> Any:
+        """q, qd or qdd of the joints, indexed by the joint (0-based)."""
+
+    @abstractmethod
+    def evaluate(self, function: str) -> Any:
+        """The output of one of the arm's generated functions at this motion."""
+
+    @abstractmethod
+    def given(self, name: str) -> Any | None:
+        """The signal of this name that a parameter of an active effect is; None where there is none."""
+
+    def time(self) -> Any:
+        """s since the run began."""
+        raise UnknownHere("the time")
+
+    def terms(self) -> Collection[Term]:
+        """The effects that act."""
+        raise UnknownHere("the effects that act")
+
+    def torque(self, term: Term, joint: int) -> Any:
+        """Of one of them at a joint (0-based)."""
+        raise UnknownHere(f"the torque of {term} at joint {joint + 1}")
+
+    def predicted(self, joint: int) -> Any:
+        """Torque of the motor at a joint (0-based)."""
+        raise UnknownHere(f"the predicted torque of joint {joint + 1}")
+
+    def predicted_rate(self, joint: int) -> Any:
+        """Its derivative by the time."""
+        raise UnknownHere(f"the rate of joint {joint + 1}'s predicted torque")
+
+    def warmth(self, joint: int) -> Any | None:  # noqa: ARG002
+        """K by which the measured temperature has risen; None where none is measured."""
+        return None
+
+    @cached_property
+    def _outputs(self) -> dict[str, Any]:
+        return {}
+
+    def arm(self, function: str) -> Any:
+        """As `evaluate`, computed once."""
+        if function not in self._outputs:
+            self._outputs[function] = self.evaluate(function)
+        return self._outputs[function]
+
+    def signal(self, name: str, joint: int, own: int | None) -> Any:
+        """A signal at a joint (0-based), for an effect that sits at the joint `own`; None: one of arm or contact."""
+        source = self.model.library.signal[name].source
+        if source is None:
+            return _ROWS[name](self, joint, own)
+        if source["kind"] == "Given":
+            value = self.given(name)
+            return source["absent"] if value is None else value
+        return _SOURCES[source["kind"]](self, source, joint, own)
+
+    def reader(self, term: Term, joint: int) -> Callable[[str], Any]:
+        """Signals by name as a term reads them for its torque at a joint (0-based)."""
+        library = self.model.library
+        own = None if term.joint is None else term.joint - 1
+        elsewhere = own is not None and library[term.effect].gives_way
+
+        def read(name: str) -> Any:
+            # What an effect does at its own joint is felt at another in proportion to what stands between the two.
+            at = own if elsewhere and own is not None and not library.signal[name].between else joint
+            return self.signal(name, at, own)
+
+        return read
+
+
+def _coordinate(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
+    there = joint + source["step"]
+    return at.coordinate(source["name"])[there] if 0 <= there < at.model.n else 0.0
+
+
+def _output(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
+    joints = {"joint": joint, "own": joint if own is None else own}
+    index = tuple(joints.get(i, i) for i in source["index"])
+    return at.arm(source["function"])[index if len(index) > 1 else index[0]]
+
+
+def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
+    return getattr(at.model.joints[joint], source["name"])
+
+
+_SOURCES: dict[str, Callable[[SignalContext, Mapping[str, Any], int, int | None], Any]] = {
+    "Coordinate": _coordinate,
+    "ArmOutput": _output,
+    "JointConstant": _constant,
+}
+
+
+def _level(at: SignalContext, joint: int, _: int | None) -> Any:
+    terms = (Term(effect, joint + 1) for effect in LEVEL_EFFECTS)
+    return abs(sum(at.torque(term, joint) for term in terms if term in at.terms()))
+
+
+def _warmth(at: SignalContext, joint: int, _: int | None) -> Any:
+    warmth = at.warmth(joint)
+    return 0.0 if warmth is None else warmth
+
+
+_ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
+    "t": lambda at, _, __: at.time(),
+    "level": _level,
+    "predicted": lambda at, joint, _: at.predicted(joint),
+    "predicted_rate": lambda at, joint, _: at.predicted_rate(joint),
+    "warmth": _warmth,
+    "unmeasured": lambda at, joint, _: 1.0 if at.warmth(joint) is None else 0.0,
+    "has_next": lambda _, joint, own: 1.0 if joint == own else 0.0,
+}
+"""Signals without a source, at a joint, for an effect that sits at another or the same."""
+
+
+def needs_of(library: Library, effect: str) -> frozenset[str]:
+    """What one has to know for the signals that an effect reads; see `Needs` of the declarations."""
+    return frozenset(library.signal[name].needs for name in library[effect].signals)
+
+
+IDENTIFIED = frozenset({"arm", "friction", "effect", "torque", "torque_rate"})
+"""Needs that only an identified model meets; all others are met by the motion alone."""
+OF_OTHERS = frozenset({"friction", "effect", "torque", "torque_rate"})
+"""Those that hang on other effects."""
+OF_DRIVE = frozenset({"torque", "torque_rate"})
+"""Those of what turns a commanded torque into another."""
+
+
+def unknown_to_plan(library: Library, effect: str) -> list[str]:
+    """Signals that the effect reads and a plan does not know, in alphabetical order."""
+    return sorted(name for name in library[effect].signals if library.signal[name].known_to == "recording")
+
+
+def steps(library: Library, effect: str) -> list[int]:
+    """By how many joints further out are those whose motion the effect reads."""
+    sources = (library.signal[name].source for name in library[effect].signals)
+    return [source["step"] for source in sources if source is not None and "step" in source]
+
+
+def sensors(library: Library, effect: str) -> frozenset[str]:
+    """Further sensors that show what the effect reads: "link", "temperature", "force"."""
+    found = (library.signal[name].sensor for name in library[effect].signals)
+    return frozenset(sensor for sensor in found if sensor is not None)

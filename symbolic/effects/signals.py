@@ -1,0 +1,281 @@
+"""Every signal that an effect may read, declared once: what it is, where it comes from and who knows it.
+
+A signal with a source follows from it wherever it is read: along recordings, in simulation, in plans and in the
+controller. One without a source needs what surrounds the sample, and has a row in runtime/model/signals.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import sympy as sp
+
+from symbolic import units as u
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """q, qd or qdd of the joint that is `step` joints further out; 0 where there is none."""
+
+    name: Literal["q", "qd", "qdd"]
+    step: int = 0
+
+
+@dataclass(frozen=True)
+class ArmOutput:
+    """A component of one of the arm's generated functions.
+
+    index   of its output; "joint": of the joint whose torque is asked for, "own": of the joint where the effect sits
+    """
+
+    function: str
+    index: tuple[int | Literal["joint", "own"], ...]
+
+
+@dataclass(frozen=True)
+class JointConstant:
+    """A number of the model file's joint, by the name of its attribute."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Given:
+    """The value of the parameter of an active effect that `gives` this signal; `absent` where there is none."""
+
+    absent: float
+
+
+Source = Coordinate | ArmOutput | JointConstant | Given
+
+Needs = Literal["motion", "time", "temperature", "arm", "friction", "effect", "torque", "torque_rate"]
+"""What one has to know beyond the model file to know a signal:
+
+motion        positions, rates and accelerations alone
+time          when the run began
+temperature   a measured temperature, or that there is none
+arm           the identified inertial parameters
+friction      the identified dry friction of the joint, whose place an effect takes that reads it
+effect        the identified parameters of another effect
+torque        the whole predicted torque, all other effects included
+torque_rate   its derivative: an effect that reads it shifts the torque in time, as a skewed recording does
+"""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A quantity that effects may read, one value a joint and sample.
+
+    source      where it comes from; None: from what surrounds the sample
+    known_to    the first that knows it: a controller, at the measured motion; a plan, which knows all that a
+                controller knows and the accelerations; or only those who have a recording
+    seen_over   the signal of `compare` over which an effect that reads it shows; None: over none of its own
+    sensor      the further sensor that shows an effect which reads it; None: none does
+    span        between which generated forms are tried
+    switch      it is 0 or 1 and nothing between
+    """
+
+    name: str
+    unit: u.Unit
+    meaning: str
+    needs: Needs = "motion"
+    source: Source | None = None
+    known_to: Literal["controller", "plan", "recording"] = "recording"
+    seen_over: Literal["position", "velocity", "acceleration", "load", "temperature", "time"] | None = None
+    sensor: Literal["link", "temperature", "force"] | None = None
+    span: tuple[float, float] = (-1.0, 1.0)
+    switch: bool = False
+
+    @property
+    def between(self) -> bool:
+        """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
+        return isinstance(self.source, ArmOutput) and "own" in self.source.index
+
+    @cached_property
+    def symbol(self) -> sp.Symbol:
+        return sp.Symbol(self.name, real=True)
+
+
+SIGNALS: tuple[Signal, ...] = (
+    Signal(
+        "q",
+        u.POSITION,
+        "joint position",
+        source=Coordinate("q"),
+        known_to="controller",
+        seen_over="position",
+        span=(-3.0, 3.0),
+    ),
+    Signal(
+        "qd",
+        u.RATE,
+        "joint rate",
+        source=Coordinate("qd"),
+        known_to="controller",
+        seen_over="velocity",
+        span=(-5.0, 5.0),
+    ),
+    Signal(
+        "qdd",
+        u.ACCELERATION,
+        "joint acceleration",
+        source=Coordinate("qdd"),
+        known_to="plan",
+        seen_over="acceleration",
+        span=(-20.0, 20.0),
+    ),
+    Signal("t", u.SECOND, "time since the start of the run", "time", seen_over="time", span=(0.0, 100.0)),
+    Signal(
+        "load",
+        u.FORCE,
+        "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor",
+        "arm",
+        ArmOutput("link_load", ("joint",)),
+        known_to="plan",
+        seen_over="load",
+        span=(-50.0, 50.0),
+    ),
+    Signal(
+        "link_inertia",
+        u.INERTIA,
+        "inertia of the link side as this joint sees it, without the own rotor",
+        "arm",
+        ArmOutput("link_inertia", ("joint", "joint")),
+        seen_over="acceleration",
+        span=(0.01, 3.0),
+    ),
+    Signal(
+        "coupling",
+        u.INERTIA,
+        "inertia between this joint and the effect's own, link side; at the own joint link_inertia. An effect that "
+        "reads it acts on all joints: what its own joint's link does is felt in the others",
+        "arm",
+        ArmOutput("link_inertia", ("joint", "own")),
+        seen_over="acceleration",
+        sensor="link",
+    ),
+    Signal(
+        "level",
+        u.FORCE,
+        "predicted magnitude of the joint's Coulomb friction in the present direction",
+        "friction",
+        seen_over="velocity",
+        span=(0.1, 10.0),
+    ),
+    Signal(
+        "predicted",
+        u.FORCE,
+        "predicted motor torque, all active effects included",
+        "torque",
+        known_to="plan",
+        seen_over="load",
+        span=(-50.0, 50.0),
+    ),
+    Signal(
+        "predicted_rate",
+        u.FORCE / u.SECOND,
+        "time derivative of the predicted motor torque",
+        "torque_rate",
+        seen_over="acceleration",
+        span=(-500.0, 500.0),
+    ),
+    Signal(
+        "warmth",
+        u.KELVIN,
+        "rise of the measured temperature since the start; 0 where none is measured",
+        "temperature",
+        seen_over="temperature",
+        sensor="temperature",
+        span=(0.0, 30.0),
+    ),
+    Signal("unmeasured", u.KELVIN, "1 K where no temperature is measured, else 0", "temperature", switch=True),
+    Signal(
+        "qd_next",
+        u.RATE,
+        "rate of the next joint outwards; 0 at the last",
+        source=Coordinate("qd", 1),
+        known_to="controller",
+    ),
+    Signal(
+        "qd_previous",
+        u.RATE,
+        "rate of the joint before; 0 at the first",
+        source=Coordinate("qd", -1),
+        known_to="controller",
+    ),
+    Signal(
+        "has_next",
+        u.ONE,
+        "1 if the effect's second joint is the next one outwards, else 0",
+        known_to="controller",
+        switch=True,
+    ),
+    Signal(
+        "moment_x",
+        u.FORCE * u.SECOND**2 / u.METRE,
+        "derivative of the arm's first mass moment along base x by q",
+        source=ArmOutput("moment_jacobian", (0, "joint")),
+        known_to="controller",
+        seen_over="position",
+    ),
+    Signal(
+        "moment_y",
+        u.FORCE * u.SECOND**2 / u.METRE,
+        "derivative of the arm's first mass moment along base y by q",
+        source=ArmOutput("moment_jacobian", (1, "joint")),
+        known_to="controller",
+        seen_over="position",
+    ),
+    Signal(
+        "tip_load",
+        u.FORCE / u.KILOGRAM,
+        "torque that a unit mass at the end-effector asks of this joint",
+        source=ArmOutput("tip_load", ("joint",)),
+        known_to="plan",
+        seen_over="load",
+        sensor="force",
+    ),
+    Signal(
+        "tip_y",
+        u.METRE,
+        "end-effector's y in the base frame",
+        source=ArmOutput("tip", (1,)),
+        known_to="controller",
+        sensor="force",
+    ),
+    Signal(
+        "tip_yd",
+        u.METRE / u.SECOND,
+        "rate of the end-effector's y",
+        source=ArmOutput("tip_rate", (1,)),
+        known_to="controller",
+        sensor="force",
+    ),
+    Signal(
+        "tip_row",
+        u.FORCE / u.NEWTON,
+        "derivative of the end-effector's y by q",
+        source=ArmOutput("tip_jacobian", (1, "joint")),
+        known_to="controller",
+        sensor="force",
+    ),
+    Signal(
+        "plate_y",
+        u.METRE,
+        "base y of the active plate's surface; out of reach, -1e9, where no plate is active",
+        "effect",
+        Given(absent=-1e9),
+        known_to="controller",
+    ),
+    Signal(
+        "ratio",
+        u.ONE / u.POSITION,
+        "gear ratio per unit of position: motor turns' angle by q",
+        source=JointConstant("gear_ratio"),
+        known_to="controller",
+        span=(1.0, 160.0),
+    ),
+)
+SIGNAL = {s.name: s for s in SIGNALS}
