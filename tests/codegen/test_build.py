@@ -117,8 +117,8 @@ def test_another_effect_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_prepared_library_needs_no_sympy() -> None:
     prepare.prepare_effects()
     script = (
-        "import sys; from codegen import build, workspace; build.compile_shared = None; "
-        "workspace.prepare_effects(); print('sympy' in sys.modules)"
+        "import sys; from codegen import prepare; from codegen.toolchain import build; build.compile_shared = None; "
+        "prepare.prepare_effects(); print('sympy' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

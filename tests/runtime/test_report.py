@@ -22,6 +22,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.gates import Evidence, Verdict
 from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.estimation import covariance
 from runtime.estimation.compare import Comparison, as_written, series, structure_shares
 from runtime.estimation.covariance import Estimate
 from runtime.estimation.identify import identify_motion, prepared
@@ -33,7 +34,7 @@ from runtime.recordings.recording import Recording
 from runtime.report import reasons
 from runtime.report.follow_up import Invocation, about
 from runtime.report.page import html_page, page_figures, page_findings
-from runtime.report.plots import joint_plots, time_plots
+from runtime.report.plots import joint_plots, style, time_plots
 from runtime.report.summary import ResultSummary
 from runtime.report.terminal import loop_pages
 from runtime.simulation import demo_plant
@@ -201,7 +202,7 @@ def test_page_holds_the_numbers_of_the_json(improvement, page):
     assert {e["effect"] for e in fitted} >= {"stribeck", "viscous"}
     for entry in fitted:
         for p in entry["parameters"].values():
-            assert wording.estimate(Estimate(p["value"], tuple(p["interval"]), p["unit"])) in read.text
+            assert covariance.estimate(Estimate(p["value"], tuple(p["interval"]), p["unit"])) in read.text
     assert "0.123 N m" in read.text  # the torque that only the finding explains
     assert "its shape lies at the edge of what was searched" in read.text
     assert "stiffness less than 41800 N m/rad" in read.text
@@ -247,8 +248,8 @@ def contrast(one: str, other: str) -> float:
 
 def test_no_colour_of_a_figure_escapes_the_page(page):
     """Colours are the page's, so that figures turn dark with it."""
-    style = page[page.index("<style>") : page.index("</style>")]
-    body = page.replace(style, "")
+    sheet = page[page.index("<style>") : page.index("</style>")]
+    body = page.replace(sheet, "")
     for colour in style.COLOURS.values():
         assert colour not in body
 
@@ -491,9 +492,9 @@ def test_numbers(value, text):
 
 
 def test_an_estimate_has_the_digits_that_its_interval_supports():
-    assert wording.estimate(Estimate(0.23640, (0.23617, 0.23663), "kg m^2")) == "0.23640 ± 0.00023"
-    assert wording.estimate(Estimate(203.47, (180.0, 226.94), "N s/m")) == "203 ± 23"
-    assert wording.estimate(Estimate(1.0, None, "N", ("viscous@1 coefficient",))).endswith(
+    assert covariance.estimate(Estimate(0.23640, (0.23617, 0.23663), "kg m^2")) == "0.23640 ± 0.00023"
+    assert covariance.estimate(Estimate(203.47, (180.0, 226.94), "N s/m")) == "203 ± 23"
+    assert covariance.estimate(Estimate(1.0, None, "N", ("viscous@1 coefficient",))).endswith(
         "only together with viscous@1 coefficient)"
     )
     assert wording.unit("N m s^3/rad^3") == "N m s³/rad³"
