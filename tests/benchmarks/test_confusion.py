@@ -6,12 +6,14 @@ import importlib.util
 import os
 from pathlib import Path
 
+from harness import sized
+
 from tests.judge import plan
 from tests.judge.line import append, blank, code, read, write
 from tests.judge.others import METHODS
 from tests.judge.run import How, report, run, show
 
-BUDGET = float(os.environ.get("TENDON_BENCHMARK_BUDGET", "600"))
+BUDGET = float(os.environ.get("TENDON_BENCHMARK_BUDGET", sized("600", "10")))
 """Seconds after which no case is begun; the table goes on where it ended when the same code is judged again."""
 TABLES = Path.home() / ".cache" / "tendon" / "benchmarks"
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi
 import lagrange_reference
 import numpy as np
-from harness import best, show
+from harness import best, show, sized
 from numpy.typing import NDArray
 from pinocchio_reference import Missing, Reference
 
@@ -23,7 +23,7 @@ from symbolic.model_file.arm import Arm
 Array = NDArray[np.float64]
 
 SAMPLES = 1024  # 160 kB with double precision: in the second cache
-ROUNDS, REPETITIONS = 5, 60
+ROUNDS, REPETITIONS = sized((5, 60), (1, 2))
 EQUAL = 1e-9  # N m of about 30: far above rounding, far below any difference in the equations
 # Float rounds to 6e-8 of each term; some thirty terms of up to 100 N m meet in a torque.
 EQUAL_FLOAT = 2e-4

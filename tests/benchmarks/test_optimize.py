@@ -14,7 +14,7 @@ import lagrange_reference
 import numpy as np
 import pytest
 from by_hand import ByHand, Solved, scipy_solution
-from harness import show
+from harness import show, sized
 from numpy.typing import NDArray
 from opti_reference import OptiByHand
 from pinocchio_reference import Missing, Reference
@@ -31,11 +31,11 @@ from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 
-CAP = float(os.environ.get("TENDON_BENCHMARK_CAP", "60"))
+CAP = float(os.environ.get("TENDON_BENCHMARK_CAP", sized("60", "1")))
 """Seconds of processor time after which a solver is stopped, a problem: other work on the machine costs none."""
-STARTS = int(os.environ.get("TENDON_BENCHMARK_STARTS", "20"))
+STARTS = int(os.environ.get("TENDON_BENCHMARK_STARTS", sized("20", "1")))
 """Random starts a problem."""
-ONLY = os.environ.get("TENDON_BENCHMARK_CASES", "")
+ONLY = os.environ.get("TENDON_BENCHMARK_CASES", sized("", "2D 0.6"))
 """Beginning of the names of the cases to be run, "2D" for instance."""
 
 STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"

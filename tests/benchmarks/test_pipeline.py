@@ -7,7 +7,7 @@ from time import process_time
 
 import numpy as np
 import pytest
-from harness import best, show, timed
+from harness import best, show, sized, timed
 from numpy.typing import NDArray
 from numpy_reference import NumPyFit
 
@@ -26,9 +26,9 @@ from symbolic.model_file import reader
 Array = NDArray[np.float64]
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
-SECONDS = 80.0
-LONG = 1000.0
-ROUNDS = 5
+SECONDS = sized(80.0, 20.0)
+LONG = sized(1000.0, 40.0)
+ROUNDS = sized(5, 1)
 
 
 @pytest.mark.parametrize("name", ["drive", "vishard4"])

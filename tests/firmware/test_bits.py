@@ -26,6 +26,7 @@ from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 
+SLOW = pytest.mark.slow
 STEPS = 10_000
 """Of the motion."""
 GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
@@ -114,8 +115,8 @@ def test_on_this_computer(sources: Path, expected: Results, command: tuple[str, 
     assert (on_this_computer(sources, command, level) == expected).all()
 
 
-@pytest.mark.parametrize("level", [*LEVELS, cross.FAST, cross.SMALL])
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("level", [*(pytest.param(x, marks=SLOW) for x in LEVELS), cross.FAST, cross.SMALL])
+@pytest.mark.parametrize("target", ["cortex-m4f", *(pytest.param(x, marks=SLOW) for x in TARGETS if x != "cortex-m4f")])
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_unicorn(images: Images, expected: Results, kind: str, target: str, level: str) -> None:
     processor = Processor(images(kind, target, level), target)
@@ -124,6 +125,7 @@ def test_on_unicorn(images: Images, expected: Results, kind: str, target: str, l
 
 
 @QEMU
+@SLOW
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
@@ -135,7 +137,7 @@ def test_on_qemu(images: Images, expected: Results, tmp_path: Path, kind: str, t
     assert (shaped((tmp_path / "results.bin").read_bytes()) == expected).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["zig", pytest.param("gcc", marks=[GCC, SLOW])])
 def test_on_unicorn_it_is_what_sympy_says(vishard4: Arm, tmp_path: Path, kind: str) -> None:
     """Every function of the arm and the controller's compensations, by 1e-5 of the sum of |terms|."""
     derived = derive(vishard4)

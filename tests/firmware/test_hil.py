@@ -27,7 +27,11 @@ from runtime.workspace import Source
 EMULATED = [
     pytest.param("unicorn"),
     pytest.param(
-        "qemu", marks=pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
+        "qemu",
+        marks=[
+            pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm"),
+            pytest.mark.slow,
+        ],
     ),
 ]
 CASES = {"scenario1": StudyCase("D", 1.2), "scenario2": StudyCase("B", 1.2, 600.0)}

@@ -101,6 +101,7 @@ def test_files_of_others_are_not_overwritten(here, run):
     assert run(*call, here)[2] == f"{here}: is a directory; expected a file to write\n"
 
 
+@pytest.mark.slow
 def test_a_neighbours_motion_is_guessed_at_the_joint_that_feels_it(tmp_path):
     """Drag between two joints, by the plant that judges the diagnosis; and on a recording that was not fitted."""
     (case,) = judging.cases(["drag_across"], [2], [1.5], [4], judging.Setting())

@@ -229,6 +229,7 @@ def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
     assert np.abs(np.diff(path)).max() * RATE < joint["speed_limit"]
 
 
+@pytest.mark.slow
 def test_where_no_motion_separates_it_says_what_would(
     drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,25 +40,29 @@ def test_the_springs_savings_of_scenario_1(study: Study) -> None:
     assert [claim for claim in study.claims("table2") if not claim.holds] == []
 
 
+@pytest.mark.slow
 def test_savings_do_not_depend_on_friction_at_any_cycle_time(study: Study) -> None:
     assert sorted(study.spread) == [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6, 2.8, 3.0]
     # Costs are printed with one decimal. At 1 s, where the stiffest spring is too soft, it is 2.01.
     assert round(max(study.spread.values()), 1) <= 2.0
 
 
+@pytest.mark.slow
 def test_table_3_within_twenty_percent_and_ten_on_average(study: Study) -> None:
     off = [abs(row.simulation / row.paper.simulation - 1.0) for row in study.table3]
     assert max(off) <= 0.20
     assert sum(off) / len(off) <= 0.10
 
 
+@pytest.mark.slow
 def test_what_section_5b_says_of_the_springs_in_contact(study: Study) -> None:
     told = [claim for claim in study.claims("table3") if "joint 4" not in claim.text]
     assert [claim for claim in told if not claim.holds] == []
 
 
-def test_bare_cases_have_no_spring_and_sprung_ones_one_that_can_be_bought(study: Study) -> None:
-    for row in (*study.table2, *study.table3):
+@pytest.mark.parametrize("table", ["table2", pytest.param("table3", marks=pytest.mark.slow)])
+def test_bare_cases_have_no_spring_and_sprung_ones_one_that_can_be_bought(study: Study, table: str) -> None:
+    for row in getattr(study, table):
         assert (row.stiffness is not None) == row.case.sprung
         bought = row.plan.scenario.springs[0].catalogue if row.case.sprung else (row.stiffness,)
         assert row.stiffness in bought

@@ -529,6 +529,7 @@ def cluster(cache: Path) -> Iterator[Any]:  # noqa: ARG001
         yield client
 
 
+@pytest.mark.slow
 def test_a_worker_killed_in_a_cluster_loses_and_doubles_nothing(
     run: Run, folder: Path, cluster: Any, undisturbed: pd.DataFrame
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import pytest
 import sympy as sp
@@ -51,15 +52,27 @@ EFFECTS = pytest.mark.parametrize("effect", LIBRARY.values(), ids=LIBRARY)
 CLOSE = {"rel_tol": 1e-9, "abs_tol": 1e-12}
 
 
+POSITIVE = ("t", "link_inertia", "level", "ratio", "unmeasured")
+
+
+@cache
+def read(effect: Effect) -> frozenset[sp.Symbol]:
+    """Symbols of the effect's laws."""
+    laws = (effect.torque, *(law for s in effect.states for law in (s.step, s.initial)))
+    return frozenset().union(*(sp.sympify(law).free_symbols for law in laws))
+
+
 @st.composite
 def situations(draw: st.DrawFn, effect: Effect) -> dict[sp.Symbol, float]:
-    """A value for every signal, parameter and state, within bounds and away from overflow."""
+    """A value for every signal that is read, parameter and state, within bounds and away from overflow."""
     number = st.floats(0.1, 3.0)
     signed = st.builds(lambda x, s: x * s, number, st.sampled_from([-1.0, 1.0]))
-    values = {s.symbol: draw(signed) for s in SIGNALS} | {DT: draw(st.floats(1e-4, 1e-2))}
-    for name in ("t", "link_inertia", "level", "ratio", "unmeasured"):
-        values[SIGNAL[name].symbol] = draw(number)
-    values[SIGNAL["has_next"].symbol] = draw(st.sampled_from([0.0, 1.0]))
+    values = {DT: draw(st.floats(1e-4, 1e-2))}
+    for s in SIGNALS:
+        if s.symbol in read(effect):
+            values[s.symbol] = draw(number if s.name in POSITIVE else signed)
+    if SIGNAL["has_next"].symbol in values:
+        values[SIGNAL["has_next"].symbol] = draw(st.sampled_from([0.0, 1.0]))
     for p in effect.parameters:
         values[p.symbol] = draw(number if p.bounds[0] >= 0 else signed)
     if effect.name == "end_stop":
@@ -143,6 +156,12 @@ def test_prefix_refuses_what_the_reader_of_the_json_does_not_know() -> None:
         prefix(sp.exp(parameter("x")))
 
 
+@cache
+def narrow(effect: Effect) -> sp.Expr:
+    """The torque's surrogate, of hardly any width."""
+    return smooth(effect.torque).subs(dict.fromkeys(WIDTHS, sp.Float(1e-9)))
+
+
 @EFFECTS
 @settings(max_examples=15, deadline=None)
 @given(data=st.data())
@@ -150,8 +169,7 @@ def test_surrogate_is_exact_away_from_switching(effect: Effect, data: st.DataObj
     values = data.draw(situations(effect))
     switches = effect.torque.atoms(sgn, step, ramp)
     assume(all(abs(evaluate(s.args[0], values)) > 1e-6 for s in switches))
-    narrow = smooth(effect.torque).subs(dict.fromkeys(WIDTHS, sp.Float(1e-9)))
-    assert math.isclose(evaluate(narrow, values), evaluate(effect.torque, values), rel_tol=1e-6, abs_tol=1e-7)
+    assert math.isclose(evaluate(narrow(effect), values), evaluate(effect.torque, values), rel_tol=1e-6, abs_tol=1e-7)
 
 
 @pytest.mark.parametrize("name", [n for n, e in LIBRARY.items() if e.dissipates and e.scope == "joint"])
@@ -201,7 +219,8 @@ def test_symmetric_friction_is_odd_in_the_rate(name: str, data: st.DataObject) -
 @given(data=st.data())
 def test_mirrored_joint_has_mirrored_torque(name: str, data: st.DataObject) -> None:
     values = data.draw(situations(LIBRARY[name]))
-    mirrored = values | {SIGNAL[s].symbol: -values[SIGNAL[s].symbol] for s in ("q", "qd")}
+    turned = {SIGNAL[s].symbol for s in ("q", "qd")}
+    mirrored = {symbol: -value if symbol in turned else value for symbol, value in values.items()}
     for p in ("position", "side", "rest"):
         if parameter(p) in values:
             mirrored[parameter(p)] = -values[parameter(p)]
