@@ -28,9 +28,9 @@ ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What a process of pytest-xdist takes at once: a file, whose fixtures are then made once, or all with a clock."""
-    for item in items:
+    for item in items if config.pluginmanager.hasplugin("xdist") else ():
         group = "real_time" if item.get_closest_marker("real_time") else item.path.stem
         item.add_marker(pytest.mark.xdist_group(group))
 

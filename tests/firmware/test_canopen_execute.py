@@ -153,7 +153,9 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         out, err = capsys.readouterr()
         if out.startswith("{"):
             return status, json.loads(out)
-        return status, {"text": out, "complaint": err.strip()}
+        # What is compiled the first time says so.
+        complaint = "\n".join(line for line in err.strip().splitlines() if not line.endswith("…"))
+        return status, {"text": out, "complaint": complaint}
 
     return run
 
