@@ -60,7 +60,7 @@ def steps(image: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("degree", FREE)
+@pytest.mark.parametrize("degree", [pytest.param(7, marks=pytest.mark.slow), 10])
 def test_a_free_phase(motion: Callable[..., Path], model: Model, kind: str, degree: int) -> None:
     """All effects and four springs, joints fast and slow, early and late in a phase, changes of phase, limits."""
     plan = motions.plan(model, motions.free(degree), motions.slow(degree), plate=False)
@@ -96,8 +96,8 @@ def test_inverse_dynamics(motion: Callable[..., Path], model: Model, kind: str) 
     assert max(meter.counts[name]) <= INVERSE_DYNAMICS
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("degree", WHOLE)
+@pytest.mark.parametrize("kind", ["zig", pytest.param("gcc", marks=[GCC, pytest.mark.slow])])
+@pytest.mark.parametrize("degree", [pytest.param(7, marks=pytest.mark.slow), 10])
 def test_a_step_of_the_machine(vishard4: Arm, model: Model, kind: str, degree: int) -> None:
     """In a run on the simulated arm that is recorded at the control rate; the first step, which also looks where the
     arm stands, and the steps of an arm that waits apart."""
