@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from math import isfinite
 from typing import Any
 
 from codegen.tape.tape import Tape
 from symbolic import units as u
-from symbolic.effects.declaration import SIGNALS, Effect, Parameter, Signal, prefix
+from symbolic.described import DescribedEffect, DescribedParameter, to_json
+from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import Joint
-from symbolic.units import Unit
-
-JOINT_TYPES = ("revolute", "prismatic")
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -96,7 +93,7 @@ def _signal(signal: Signal) -> dict[str, Any]:
     source = signal.source
     return {
         "name": signal.name,
-        "unit": _unit(signal.unit),
+        "unit": to_json(signal.unit, UnitOfJoint),
         "meaning": signal.meaning,
         "needs": signal.needs,
         "source": None if source is None else {"kind": type(source).__name__, **asdict(source)},
@@ -107,41 +104,12 @@ def _signal(signal: Signal) -> dict[str, Any]:
 
 
 def _effect(effect: Effect) -> dict[str, Any]:
+    """What is said of an effect, and what follows from its equations."""
     return {
-        "name": effect.name,
-        "scope": effect.scope,
-        "family": effect.family,
-        "summary": effect.summary,
-        "equation": effect.equation,
-        "trace": effect.trace,
-        "experiment": effect.experiment,
-        "source": effect.source,
-        "dissipates": effect.dissipates,
-        "generalises": list(effect.generalises),
+        **to_json(effect, DescribedEffect),
         "signals": [s.name for s in effect.signals],
-        "gives_way": effect.gives_way,
-        "parameters": [_parameter(p) for p in effect.parameters],
-        "coefficients": [_parameter(c) for c in effect.coefficients],
+        "coefficients": [to_json(c, DescribedParameter) for c in effect.coefficients],
         "recover": None if effect.form is None else [prefix(e) for e in effect.form.recover],
         "states": [s.name for s in effect.states],
+        "deflection": effect.deflection,
     }
-
-
-def _parameter(parameter: Parameter) -> dict[str, Any]:
-    grid = parameter.grid
-    return {
-        "name": parameter.name,
-        "unit": _unit(parameter.unit),
-        "meaning": parameter.meaning,
-        "role": parameter.role,
-        "default": parameter.default,
-        "gives": parameter.gives,
-        "bounds": [bound if isfinite(bound) else None for bound in parameter.bounds],
-        "grid": None
-        if grid is None
-        else {"low": grid.low, "high": grid.high, "count": grid.count, "of": grid.of, "spacing": grid.spacing},
-    }
-
-
-def _unit(unit: Unit) -> dict[str, str]:
-    return {kind: unit.text(kind) for kind in JOINT_TYPES}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from codegen.firmware.source_tree import FirmwareTree
     from runtime.model.loader import Model
+    from runtime.planning.trajectory import Trajectory
     from runtime.recordings.recording import Recording
     from symbolic.effects.declaration import Effect
     from symbolic.model_file.arm import Arm, Values
@@ -83,16 +84,18 @@ class Source:
 
         return editor.add_effect(text, str(self.path), self.library, effect, joint, values)
 
-    def mounted(self, springs: Mapping[int, Values], contact: Mapping[str, Values]) -> str:
-        """The text with the springs (by joint) and the contact (by effect) of a trajectory in place of its own."""
+    def mounted(self, trajectory: Trajectory) -> str:
+        """The text with the springs and the contact of a trajectory in place of its own."""
         from symbolic.model_file.editor import place_effect
 
-        text, arm = self.text, self.arm()
+        text, arm, contact = self.text, self.arm(), trajectory.contact
+        springs = [name for name, effect in self.library.items() if effect.brought and effect.scope == "joint"]
         there = arm.contact.effects if arm.contact else {}
         places: dict[tuple[str, int | None], Values | None] = {
-            **{("parallel_spring", joint): springs.get(joint) for joint in range(1, len(arm.joints) + 1)},
+            **{(effect, joint): None for effect in springs for joint in range(1, len(arm.joints) + 1)},
             **{(effect, None): contact.get(effect) for effect in (*there, *contact)},
         }
+        places |= {(trajectory.effects.get(j, springs[0]), j): dict(v) for j, v in trajectory.springs.items()}
         for (effect, joint), values in places.items():
             text = place_effect(text, str(self.path), self.library, effect, joint, values)
         return text

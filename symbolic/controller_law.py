@@ -13,10 +13,8 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.effects.contact import PLATE, PLATE_DAMPING
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
 from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant
-from symbolic.effects.springs import PARALLEL_SPRING
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.rigid_body.base_parameters import exact
@@ -67,64 +65,79 @@ class Site:
             return True
         return joint == self.joint or (self.effect.scope == "joints" and joint == self.joint + 1)
 
-    @property
-    def rubs(self) -> bool:
-        """Whether it is friction in the sense of (7): changes its sign with the direction of motion."""
-        return self.effect.scope != "contact" and (self.effect.family == "friction" or self.effect.dissipates)
-
-
-PLATE_SITES = (Site(PLATE), Site(PLATE_DAMPING))
-
-
-def _spring_lumps() -> tuple[tuple[Parameter, sp.Expr], ...]:
-    form = PARALLEL_SPRING.form
-    assert form is not None
-    shapes = [p for p in PARALLEL_SPRING.parameters if p.symbol in form.torque.free_symbols]
-    return (
-        *zip(form.coefficients, form.from_parameters, strict=True),
-        *((p, p.symbol) for p in shapes if p not in form.coefficients),
-    )
-
-
-SPRING_LUMPS = _spring_lumps()
-"""What a controller takes of a spring, and how that follows from the spring's parameters: no product of theirs is
-computed twice."""
-
 
 @dataclass(frozen=True)
 class Spring:
-    """The spring that a trajectory brings along for a joint (1-based)."""
+    """The spring that a trajectory brings along for a joint (1-based).
 
+    usual   the one that is meant where nobody names one; the names of others stand before those of their parameters
+    """
+
+    effect: Effect
     joint: int
+    usual: bool = True
+
+    @property
+    def lumps(self) -> tuple[tuple[Parameter, sp.Expr], ...]:
+        """What a controller takes of it, and how that follows from its parameters: no product of theirs is computed
+        twice. Of others than the usual one, the parameters themselves."""
+        form = self.effect.form if self.usual else None
+        solved = zip(form.coefficients, form.from_parameters, strict=True) if form else ()
+        used = self._law.free_symbols
+        rest = [p for p in self.effect.parameters if p.symbol in used and not (form and p in form.coefficients)]
+        return (*solved, *((p, p.symbol) for p in rest))
+
+    @property
+    def _law(self) -> sp.Expr:
+        return self.effect.form.torque if self.usual and self.effect.form else self.effect.torque
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its lumps among those of all springs of a joint."""
+        return tuple(p.name if self.usual else f"{self.effect.name}_{p.name}" for p, _ in self.lumps)
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
         """Those of its lumps, in order."""
-        return tuple(sp.Symbol(f"joint{self.joint}_spring_{p.name}", real=True) for p, _ in SPRING_LUMPS)
+        return tuple(sp.Symbol(f"joint{self.joint}_spring_{name}", real=True) for name in self.names)
 
     def torque(self, reading: Reading) -> sp.Expr:
         """At its joint, whose signals have these expressions."""
-        form = PARALLEL_SPRING.form
-        assert form is not None
-        own = {p.symbol: symbol for (p, _), symbol in zip(SPRING_LUMPS, self.symbols, strict=True)}
-        return form.torque.xreplace({**reading, **own})
+        own = {p.symbol: symbol for (p, _), symbol in zip(self.lumps, self.symbols, strict=True)}
+        return self._law.xreplace({**reading, **own})
 
 
-def springs(n: int) -> tuple[Spring, ...]:
-    """One a joint."""
-    return tuple(Spring(joint) for joint in range(1, n + 1))
+def _springs(model: ArmModel, library: Mapping[str, Effect]) -> tuple[Spring, ...]:
+    """One of each kind that a trajectory may bring, joint by joint."""
+    effects = [e for e in library.values() if e.brought and e.scope == "joint"]
+    joints = range(1, len(model.arm.joints) + 1)
+    return tuple(Spring(effect, joint, effect is effects[0]) for joint in joints for effect in effects)
+
+
+def _touched(library: Mapping[str, Effect]) -> tuple[Site, ...]:
+    """What the end-effector may touch: the effects that a trajectory brings, of those that give a signal the first."""
+    found: list[Effect] = []
+    for effect in (e for e in library.values() if e.brought and e.scope == "contact"):
+        given = {p.gives for p in effect.parameters if p.gives}
+        if not any(p.gives in given for e in found for p in e.parameters):
+            found.append(effect)
+    return tuple(map(Site, found))
 
 
 @dataclass(frozen=True)
 class Compensation:
     """The generated functions of a controller beside those of the arm, and what they take.
 
+    springs         that a trajectory may bring, joint by joint, the usual one first
+    touched         effects of the contact that it brings
     effects         struct of c_u, c_e and the parameters of the compensated effects; nan where the file has no value
     compensated     sites in the order of their fields
     uncompensated   the other active effects
     functions       joint_compensation, contact_compensation
     """
 
+    springs: tuple[Spring, ...]
+    touched: tuple[Site, ...]
     effects: Struct
     compensated: tuple[Site, ...]
     uncompensated: tuple[Site, ...]
@@ -133,16 +146,18 @@ class Compensation:
 
 def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation:
     """The compensation of an arm's active effects; `library`: all declarations by name."""
-    brought = {PARALLEL_SPRING.name, *(site.effect.name for site in PLATE_SITES)}
-    sites = [site for site, _ in _active(model, library) if site.effect.name not in brought]
+    springs, touched = _springs(model, library), _touched(library)
+    sites = [site for site, _ in _active(model, library) if not site.effect.brought]
     compensated = tuple(site for site in sites if site.obstacle is None)
     values = {str(site): found for site, found in _active(model, library)}
     effects = _struct(model, compensated, values)
     return Compensation(
+        springs,
+        touched,
         effects,
         compensated,
         tuple(site for site in sites if site.obstacle is not None),
-        (_joints(model, effects, compensated), _contact(model, effects, compensated)),
+        (_joints(model, effects, springs, touched, compensated), _contact(model, effects, touched, compensated)),
     )
 
 
@@ -200,22 +215,23 @@ def underestimated(friction: sp.Expr, qd: sp.Expr) -> sp.Expr:
     return C_U * friction * (1 - sp.exp(-C_E * sp.Abs(qd)))
 
 
-def _joints(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> SymbolicFunction:
-    parallel = springs(len(model.arm.joints))
-    recorder = Recorder([s.name for s in _inputs(model, effects, *parallel)])
+def _joints(
+    model: ArmModel, effects: Struct, springs: Sequence[Spring], touched: Sequence[Site], sites: Sequence[Site]
+) -> SymbolicFunction:
+    recorder = Recorder([s.name for s in _inputs(model, effects, *springs)])
     torques = []
-    for number, reading in enumerate(_readings(model, recorder), 1):
+    for number, reading in enumerate(_readings(model, touched, recorder), 1):
         here = [site for site in sites if site.acts_on(number) and site.effect.scope != "contact"]
-        friction = sum((site.torque(number, reading) for site in here if site.rubs), sp.S.Zero)
-        rest = sum((site.torque(number, reading) for site in here if not site.rubs), sp.S.Zero)
-        spring = parallel[number - 1].torque(reading)
+        friction = sum((site.torque(number, reading) for site in here if site.effect.rubs), sp.S.Zero)
+        rest = sum((site.torque(number, reading) for site in here if not site.effect.rubs), sp.S.Zero)
+        spring = sum((s.torque(reading) for s in springs if s.joint == number), sp.S.Zero)
         qd = reading[SIGNAL["qd"].symbol]
         torques.append(underestimated(nested(friction, qd), qd) + spring + rest)
-    columns = ", ".join(p.name for p, _ in SPRING_LUMPS)
+    columns = ", ".join(name for spring in springs if spring.joint == 1 for name in spring.names)
     return _function(
         model,
         "joint_compensation",
-        [_effects(effects), _brought("springs", parallel, f"a row a joint: {columns}")],
+        [_effects(effects), _brought("springs", springs, f"a row a joint: {columns}")],
         torques,
         recorder,
         "Torques of friction, springs and the other static effects of joints and arm at the measured motion.",
@@ -223,16 +239,16 @@ def _joints(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> Symbolic
     )
 
 
-def _contact(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> SymbolicFunction:
-    recorder = Recorder([s.name for s in _inputs(model, effects, *PLATE_SITES)])
-    here = [*PLATE_SITES, *(site for site in sites if site.effect.scope == "contact")]
-    readings = enumerate(_readings(model, recorder), 1)
+def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: Sequence[Site]) -> SymbolicFunction:
+    recorder = Recorder([s.name for s in _inputs(model, effects, *touched)])
+    here = [*touched, *(site for site in sites if site.effect.scope == "contact")]
+    readings = enumerate(_readings(model, touched, recorder), 1)
     torques = [sum((site.torque(number, r) for site in here), sp.S.Zero) for number, r in readings]
-    names = ", ".join(s.name for site in PLATE_SITES for s in site.symbols)
+    names = ", ".join(s.name for site in touched for s in site.symbols)
     return _function(
         model,
         "contact_compensation",
-        [_effects(effects), _brought("contact", PLATE_SITES, names)],
+        [_effects(effects), _brought("contact", touched, names)],
         torques,
         recorder,
         "Torques of the plate, and of other effects of the contact, at the measured motion.",
@@ -240,12 +256,12 @@ def _contact(model: ArmModel, effects: Struct, sites: Sequence[Site]) -> Symboli
     )
 
 
-def _readings(model: ArmModel, recorder: Recorder) -> list[Reading]:
+def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> list[Reading]:
     """What every joint's effects read, in the positions and rates."""
     signals = [(s, s.source) for s in SIGNALS if s.known_to == "controller" and s.source is not None]
     named = dict.fromkeys(source.function for _, source in signals if isinstance(source, ArmOutput))
     outputs = {name: _replayed(model, name, recorder) for name in named}
-    given = {p.gives: site.symbol(p) for site in PLATE_SITES for p in site.effect.parameters if p.gives}
+    given = {p.gives: site.symbol(p) for site in touched for p in site.effect.parameters if p.gives}
     return [
         {
             s.symbol: given[s.name] if isinstance(source, Given) else sp.sympify(_read(model, source, i, outputs))

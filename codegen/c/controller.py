@@ -16,9 +16,8 @@ from codegen.c.controller_records import COORDINATES, MAX_DEGREE, MIN_DEGREE, ST
 from codegen.c.records import Record, size_lines
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
-from symbolic.controller_law import PLATE_SITES, SPRING_LUMPS, Compensation, compensation, springs
+from symbolic.controller_law import Compensation, Spring, compensation
 from symbolic.effects.declaration import Effect
-from symbolic.effects.springs import PARALLEL_SPRING
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel
 
@@ -91,7 +90,7 @@ class Controller:
         """As codegen.c.c_code.call, with a struct for each of the first arguments; where it is called, so that the
         compiler keeps the motion in registers."""
         tape = Tape.of(function)
-        spelling = _brought(len(self.model.arm.joints))
+        spelling = _brought(self.compensation)
         for name, symbols in _groups(function):
             pattern = "{name}->{symbol}" if name in STRUCTS else "{name}[{i}]"
             for i, symbol in enumerate(symbols):
@@ -137,7 +136,8 @@ class Controller:
             "status": {flag: bit for flag, (bit, _) in STATUS.items()},
             "min_degree": MIN_DEGREE,
             "max_degree": MAX_DEGREE,
-            "springs": {p.name: _powers(product) for p, product in SPRING_LUMPS},
+            "springs": {p.name: _powers(c.springs[0], product) for p, product in c.springs[0].lumps},
+            **_others(c),
             "effects": {symbol.name: value if isfinite(value) else None for symbol, value in values},
             "compensated": [str(site) for site in c.compensated],
             "uncompensated": [{"effect": str(site), "reason": site.obstacle} for site in c.uncompensated],
@@ -152,20 +152,27 @@ def _groups(function: SymbolicFunction) -> list[tuple[str, tuple[sp.Symbol, ...]
     return own if struct is None else [(struct.name, struct.symbols), *own]
 
 
-def _brought(n: int) -> dict[sp.Symbol, str]:
+def _brought(found: Compensation) -> dict[sp.Symbol, str]:
     """How the parameters of what a trajectory brings are spelt."""
     spelling = {
         symbol: f"contact->{site.effect.name}_{p.name}"
-        for site in PLATE_SITES
+        for site in found.touched
         for symbol, p in zip(site.symbols, site.effect.parameters, strict=True)
     }
-    for i, spring in enumerate(springs(n)):
-        lumps = zip(spring.symbols, SPRING_LUMPS, strict=True)
-        spelling |= {symbol: f"springs[{i}].{p.name}" for symbol, (p, _) in lumps}
+    for spring in found.springs:
+        names = zip(spring.symbols, spring.names, strict=True)
+        spelling |= {symbol: f"springs[{spring.joint - 1}].{name}" for symbol, name in names}
     return spelling
 
 
-def _powers(product: sp.Expr) -> dict[str, int]:
+def _others(found: Compensation) -> dict[str, Any]:
+    """Springs beside the usual one, if there are any: by effect, the parameter that stands in each field."""
+    others = [spring for spring in found.springs if spring.joint == 1 and not spring.usual]
+    fields = {s.effect.name: {n: p.name for n, (p, _) in zip(s.names, s.lumps, strict=True)} for s in others}
+    return {"other_springs": fields} if fields else {}
+
+
+def _powers(spring: Spring, product: sp.Expr) -> dict[str, int]:
     """A product of a spring's own parameters as their powers, for whoever computes it."""
     powers = product.as_powers_dict()
-    return {p.name: int(powers[p.symbol]) for p in PARALLEL_SPRING.parameters if p.symbol in powers}
+    return {p.name: int(powers[p.symbol]) for p in spring.effect.parameters if p.symbol in powers}

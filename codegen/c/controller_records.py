@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from codegen.c.records import Record, RecordField, of_struct
-from symbolic.controller_law import PLATE_SITES, SPRING_LUMPS, Compensation
+from symbolic.controller_law import Compensation
 from symbolic.model import ArmModel
 from symbolic.rigid_body.kinematics import Coordinates
 
@@ -26,8 +26,8 @@ def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ..
     return (
         of_struct(f"{name}_parameters_f32", "", model.struct, declared=True),
         of_struct(f"{name}_effects_f32", "Parameters of the effects that are compensated.", found.effects),
-        _spring(name, coordinates),
-        _contact(name),
+        _spring(name, coordinates, found),
+        _contact(name, found),
         _config(name, coordinates),
         _phase(name, coordinates),
         _trajectory(name, coordinates),
@@ -40,26 +40,28 @@ def _record(name: str, what: str, meaning: str, *fields: RecordField) -> Record:
     return Record(f"{name}_{what}_f32", meaning, fields)
 
 
-def _spring(name: str, coordinates: Coordinates) -> Record:
+def _spring(name: str, coordinates: Coordinates, found: Compensation) -> Record:
     return _record(
         name,
         "spring",
         "A spring parallel to a joint, equation (2); all zero where there is none.",
         *(
-            RecordField(p.name, "float", coordinates.unit(p.unit.text("revolute"), p.unit.text("prismatic")), p.meaning)
-            for p, _ in SPRING_LUMPS
+            RecordField(lump, "float", coordinates.unit(p.unit.text("revolute"), p.unit.text("prismatic")), p.meaning)
+            for spring in found.springs
+            if spring.joint == 1
+            for lump, (p, _) in zip(spring.names, spring.lumps, strict=True)
         ),
     )
 
 
-def _contact(name: str) -> Record:
+def _contact(name: str, found: Compensation) -> Record:
     return _record(
         name,
         "contact",
         "The plate, equation (3), and its damper.",
         *(
             RecordField(f"{site.effect.name}_{p.name}", "float", p.unit.text(), p.meaning)
-            for site in PLATE_SITES
+            for site in found.touched
             for p in site.effect.parameters
         ),
     )

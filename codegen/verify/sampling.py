@@ -10,7 +10,7 @@ from math import isfinite, pi
 import sympy as sp
 
 from codegen.verify.reference import Reference
-from symbolic.controller_law import C_E, C_U, PLATE_SITES, SPRING_LUMPS, Compensation, springs
+from symbolic.controller_law import C_E, C_U, Compensation
 from symbolic.effects.declaration import DT, Effect, Parameter
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel
@@ -54,10 +54,10 @@ def arm_values(
 def controller_values(rng: random.Random, model: ArmModel, found: Compensation) -> Values:
     """Arguments of a controller's compensation: a random state, and parameters within their bounds."""
     values = arm_values(rng, model.arm, model.function("coriolis"), {})
-    for site in (*found.compensated, *PLATE_SITES):
+    for site in (*found.compensated, *found.touched):
         values |= {site.symbol(p): single(_parameter(rng, p)) for p in site.effect.parameters}
-    for spring in springs(len(model.arm.joints)):
-        lumps = zip(spring.symbols, SPRING_LUMPS, strict=True)
+    for spring in found.springs:
+        lumps = zip(spring.symbols, spring.lumps, strict=True)
         values |= {symbol: single(_parameter(rng, p)) for symbol, (p, _) in lumps}
     return values | {C_U: single(rng.uniform(0.0, 1.0)), C_E: single(rng.uniform(1.0, 200.0))}
 

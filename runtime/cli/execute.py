@@ -134,7 +134,7 @@ def execute(
     result, more = (_real if is_real else _simulated)(source, trajectory, asked)
     document = {**result.to_json(), **more}
     plan = result.plan.trajectory
-    text = source.mounted(plan.springs, plan.contact)
+    text = source.mounted(plan)
     if result.recording is None or document["status"] == "refused":
         out = model_out = None
     elif out is not None:

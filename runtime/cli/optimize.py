@@ -68,7 +68,7 @@ def optimize(
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:
-        files.replace(model_out, source.mounted(plan.trajectory.springs, plan.trajectory.contact).encode())
+        files.replace(model_out, source.mounted(plan.trajectory).encode())
     if plot is not None:
         from runtime.report.plots import plan_plots, style
 

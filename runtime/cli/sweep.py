@@ -14,7 +14,7 @@ import typer
 
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import NO, emit
-from runtime.workspace import UsageError, scenario_source
+from runtime.workspace import UsageError, effects_library, scenario_source
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -72,7 +72,7 @@ def sweep(
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
-    axes = grid.parse(over)
+    axes = grid.parse(over, effects_library(effects))
     case, model = _read(scenario, effects)
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)
@@ -85,7 +85,7 @@ def sweep(
         before = kept.finished(jobs)
         results = _run(jobs, pool, kept)
     tables.write(table, tables.columns(case, model.n, names), jobs, results)
-    variations = tables.summary(jobs, results)
+    variations = tables.summary(jobs, results, model)
     document = {
         "scenario": case.name,
         "arm": model.name,

@@ -171,22 +171,21 @@ class CandidateField:
         bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
         return CandidateBlock(parts, bounds[:, 0], bounds[:, 1])
 
-    def _gives_way(self, term: Term) -> bool:
-        return self.model.library.effects[term.effect].gives_way
-
     def watched(self, term: Term) -> bool:
         """Whether it is a transmission with an encoder on either side."""
-        return self._gives_way(term) and self.motion.has("twist", joints_of(self.model, term)[0])
+        return self.model.library.effects[term.effect].gives_way and self.motion.has(
+            "twist", joints_of(self.model, term)[0]
+        )
 
     def trial(self, term: Term, shape: Values) -> CandidateBlock:
         """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
         joints = joints_of(self.model, term)
-        if not self._gives_way(term):
+        if not self.model.library.effects[term.effect].gives_way:
             return self._sampled(term, shape, joints, reread=False)
         watched = self.watched(term)
         # A transmission's torque is a further derivative of the same readings: their noise would speak against any
         # stiffness. A gap meets its flanks elsewhere on another reading: that noise is no smaller error that adds up.
-        linear = not self.model.library.effects[term.effect].generalises
+        linear = not self.model.library.effects[term.effect].has_gap
         return self._sampled(term, shape, joints if watched else joints[:1], reread=watched or linear)
 
     @cached_property

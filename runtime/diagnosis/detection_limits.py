@@ -30,6 +30,7 @@ from runtime.diagnosis.settings import (
     NO_TORQUE,
 )
 from runtime.estimation import grids
+from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
 from runtime.wording import quantity
@@ -183,7 +184,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
     if len(shape) > 1 and freed * _size(bench, term, shape) < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
         return None
-    shape = _softened(shape, freed)
+    shape = _softened(field.model.library.effects[term.effect], shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
     return Limit(term, name, side, shape[name], unit_of(field.model, term, name), rest)
@@ -218,8 +219,8 @@ def _freed(field: CandidateField, term: Term) -> float:
     return (rotor + link) / rotor if rotor > 0 < link else 1.0
 
 
-def _softened(shape: Values, freed: float) -> Values:
-    return {k: v / freed if k in _OF_A_SPRING else v for k, v in shape.items()}
+def _softened(info: EffectInfo, shape: Values, freed: float) -> Values:
+    return {k: v / freed if info.parameter(k).kind in _OF_A_SPRING else v for k, v in shape.items()}
 
 
 def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, freed: float) -> CandidateBlock:
@@ -227,7 +228,7 @@ def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, free
     block = field.sample(term, shape)
     if freed == 1.0:
         return block
-    noisy = field.sample(term, _softened(shape, freed)).parts
+    noisy = field.sample(term, _softened(field.model.library.effects[term.effect], shape, freed)).parts
     parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in block.parts.items()}
     return replace(block, parts=parts)
 

@@ -86,7 +86,7 @@ class FurtherSensors:
 
     def _transmission(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
         model, motion = self.field.model, self.field.motion
-        gives_way = self._gives_way(term)
+        gives_way = model.library.effects[term.effect].gives_way
         places = joints_of(model, term)[:1] if gives_way else range(model.n)
         sensed = [i for i in places if motion.has("twist", i)]
         if not sensed:
@@ -107,7 +107,8 @@ class FurtherSensors:
         """Whether the measured twist and the candidate's are a gap apart: a step between the two directions of the
         transmitted torque, beside all that a spring, linear or hardening, makes of that torque."""
         model, motion, own = self.field.model, self.field.motion, (candidate.term.joint or 1) - 1
-        if not self._gives_way(candidate.term) or not motion.has("twist", own):
+        info = model.library.effects[candidate.term.effect]
+        if not info.gives_way or not motion.has("twist", own):
             return ()
         twists, loads = [], []
         for signals, piece in zip(self.field.regressors.signals, motion.pieces, strict=True):
@@ -130,7 +131,7 @@ class FurtherSensors:
         shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
         apart, spread = shown - modelled, SENSOR_SIGMAS * float(np.hypot(there.spread, has.spread))
         alike = min(shown, modelled) > HALF_OF_TORQUE * max(shown, modelled)
-        if apart > 0 and model.library.effects[candidate.term.effect].generalises:
+        if apart > 0 and info.has_gap:
             # It is more than a spring: a wider gap is a matter of its values.
             return ()
         if alike or abs(apart) < max(spread, OF_TWIST * float(np.std(both[0, use]))):
@@ -156,8 +157,8 @@ class FurtherSensors:
         if noise:
             read_again = self._measured_lag(regressors.perturbed, own)
             return {i: read_again[i] - plain[i] for i in plain}
-        known = self.field.problem.layout.terms
-        for term in (t for t in known if t.joint == own + 1 and self._gives_way(t)):
+        known, effects = self.field.problem.layout.terms, self.field.model.library.effects
+        for term in (t for t in known if t.joint == own + 1 and effects[t.effect].gives_way):
             for i in plain:
                 plain[i] = plain[i] - self._torque(regressors, term, i)
         return plain
@@ -169,9 +170,6 @@ class FurtherSensors:
 
         pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
         return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
-
-    def _gives_way(self, term: Term) -> bool:
-        return self.field.model.library.effects[term.effect].gives_way
 
     def _torque(self, regressors: Regressors, term: Term, joint: int) -> Array:
         """(M,) of a term of the fitted model, in the band."""

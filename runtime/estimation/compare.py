@@ -296,7 +296,7 @@ def active_from(identification: Identification, joint: int, up_to: float) -> flo
         total = np.zeros_like(speeds)
         for term, values in prediction.values.items():
             info = model.library.effects[term.effect]
-            if term.joint == joint + 1 and info.family == "friction" and set(info.signals) <= {"q", "qd"}:
+            if term.joint == joint + 1 and info.rubs and set(info.signals) <= {"q", "qd"}:
                 signals = {"qd": direction * speeds, "q": np.zeros_like(speeds)}
                 total += model.library.torque(term.effect, signals, values, 1.0)
         driving = np.flatnonzero(direction * total < 0)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from math import inf, nan
+
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import GRID_EDGE
-from runtime.model.loader import ParameterInfo
+from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term, Values, joints_of
+from symbolic.described import DescribedParameter, ParameterKind
 
 Array = NDArray[np.float64]
 
@@ -18,14 +21,15 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     if of == "one":
         return 0.0, 1.0
     joints = joints_of(regressors.model, term)
-    if regressors.model.library.effects[term.effect].gives_way:
+    info = regressors.model.library.effects[term.effect]
+    if info.gives_way:
         joints = joints[:1]
     if of == "critical":
         inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
-        return 0.0, 2 * float(np.sqrt(known["stiffness"] * inertia))
+        return 0.0, 2 * float(np.sqrt(_of_kind(info, "stiffness", known) * inertia))
     if of == "end":
         start, span = _span(regressors, term, "position", known)
-        return (start + span, -span) if known["side"] > 0 else (start, span)
+        return (start + span, -span) if _of_kind(info, "side", known) > 0 else (start, span)
     key = (of, joints)
     if key not in regressors.extents:
         regressors.extents[key] = _extent(regressors, of, joints)
@@ -51,11 +55,17 @@ def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[f
     return 0.0, float(np.max(np.abs(_everywhere(regressors, of, joints))))
 
 
+def _of_kind(info: EffectInfo, kind: ParameterKind, values: Values, default: float = nan) -> float:
+    """The value of the parameter of a kind; the default where the effect has none or it has no value."""
+    parameter = info.of_kind(kind)
+    return default if parameter is None else values.get(parameter.name, default)
+
+
 def _everywhere(regressors: Regressors, signal: str, joints: tuple[int, ...]) -> Array:
     return np.concatenate([np.atleast_1d(s.at(signal, i)) for s in regressors.signals for i in joints])
 
 
-def axis(regressors: Regressors, term: Term, parameter: ParameterInfo, known: Values) -> Array:
+def axis(regressors: Regressors, term: Term, parameter: DescribedParameter, known: Values) -> Array:
     """Grid values of one shape parameter, ascending; `known` holds the shape parameters declared before it."""
     grid = parameter.grid
     if grid is None:
@@ -72,11 +82,15 @@ def points(regressors: Regressors, term: Term) -> list[Values]:
     """
     found: list[Values] = [{}]
     # Sides first: where a place is looked for depends on them.
-    shape = regressors.model.library.effects[term.effect].shape
-    for parameter in sorted(shape, key=lambda p: p.grid is not None and p.grid.continuous):
+    info = regressors.model.library.effects[term.effect]
+    for parameter in sorted(info.shape, key=lambda p: p.grid is not None and p.grid.continuous):
         found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
     usable = [v for v in found if all(np.isfinite(x) for x in v.values())]
-    return [v for v in usable if v.get("start", 0.0) <= v.get("end", np.inf) and v.get("stiffness", 1.0) > 0]
+    return [
+        v
+        for v in usable
+        if _of_kind(info, "begin", v, -inf) <= _of_kind(info, "end", v, inf) and _of_kind(info, "stiffness", v, 1.0) > 0
+    ]
 
 
 def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:

@@ -16,9 +16,6 @@ from runtime.motion.motion import Motion, Piece
 
 Array = NDArray[np.float64]
 
-DEFLECTION = "deflection"
-"""The state of a transmission that a link-side encoder measures: motor less link."""
-
 TRANSMITTED = "link_load"
 """The arm's function whose value a recording may know better."""
 
@@ -154,10 +151,11 @@ class Signals(SignalContext):
 
     def deflection(self, term: Term, shape: Mapping[str, float]) -> Array | None:
         """(N,) by which a term's link lags behind its motor; None for a term without such a state."""
-        if term.joint is None or DEFLECTION not in self.model.library.effects[term.effect].states:
+        name = self.model.library.effects[term.effect].deflection
+        if term.joint is None or name is None:
             return None
         read = self.of(term, term.joint - 1)
-        return self.model.library.states(term.effect, read, shape, self.piece.dt)[DEFLECTION]
+        return self.model.library.states(term.effect, read, shape, self.piece.dt)[name]
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term
+from runtime.model.terms import SURFACE, Structure, given
 from runtime.planning.evaluate import Effort, at_times, effort, mounted
 from runtime.planning.trajectory import JointMotion, Trajectory
 
@@ -100,7 +100,7 @@ class Excess:
         )
 
 
-def compression(terms: Structure, tip_y: float) -> float | None:
+def compression(plan: PlannedCycle, tip_y: float) -> float | None:
     """By how much the plate is pressed down where the end-effector's y is smallest, m; None without a plate."""
-    plate = terms.get(Term("plate"))
-    return None if plate is None else max(0.0, plate["position"] - tip_y)
+    surface = given(plan.model.library, plan.terms, SURFACE)
+    return None if surface is None else max(0.0, surface - tip_y)

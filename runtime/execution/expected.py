@@ -13,6 +13,7 @@ from runtime.execution.execute import Execution
 from runtime.execution.trial import Trial
 from runtime.hardware.settings import ControllerError
 from runtime.model.loader import Model
+from runtime.model.terms import SURFACE, Term, given
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def _room(model: Model, trial: Trial) -> Array:
 
 def _plate(plan: PlannedCycle, trials: tuple[Trial, ...]) -> float | None:
     contact = plan.trajectory.contact or (plan.model.contact or {}).get("effects", {})
-    position = contact.get("plate", {}).get("position")
-    if position is None:
+    surface = given(plan.model.library, {Term(name): values for name, values in contact.items()}, SURFACE)
+    if surface is None:
         return None
-    return float(min(plan.model.tip(trial.q)[1].min() for trial in trials) - position)
+    return float(min(plan.model.tip(trial.q)[1].min() for trial in trials) - surface)

@@ -102,12 +102,12 @@ def plan_document(plan: PlannedCycle) -> dict[str, Any]:
         "q_min": plan.motion.q.min(axis=1),
         "q_max": plan.motion.q.max(axis=1),
         "tip_y": plan.tip_y,
-        "compression": compression(plan.terms, plan.tip_y),
+        "compression": compression(plan, plan.tip_y),
     }
 
 
 def _plain(cycle: Cycle, plan: PlannedCycle) -> dict[str, Any]:
-    return {**vars(cycle), "total": cycle.cost.sum(), "compression": compression(plan.terms, cycle.tip_y)}
+    return {**vars(cycle), "total": cycle.cost.sum(), "compression": compression(plan, cycle.tip_y)}
 
 
 def _over(every: Sequence[Cycle], plan: PlannedCycle, statistic: Any) -> dict[str, Any] | None:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model
-from runtime.planning.trajectory import SPRING, Phase, Trajectory
+from runtime.model.terms import SURFACE, Term, given
+from runtime.planning.trajectory import Phase, Trajectory
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
@@ -115,7 +116,7 @@ class Settings:
             safety=_safety(model, per_count, dt, tracking),
             parameters={field["name"]: field["default"] for field in model.metadata["struct"]},
             effects=effects,
-            trajectory=_trajectory(page, trajectory),
+            trajectory=_trajectory(page, model, trajectory),
             phases=phases,
             points=np.concatenate([_points(page, phase) for phase in trajectory.phases]),
         )
@@ -181,14 +182,9 @@ def _finite(values: Array) -> list[float]:
     return np.clip(values, -UNLIMITED, UNLIMITED).tolist()
 
 
-def _trajectory(page: Mapping[str, Any], trajectory: Trajectory) -> Values:
+def _trajectory(page: Mapping[str, Any], model: Model, trajectory: Trajectory) -> Values:
     records = {record["name"].removeprefix(f"{page['name']}_"): record for record in page["records"]}
-    springs = {name: [0.0] * page["n"] for name in page["springs"]}
-    known = {parameter: 1.0 for powers in page["springs"].values() for parameter in powers}
-    for joint, values in trajectory.springs.items():
-        _check_known(values, known, f"{SPRING}@{joint}")
-        for name, powers in page["springs"].items():
-            springs[name][joint - 1] = prod(values[p] ** power for p, power in powers.items())
+    springs = _springs(page, model, trajectory)
     contact = dict.fromkeys(_names(records["contact_f32"]), 0.0)
     for effect, values in trajectory.contact.items():
         named = {f"{effect}_{key}": value for key, value in values.items()}
@@ -202,6 +198,21 @@ def _trajectory(page: Mapping[str, Any], trajectory: Trajectory) -> Values:
         **{f"spring_{name}": values for name, values in springs.items()},
         **contact,
     }
+
+
+def _springs(page: Mapping[str, Any], model: Model, trajectory: Trajectory) -> dict[str, list[float]]:
+    """The fields of the springs, (n,) each."""
+    others = page.get("other_springs", {})
+    springs = {name: [0.0] * page["n"] for name in (*page["springs"], *(f for own in others.values() for f in own))}
+    for joint, values in trajectory.springs.items():
+        term = trajectory.spring(model.library, joint)
+        products = (
+            {name: {p: 1} for name, p in others[term.effect].items()} if term.effect in others else page["springs"]
+        )
+        _check_known(values, {parameter: 1.0 for powers in products.values() for parameter in powers}, str(term))
+        for name, powers in products.items():
+            springs[name][joint - 1] = prod(values[p] ** power for p, power in powers.items())
+    return springs
 
 
 def _names(record: Mapping[str, Any]) -> list[str]:
@@ -233,11 +244,13 @@ def _phases(page: Mapping[str, Any], model: Model, trajectory: Trajectory, dt: f
 
 def _touching(model: Model, trajectory: Trajectory) -> set[int]:
     """The phases (from 0) in which the plan touches the plate; in the others it costs no time to look for it."""
-    if "plate" not in trajectory.contact:
+    touched = {Term(name): dict(values) for name, values in trajectory.contact.items()}
+    surface = given(model.library, touched, SURFACE)
+    if surface is None:
         return set()
     t = np.linspace(0.0, trajectory.duration, LOOKS * len(trajectory.phases), endpoint=False)
     motion = trajectory.at(model, t)
-    below = model.tip(motion.q)[1] < trajectory.contact["plate"]["position"] - TOUCH
+    below = model.tip(motion.q)[1] < surface - TOUCH
     return set(motion.phase[below].tolist()) | {k for k, p in enumerate(trajectory.phases) if p.coordinates == "w"}
 
 

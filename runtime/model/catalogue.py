@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import atan2, inf, nan, prod
-from typing import Any, Literal
+from math import atan2, nan, prod
+from typing import Any, cast
+
+from symbolic.described import DescribedEffect, DescribedParameter, from_json
 
 
 class LoaderError(ValueError):
@@ -34,94 +36,22 @@ class SignalInfo:
         return self.source is not None and "own" in self.source.get("index", ())
 
 
-@dataclass(frozen=True)
-class GridInfo:
-    """Where a shape parameter is looked for; see symbolic/effects/declaration.py."""
+@dataclass(frozen=True, kw_only=True)
+class EffectInfo(DescribedEffect[DescribedParameter]):
+    """An effect as declared, its equations compiled.
 
-    low: float
-    high: float
-    count: int
-    of: str
-    spacing: str
+    signals        names of those that it reads
+    coefficients   what identification solves for; recover: the linear parameters in them, as `prefix` writes it
+    states         names; deflection: the one that a link-side encoder measures
+    """
 
-    @property
-    def continuous(self) -> bool:
-        """Whether values between those of the grid have a meaning: not so for a side."""
-        return self.spacing == "log" or self.count > 2
-
-
-@dataclass(frozen=True)
-class ParameterInfo:
-    """A parameter of an effect: role "linear", "shape" or "given" (then with a default), physical bounds
-    (±inf where there is none)."""
-
-    name: str
-    units: Mapping[str, str]
-    meaning: str
-    role: str
-    bounds: tuple[float, float]
-    grid: GridInfo | None
-    default: float | None
-    gives: str
-
-    def unit(self, joint_type: str = "revolute") -> str:
-        """For people, e.g. `N m s/rad`."""
-        return self.units[joint_type]
-
-
-_SIDES: dict[str, Literal["motor", "link"]] = {
-    "friction": "motor",
-    "drive": "motor",
-    "spring": "link",
-    "load": "link",
-    "contact": "link",
-    "transmission": "link",
-}
-
-
-@dataclass(frozen=True)
-class EffectInfo:
-    """An effect as declared, without its equations in symbols."""
-
-    name: str
-    scope: str
-    family: str
-    summary: str
-    equation: str
-    trace: str
-    experiment: str
-    source: str
-    dissipates: bool
-    generalises: tuple[str, ...]
     signals: tuple[str, ...]
-    gives_way: bool
-    parameters: tuple[ParameterInfo, ...]
-    coefficients: tuple[ParameterInfo, ...]
+    coefficients: tuple[DescribedParameter, ...]
     recover: tuple[Any, ...] | None
     states: tuple[str, ...]
+    deflection: str | None
 
-    @property
-    def side(self) -> Literal["motor", "link"] | None:
-        """Of a torque sensor at the joint's output, on which the effect acts; None for a family that does not tell.
-
-        What rubs and drives is taken to sit at the motor, what springs, weighs and touches at the link. The
-        transmission lies before the sensor, but the torque that it withholds is missing behind it.
-        """
-        return _SIDES.get(self.family)
-
-    @property
-    def linear(self) -> tuple[ParameterInfo, ...]:
-        return tuple(p for p in self.parameters if p.role == "linear")
-
-    @property
-    def shape(self) -> tuple[ParameterInfo, ...]:
-        return tuple(p for p in self.parameters if p.role == "shape")
-
-    def giving(self, signal: str) -> ParameterInfo | None:
-        """The parameter whose value is a signal for others."""
-        return next((p for p in self.parameters if p.gives == signal), None)
-
-    def parameter(self, name: str) -> ParameterInfo:
+    def parameter(self, name: str) -> DescribedParameter:
         for p in self.parameters:
             if p.name == name:
                 return p
@@ -210,31 +140,5 @@ _OPERATIONS: dict[str, Callable[[list[float]], float]] = {
 }
 
 
-def _parameter(data: Mapping[str, Any]) -> ParameterInfo:
-    low, high = data["bounds"]
-    return ParameterInfo(
-        name=data["name"],
-        units=data["unit"],
-        meaning=data["meaning"],
-        role=data["role"],
-        bounds=(-inf if low is None else float(low), inf if high is None else float(high)),
-        grid=None if data["grid"] is None else GridInfo(**data["grid"]),
-        default=data["default"],
-        gives=data["gives"],
-    )
-
-
 def effect_info(data: Mapping[str, Any]) -> EffectInfo:
-    plain = {key: data[key] for key in ("name", "scope", "family", "summary", "equation", "trace", "experiment")}
-    return EffectInfo(
-        **plain,
-        source=data["source"],
-        dissipates=data["dissipates"],
-        generalises=tuple(data["generalises"]),
-        signals=tuple(data["signals"]),
-        gives_way=data["gives_way"],
-        parameters=tuple(_parameter(p) for p in data["parameters"]),
-        coefficients=tuple(_parameter(c) for c in data["coefficients"]),
-        recover=None if data["recover"] is None else tuple(data["recover"]),
-        states=tuple(data["states"]),
-    )
+    return cast(EffectInfo, from_json(EffectInfo, data))

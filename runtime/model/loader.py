@@ -18,11 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from runtime.model.catalogue import (
     EffectInfo,
-    GridInfo,
     JointInfo,
     LoaderError,
     LumpInfo,
-    ParameterInfo,
     SignalInfo,
     effect_info,
     evaluate,
@@ -31,13 +29,11 @@ from runtime.model.catalogue import (
 
 __all__ = [
     "EffectInfo",
-    "GridInfo",
     "JointInfo",
     "Library",
     "LoaderError",
     "LumpInfo",
     "Model",
-    "ParameterInfo",
     "load_library",
     "load_model",
 ]

@@ -15,9 +15,6 @@ from typing import Any
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Term
 
-LEVEL_EFFECTS = ("coulomb", "coulomb_asymmetric", "stribeck")
-"""The friction that a presliding bristle carries: g(q̇) of Canudas de Wit et al. 1995."""
-
 
 class UnknownHere(LookupError):
     """A signal was asked for where nobody knows it."""
@@ -124,7 +121,7 @@ _SOURCES: dict[str, Callable[[SignalContext, Mapping[str, Any], int, int | None]
 
 
 def _level(at: SignalContext, joint: int, _: int | None) -> Any:
-    terms = (Term(effect, joint + 1) for effect in LEVEL_EFFECTS)
+    terms = (Term(name, joint + 1) for name, info in at.model.library.effects.items() if info.dry)
     return abs(sum(at.torque(term, joint) for term in terms if term in at.terms()))
 
 

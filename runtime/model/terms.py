@@ -77,7 +77,7 @@ def given(library: Library, values: Mapping[Term, Values], signal: str) -> float
 def unit_of(model: Model, term: Term, parameter: str) -> str:
     """Unit of a parameter at this joint, for people."""
     info = model.library.effects[term.effect].parameter(parameter)
-    return info.unit(model.joints[(term.joint or 1) - 1].type)
+    return info.unit.text(model.joints[(term.joint or 1) - 1].type)
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def optimize(
         friction=case.friction if friction is None else friction,
     )
     plan = optimizer.optimize(arm.model, case, starts, seed)
-    mounted = source.mounted(plan.trajectory.springs, plan.trajectory.contact)
+    mounted = source.mounted(plan.trajectory)
     return PlanResult(plan, arm.with_text(mounted))
 
 

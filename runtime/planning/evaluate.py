@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, structure
-from runtime.planning.physics import FRICTION
 from runtime.planning.scenario import Scenario
-from runtime.planning.trajectory import SPRING, JointMotion, Trajectory
+from runtime.planning.springs import is_spring
+from runtime.planning.trajectory import JointMotion, Trajectory
 from runtime.simulation.simulate import torque_along
 
 Array = NDArray[np.float64]
@@ -26,9 +26,9 @@ def mounted(model: Model, trajectory: Trajectory) -> Structure:
     terms = {
         term: values
         for term, values in structure(model).items()
-        if term.effect != SPRING and model.library[term.effect].scope != "contact"
+        if not is_spring(info := model.library[term.effect]) and info.scope != "contact"
     }
-    terms |= {Term(SPRING, joint): dict(values) for joint, values in trajectory.springs.items()}
+    terms |= {trajectory.spring(model.library, joint): dict(v) for joint, v in trajectory.springs.items()}
     return terms | {Term(name): dict(values) for name, values in trajectory.contact.items()}
 
 
@@ -74,11 +74,11 @@ def at_times(
     terms = {
         term: values
         for term, values in mounted(model, trajectory).items()
-        if rubs or model.library[term.effect].family != FRICTION
+        if rubs or not model.library[term.effect].rubs
     }
     step = float(np.mean(np.diff(t))) if len(t) > 1 else trajectory.duration
     tau = torque_along(model, m.q, m.qd, m.qdd, 1 / step, terms)
-    bare = {term: values for term, values in terms.items() if term.effect != SPRING}
+    bare = {term: values for term, values in terms.items() if not is_spring(model.library[term.effect])}
     spring = torque_along(model, m.q, m.qd, m.qdd, 1 / step, bare) - tau
     return Effort(model, m, np.full(len(t), step) if weights is None else weights, tau, spring)
 

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import Effort, at_times, effort, objective
-from runtime.planning.program import STIFFNESS_UNIT, Program
-from runtime.planning.scenario import Scenario, SpringPlan
+from runtime.planning.program import Program
+from runtime.planning.scenario import Scenario
 from runtime.planning.solve import Attempt, Miss, Solver
+from runtime.planning.springs import SoughtSpring, usual
 from runtime.planning.starts import random_start
-from runtime.planning.trajectory import SPRING, Phase, Trajectory
+from runtime.planning.trajectory import Phase, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ _SOFT = 1.0
 _STARTS = 4
 _SHARES = (0.01, 0.3)
 """Of the squared torque of joints whose spring is yet to be chosen, in the motions that it is chosen for."""
-_OFFSETS = 41
+_PLACES = 41
 
 
 def _few(degree: int) -> int:
@@ -44,9 +45,9 @@ def _many(degree: int) -> int:
 
 @dataclass(frozen=True)
 class SpringChoice:
-    """A spring, or one for each sprung joint, that can be bought: stiffness (N/m) by joint, and what it costs."""
+    """A spring, or one for each sprung joint, that can be bought: sizes (SI) by joint, and what it costs."""
 
-    stiffness: Mapping[int, float]
+    sizes: Mapping[int, float]
     cost: float | None
 
 
@@ -56,7 +57,7 @@ class Plan:
 
     trajectory  with the springs chosen; effort: its exact torques; cost: the objective, exact
     smooth_cost what the program, smooth at standstill, made of it
-    free        stiffness (N/m) by joint before a spring was chosen from a catalogue
+    springs     as sought; free: sizes (SI) by joint before a spring was chosen from a catalogue
     choices     the springs of the catalogue that were compared, the chosen one first
     attempts    of the search, in order; refined: the best of them on the fine program
     setup_seconds, seconds   to build the programs, and altogether
@@ -68,6 +69,7 @@ class Plan:
     effort: Effort
     cost: float
     smooth_cost: float
+    springs: tuple[SoughtSpring, ...]
     free: Mapping[int, float]
     choices: tuple[SpringChoice, ...]
     attempts: tuple[Attempt, ...]
@@ -147,7 +149,8 @@ class Planner:
             effort=found,
             cost=objective(self.scenario, found),
             smooth_cost=chosen.cost,
-            free={s.joint: free.x[self._spring(k)][0] * STIFFNESS_UNIT for k, s in enumerate(self.scenario.springs)},
+            springs=self.fine.program.springs,
+            free={s.plan.joint: size for s, size in zip(self.fine.program.springs, self._sizes(free), strict=True)},
             choices=choices,
             attempts=tuple(attempts),
             refined=free,
@@ -167,6 +170,15 @@ class Planner:
 
     # --- springs ---
 
+    def _values(self, x: Array) -> list[dict[str, float]]:
+        """All parameters of each spring, SI."""
+        springs = enumerate(self.fine.program.springs)
+        return [{name: float(v) for name, v in s.values(x[self._spring(k)]).items()} for k, s in springs]
+
+    def _sizes(self, found: Attempt) -> list[float]:
+        springs = self.fine.program.springs
+        return [values[s.size.name] for s, values in zip(springs, self._values(found.x), strict=True)]
+
     def _sprung(self, x: Array) -> list[Array]:
         """x with springs that take most of the squared torque off its motion, and with others that are always taut.
 
@@ -175,18 +187,20 @@ class Planner:
         t = np.linspace(0.0, self.scenario.cycle_time, 400, endpoint=False)
         bare = at_times(self.model, self.trajectory(x, springs=False), t)
         fitting, taut = x.copy(), x.copy()
-        for k, spring in enumerate(self.scenario.springs):
-            torque, q = bare.tau[spring.joint - 1], bare.motion.q[spring.joint - 1]
-            fitting[self._spring(k)] = _relief(self.model.library, torque, q, spring)
-            offset = min(q.max() + np.ptp(q) / 2, spring.offset[1])
-            taut[self._spring(k)] = sum(spring.stiffness) / 2 / STIFFNESS_UNIT, offset
+        for k, spring in enumerate(self.fine.program.springs):
+            i = spring.plan.joint - 1
+            fitting[self._spring(k)] = _relief(self.model.library, bare, i, spring)
+            values = {spring.size.name: sum(spring.plan.sought[spring.size.name]) / 2}
+            if spring.place is not None:
+                q, bounds = bare.motion.q[i], spring.plan.sought[spring.place.name]
+                values[spring.place.name] = min(q.max() + np.ptp(q) / 2, bounds[1])
+            taut[self._spring(k)] = spring.unknowns(values)
         return [fitting, taut]
 
     def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[SpringChoice, ...]]:
         """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
         springs = self.scenario.springs
-        sought = [free.x[self._spring(k)][0] * STIFFNESS_UNIT for k in range(len(springs))]
-        options = [neighbours(s.catalogue, k) for s, k in zip(springs, sought, strict=True)]
+        options = [neighbours(s.catalogue, k) for s, k in zip(springs, self._sizes(free), strict=True)]
         if not any(options):
             return free, ()
         tried = []
@@ -215,34 +229,32 @@ class Planner:
             for row, c in enumerate(u.free[k]):
                 points[c] = x[u.points(k, row)]
             phases.append(Phase("q" if plan.kind == "free" else "w", s.cycle_time * plan.part, points))
-        mounted = {
-            spring.joint: {
-                "stiffness": float(x[u.spring(k)][0]) * STIFFNESS_UNIT,
-                "radius": spring.radius,
-                "offset": float(x[u.spring(k)][1]),
-                "pretension": spring.pretension,
-            }
-            for k, spring in enumerate(s.springs if springs else ())
-        }
         library = self.model.library
+        own = list(zip(self.fine.program.springs, self._values(x), strict=True)) if springs else []
+        mounted = {spring.plan.joint: values for spring, values in own}
+        foreign = {s.plan.joint: s.info.name for s, _ in own if s.info.name != usual(library.effects)}
         contact = {
             term.effect: dict(values)
             for term, values in self.fine.program.physics.terms.items()
             if library[term.effect].scope == "contact"
         }
-        return Trajectory(self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction, mounted, contact)
+        told = self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction
+        return Trajectory(*told, mounted, contact, foreign)
 
 
-def _relief(library: Library, torque: Array, q: Array, spring: SpringPlan) -> tuple[float, float]:
-    """Stiffness (kN/m) and offset that leave the least squared torque (N,) at positions q (N,)."""
-    best = (np.inf, 0.0, 0.0)
-    for offset in np.linspace(*spring.offset, _OFFSETS):
-        unit = {"stiffness": 1.0, "radius": spring.radius, "offset": float(offset), "pretension": 0.0}
-        pull = -library.torque(SPRING, {"q": q}, unit)
-        size = float(pull @ pull)
-        k = float(np.clip(torque @ pull / size if size else 0.0, *spring.stiffness))
-        best = min(best, (float(np.sum((torque - k * pull) ** 2)), k / STIFFNESS_UNIT, float(offset)))
-    return best[1:]
+def _relief(library: Library, bare: Effort, i: int, spring: SoughtSpring) -> list[float]:
+    """Unknowns of the spring that leaves the least squared torque of joint i (0-based) of a motion without springs."""
+    torque, read = bare.tau[i], {"q": bare.motion.q[i], "qd": bare.motion.qd[i]}
+    bounds = spring.plan.sought
+    best: tuple[float, float, float] | None = None
+    for place in [0.0] if spring.place is None else np.linspace(*bounds[spring.place.name], _PLACES):
+        pull = -library.torque(spring.info.name, read, spring.relieving(float(place)))
+        square = float(pull @ pull)
+        size = float(np.clip(torque @ pull / square if square else 0.0, *bounds[spring.size.name]))
+        found = float(np.sum((torque - size * pull) ** 2)), size / spring.size.scale, float(place)
+        best = found if best is None else min(best, found)
+    assert best is not None
+    return [best[1] if p is spring.size else best[2] / p.scale for p in spring.sought]
 
 
 def neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:

@@ -14,10 +14,7 @@ from runtime.model.loader import Model
 from runtime.model.signals import OF_DRIVE, SignalContext, needs_of, unknown_to_plan
 from runtime.model.terms import SURFACE, Structure, Term, giver, joints_of, structure
 from runtime.planning.scenario import Scenario
-from runtime.planning.trajectory import SPRING
-
-FRICTION = "friction"
-"""The family of effects that a frictionless plan leaves out."""
+from runtime.planning.springs import is_spring
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Physics:
         terms, left_out = {}, {}
         for term, values in structure(model).items():
             info = model.library[term.effect]
-            if term.effect == SPRING or (info.family == FRICTION and not scenario.friction):
+            if is_spring(info) or (info.rubs and not scenario.friction):
                 continue
             unknown = unknown_to_plan(model.library, term.effect)
             if info.states or unknown:
@@ -78,7 +75,7 @@ def widths(rate: float) -> list[float]:
 
 @dataclass(frozen=True)
 class PlanInstant:
-    """Expressions of one instant: q, qd, qdd (n,), spring parameters by joint, p by name.
+    """Expressions of one instant: q, qd, qdd (n,), parameters of the springs, p by name.
 
     apart   the end-effector is known to be off the plate, so that nothing of the contact acts
     """
@@ -87,7 +84,7 @@ class PlanInstant:
     q: ca.SX
     qd: ca.SX
     qdd: ca.SX
-    springs: Mapping[int, ca.SX]
+    springs: Mapping[Term, ca.SX]
     p: Callable[[str], ca.SX]
     apart: bool
 
@@ -107,8 +104,9 @@ class PlanInstant:
     def torque(self) -> ca.SX:
         """(n,) motor torques, N m or N."""
         own = self._signals.own
-        for joint, values in self.springs.items():
-            own[joint - 1] += self._torque(Term(SPRING, joint), values, joint - 1)
+        for spring, values in self.springs.items():
+            (i,) = joints_of(self.physics.model, spring)
+            own[i] += self._torque(spring, values, i)
         # What reads the predicted torque comes last, when all the rest is in it.
         model, library = self.physics.model, self.physics.model.library
         terms = [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]

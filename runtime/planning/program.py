@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import sqrt
 from typing import Any
 
@@ -16,17 +17,17 @@ from scipy.interpolate import BPoly
 
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
+from runtime.model.terms import Term
 from runtime.planning.blocks import ProgramBlock
 from runtime.planning.physics import Physics, PlanInstant
 from runtime.planning.scenario import PhasePlan, Point, Scenario
+from runtime.planning.springs import SoughtSpring, sought
 from runtime.planning.unknowns import Parameters, Unknowns
 
 Array = NDArray[np.float64]
 Row = tuple[ca.SX, float, float, str, str]
 """A constraint: expression, lower and upper bound, what it is for a person, and its unit."""
 
-STIFFNESS_UNIT = 1000.0
-"""N/m: so that the unknown is about one."""
 CLEAR_OF_SINGULAR = 0.05
 """Least |sin q_2| in contact: at zero J_w is singular."""
 INF = float("inf")
@@ -95,7 +96,7 @@ class Program:
         given = dict(zip(self.unknowns.free[phase], free, strict=True))
         return ca.vertcat(*(given.get(i, ca.SX(q)) for i, q in enumerate(self.scenario.posture)))
 
-    def _instant(self, phase: int, c: ca.SX, cs: ca.SX, css: ca.SX, springs: Mapping[int, ca.SX]) -> PlanInstant:
+    def _instant(self, phase: int, c: ca.SX, cs: ca.SX, css: ca.SX, springs: Mapping[Term, ca.SX]) -> PlanInstant:
         """c, cs, css: free coordinates and their derivatives by the phase's s in [0, 1]."""
         T = self.p("duration")[phase]
         k = len(self.unknowns.free[phase])
@@ -118,18 +119,15 @@ class Program:
         given = dict(zip(self.unknowns.free[phase], free, strict=True))
         return ca.vertcat(*(given.get(i, ca.SX(0)) for i in range(self.model.n)))
 
-    def _springs(self, z: ca.SX) -> dict[int, ca.SX]:
-        """Parameters of each spring by joint, from its stiffness and offset in z."""
-        found = {}
-        for k, spring in enumerate(self.scenario.springs):
-            own = {
-                "stiffness": STIFFNESS_UNIT * z[2 * k],
-                "offset": z[2 * k + 1],
-                "radius": ca.SX(spring.radius),
-                "pretension": ca.SX(spring.pretension),
-            }
-            found[spring.joint] = ca.vertcat(*(own[p.name] for p in self.model.library["parallel_spring"].parameters))
-        return found
+    @cached_property
+    def springs(self) -> tuple[SoughtSpring, ...]:
+        return sought(self.model, self.scenario)
+
+    def _springs(self, z: ca.SX) -> dict[Term, ca.SX]:
+        """Parameters of each spring, from what is sought of them in z."""
+        ends = np.cumsum([0, *self.unknowns.spring_sizes]).tolist()
+        unknowns = [ca.vertsplit(z[a:b]) for a, b in pairwise(ends)]
+        return {s.term: ca.vertcat(*s.values(x).values()) for s, x in zip(self.springs, unknowns, strict=True)}
 
     # --- blocks ---
 
@@ -144,9 +142,9 @@ class Program:
         plan = self.scenario.phases[phase]
         nodes, weights = np.polynomial.legendre.leggauss(self.nodes(plan.degree))
         s, weights = (nodes + 1) / 2, weights / 2
-        k, springs = len(self.unknowns.free[phase]), len(self.scenario.springs)
+        k, springs = len(self.unknowns.free[phase]), sum(self.unknowns.spring_sizes)
         peak = self.scenario.objective.goal == "peak_torque"
-        z = ca.SX.sym("z", 3 * k + 2 * springs + peak)
+        z = ca.SX.sym("z", 3 * k + springs + peak)
         at = self._instant(phase, z[:k], z[k : 2 * k], z[2 * k : 3 * k], self._springs(z[3 * k :]))
         rows = self._path(phase, at)
         if peak:
@@ -168,7 +166,7 @@ class Program:
         """(N nz, nx): at each place the free coordinates, their first and second derivatives, springs, and the peak."""
         u, degree = self.unknowns, self.scenario.phases[phase].degree
         k = len(u.free[phase])
-        other = np.arange(u.spring(0).start, u.size)
+        other = np.arange(u.motion, u.size)
         width = 3 * k + len(other)
         rows = np.arange(len(s))[:, None] * width
         parts = [_entries(rows + 3 * k + np.arange(len(other)), other, np.ones((len(s), len(other))))]

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from runtime.model.loader import Model
+from runtime.model.terms import Values
 from runtime.planning.evaluate import at_times
-from runtime.planning.optimize import Infeasible, Plan
+from runtime.planning.optimize import Infeasible, Plan, SpringChoice
 from runtime.planning.scenario import Scenario
 from runtime.planning.solve import Attempt
+from runtime.planning.springs import SoughtSpring, usual
 
 SAMPLES = 400
 """Of one cycle, in the document."""
@@ -38,13 +40,10 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
             for i in range(model.n)
         ],
         "springs": [
-            {"joint": joint, **values, "sought": float(plan.free[joint])}
-            for joint, values in sorted(plan.trajectory.springs.items())
+            _spring(model, spring, plan.trajectory.springs[spring.plan.joint], plan.free[spring.plan.joint])
+            for spring in sorted(plan.springs, key=lambda s: s.plan.joint)
         ],
-        "catalogue": [
-            {"stiffness": {str(j): k for j, k in choice.stiffness.items()}, "cost": choice.cost}
-            for choice in plan.choices
-        ],
+        "catalogue": [{**_sizes(plan, choice), "cost": choice.cost} for choice in plan.choices],
         "trajectory": plan.trajectory.to_json(),
         "samples": _samples(model, plan),
         "solver": {
@@ -56,6 +55,27 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
         "left_out": dict(plan.left_out),
         "warnings": warnings(model, plan.scenario),
     }
+
+
+def _spring(model: Model, spring: SoughtSpring, values: Values, free: float) -> dict[str, Any]:
+    """Values and size sought, and the same in words."""
+    kind = model.joints[spring.plan.joint - 1].type
+    words = [
+        f"{p.name if p.says is None else p.says} {values[p.name]:.4g} {p.unit.text(kind)}".strip()
+        for p in spring.sought
+    ]
+    foreign = {} if spring.info.name == usual(model.library.effects) else {"effect": spring.info.name}
+    unit = spring.size.unit.text(kind)
+    return {"joint": spring.plan.joint, **foreign, **values, "sought": free, "unit": unit, "text": ", ".join(words)}
+
+
+def _sizes(plan: Plan, choice: SpringChoice) -> dict[str, dict[str, float]]:
+    """By the name of what is bought, by joint."""
+    names = {s.plan.joint: s.size.name for s in plan.springs}
+    found: dict[str, dict[str, float]] = {}
+    for joint, value in choice.sizes.items():
+        found.setdefault(names[joint], {})[str(joint)] = value
+    return found
 
 
 def refusal(model: Model, scenario: Scenario, error: Infeasible) -> dict[str, Any]:

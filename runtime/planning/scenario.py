@@ -47,17 +47,23 @@ class PhasePlan:
 
 @dataclass(frozen=True)
 class SpringPlan:
-    """A parallel spring whose stiffness (N/m) and offset (rad or m) are sought within bounds.
+    """A spring beside a joint, its parameters in SI; their names are those of its declaration.
 
-    catalogue   stiffnesses that can be bought; empty: any
+    sought      bounds of what is sought; as a file has been read, of all that it states
+    stated      the other parameters' values
+    catalogue   sizes that can be bought; empty: any
+    effect      its name; "": the one that is meant where nobody names one
     """
 
     joint: int
-    stiffness: tuple[float, float]
-    offset: tuple[float, float]
-    radius: float
-    pretension: float = 0.0
+    sought: Mapping[str, tuple[float, float]]
+    stated: Mapping[str, float] = field(default_factory=dict)
     catalogue: tuple[float, ...] = ()
+    effect: str = ""
+
+    def within(self, name: str, low: float, high: float) -> SpringPlan:
+        """With other bounds of a sought parameter."""
+        return replace(self, sought={**self.sought, name: (low, high)})
 
 
 @dataclass(frozen=True)

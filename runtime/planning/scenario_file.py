@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 from runtime.model.loader import Model
+from runtime.model.terms import SURFACE, Term, giver
 from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan, Values
+from runtime.planning.springs import springs, usual
 from symbolic.model_file.checks import (
     Place,
     did_you_mean,
@@ -26,6 +28,8 @@ from symbolic.model_file.checks import (
 )
 
 MAX_DEGREE = 20
+_OF_A_SPRING = ("joint", "effect", "catalogue")
+"""Keys of [[spring]] beside its parameters."""
 CLOSE = 1e-6  # m
 
 
@@ -117,26 +121,14 @@ def _phase(place: Place, value: Any, points: Mapping[str, Point]) -> PhasePlan:
 
 
 def _spring(place: Place, value: Any) -> SpringPlan:
-    table = table_at(place, value, "with joint, stiffness, offset and radius")
-    keys(place, table, ("joint", "stiffness", "offset", "radius"), ("pretension", "catalogue"))
+    table = table_at(place, value, "with a joint and the spring's parameters")
+    if "joint" not in table:
+        place.fail("joint is missing")
     (joint,) = _joints(place, "joint", [table["joint"]])
-    stiffness = _range(place, "stiffness", table["stiffness"], "N/m")
-    if stiffness[0] < 0:
-        place.fail(f"stiffness is {stiffness[0]:g}; expected 0 N/m or more")
-    catalogue = tuple(
-        sorted(
-            number(place, "catalogue", k, "N/m", positive=True)
-            for k in _list(place, "catalogue", table.get("catalogue", []))
-        )
-    )
-    return SpringPlan(
-        joint=joint,
-        stiffness=stiffness,
-        offset=_range(place, "offset", table["offset"], "rad or m"),
-        radius=number(place, "radius", table["radius"], "m", positive=True),
-        pretension=number(place, "pretension", table.get("pretension", 0.0), "N", low=0.0),
-        catalogue=catalogue,
-    )
+    items = _list(place, "catalogue", table.get("catalogue", []))
+    catalogue = tuple(sorted(number(place, "catalogue", k, "SI units", positive=True) for k in items))
+    stated = {key: _range(place, key, x, "SI units") for key, x in table.items() if key not in _OF_A_SPRING}
+    return SpringPlan(joint, stated, {}, catalogue, _text(place, "effect", table.get("effect", "")))
 
 
 def _objective(place: Place, value: Any) -> Objective:
@@ -190,6 +182,10 @@ def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
 
     full = replace(
         scenario,
+        springs=tuple(
+            _declared(top.inside(f"spring {k}"), s, model) for k, s in enumerate(scenario.springs, 1) if s.joint <= n
+        )
+        + tuple(s for s in scenario.springs if s.joint > n),
         moving=scenario.moving or tuple(range(1, n + 1)),
         posture=scenario.posture or (0.0,) * n,
     )
@@ -213,6 +209,33 @@ def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
     _check_electrical(top, full, model)
     _check_contact(top, full, model)
     return full
+
+
+def _declared(place: Place, spring: SpringPlan, model: Model) -> SpringPlan:
+    """The spring with what is sought apart from what is stated, by its declaration."""
+    known = springs(model.library.effects)
+    if spring.effect and spring.effect not in known:
+        place.fail(f"effect is {quote(spring.effect)}; expected one of {', '.join(known)}")
+    info = known[spring.effect or usual(known)]
+    kind = model.joints[spring.joint - 1].type
+    optional = tuple(p.name for p in info.linear if not p.planned)
+    written = {**{name: (x, x) for name, x in spring.stated.items()}, **spring.sought}
+    keys(place, written, tuple(p.name for p in info.parameters if p.name not in optional), optional)
+    sought, stated = {}, {}
+    for p in info.parameters:
+        low, high = written.get(p.name, (p.neutral, p.neutral))
+        least, most = p.bounds
+        if low < least or high > most or (p.role == "given" and low == least):
+            unit = p.unit.text(kind)
+            expected = f"{least:g} {unit} or more" if low <= least else f"at most {most:g} {unit}"
+            place.fail(f"{p.name} is {low if low <= least else high:g}; expected {expected}")
+        if p.planned:
+            sought[p.name] = (low, high)
+        elif low != high:
+            place.fail(f"{p.name} is [{low:g}, {high:g}]; expected one number: it is not sought")
+        else:
+            stated[p.name] = low
+    return replace(spring, sought=sought, stated=stated)
 
 
 def _check_range(place: Place, point: Point, model: Model) -> None:
@@ -253,7 +276,8 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
     touching = [(k, p) for k, p in enumerate(scenario.phases, 1) if p.kind == "contact"]
     if not touching:
         return
-    if "contact_inverse" not in model.functions or model.contact is None or "plate" not in model.contact["effects"]:
+    touched = model.contact and giver(model.library, map(Term, model.contact["effects"]), SURFACE)
+    if "contact_inverse" not in model.functions or model.contact is None or not touched:
         top.inside(f"phase {touching[0][0]}").fail(
             f"a contact phase needs an arm of four revolute joints with a [contact] and its plate; {model.name} is none"
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.planning.blocks import assemble
-from runtime.planning.program import STIFFNESS_UNIT, Program
+from runtime.planning.program import Program
 
 Array = NDArray[np.float64]
 
@@ -70,12 +70,12 @@ class Solver:
         self.setup_seconds = time.perf_counter() - started
         self._rows = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
 
-    def run(self, x: Array, width: float, stiffness: Mapping[int, float] | None = None) -> Attempt:
+    def run(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """A solution from the rough guess x (nx,); width of the switches in rad/s (m/s).
 
-        stiffness   N/m by number of the spring (0-based): fixed, not sought
+        sizes   by number of the spring (0-based): of its size, SI; fixed, not sought
         """
-        return self._run(self._far, x, width, stiffness or {}, 1.0)
+        return self._run(self._far, x, width, sizes or {}, 1.0)
 
     def relieved(self, x: Array, width: float, share: float) -> Attempt:
         """The motion for springs that are yet to be chosen, from the rough guess x: without them, but only a share of
@@ -83,14 +83,12 @@ class Solver:
         none = dict.fromkeys(range(len(self.program.scenario.springs)), 0.0)
         return self._run(self._far, x, width, none, share)
 
-    def refine(self, x: Array, width: float, stiffness: Mapping[int, float] | None = None) -> Attempt:
+    def refine(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """The solution in whose basin x lies."""
-        return self._run(self._near, x, width, stiffness or {}, 1.0)
+        return self._run(self._near, x, width, sizes or {}, 1.0)
 
-    def _run(
-        self, solver: ca.Function, x: Array, width: float, stiffness: Mapping[int, float], share: float
-    ) -> Attempt:
-        lower, upper = self.bounds(stiffness)
+    def _run(self, solver: ca.Function, x: Array, width: float, sizes: Mapping[int, float], share: float) -> Attempt:
+        lower, upper = self.bounds(sizes)
         started = time.perf_counter()
         found = solver(
             x0=np.clip(x, lower, upper),
@@ -111,14 +109,14 @@ class Solver:
             self._missed(rows),
         )
 
-    def bounds(self, stiffness: Mapping[int, float]) -> tuple[Array, Array]:
+    def bounds(self, sizes: Mapping[int, float]) -> tuple[Array, Array]:
         """Of the unknowns, (nx,) each: springs alone are bounded, the motion by its constraints."""
         u = self.program.unknowns
         lower, upper = np.full(u.size, -np.inf), np.full(u.size, np.inf)
-        for k, spring in enumerate(self.program.scenario.springs):
-            low, high = (stiffness[k],) * 2 if k in stiffness else spring.stiffness
-            lower[u.spring(k)] = low / STIFFNESS_UNIT, spring.offset[0]
-            upper[u.spring(k)] = high / STIFFNESS_UNIT, spring.offset[1]
+        for k, spring in enumerate(self.program.springs):
+            plan = spring.plan.within(spring.size.name, sizes[k], sizes[k]) if k in sizes else spring.plan
+            lower[u.spring(k)] = spring.unknowns({name: low for name, (low, _) in plan.sought.items()})
+            upper[u.spring(k)] = spring.unknowns({name: high for name, (_, high) in plan.sought.items()})
         return lower, upper
 
     @cached_property

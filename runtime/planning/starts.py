@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import JointInfo
-from runtime.planning.program import STIFFNESS_UNIT, Program
+from runtime.planning.program import Program
 from runtime.planning.scenario import Point
 
 Array = NDArray[np.float64]
@@ -44,8 +44,8 @@ def random_start(program: Program, rng: np.random.Generator) -> Array:
             inner += _SCATTER * span[:, None] / 2 * rng.standard_normal(inner.shape)
         for row, c in enumerate(u.free[k]):
             x[u.points(k, row)] = line[c]
-    for k, spring in enumerate(scenario.springs):
-        x[u.spring(k)] = rng.uniform(*spring.stiffness) / STIFFNESS_UNIT, rng.uniform(*spring.offset)
+    for k, spring in enumerate(program.springs):
+        x[u.spring(k)] = [rng.uniform(*b) / p.scale for p, b in zip(spring.sought, spring.bounds, strict=True)]
     if scenario.objective.goal == "peak_torque":
         x[u.peak] = 1.0
     return x

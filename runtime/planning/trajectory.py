@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from math import isfinite
@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BPoly
 
 from runtime import files
-from runtime.model.loader import Model
+from runtime.model.loader import Library, Model
+from runtime.model.terms import Term
+from runtime.planning.springs import springs, usual
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
 
 FORMAT = "tendon trajectory 1"
-SPRING = "parallel_spring"
 
 
 class TrajectoryError(ValueError):
@@ -71,7 +72,8 @@ class Trajectory:
     elbow      sign of sin q_2 in contact phases
     friction   whether friction was part of the model that it was planned with
     springs    by joint (1-based): the parameters of its parallel spring; the arm has no others
-    contact    by effect (plate, plate_damping): parameters of the environment that it was planned for
+    contact    by effect of the contact: parameters of the environment that it was planned for
+    effects    by joint: the effect that its spring is, where it is not the library's first
     """
 
     arm: str
@@ -82,6 +84,11 @@ class Trajectory:
     friction: bool
     springs: Mapping[int, Values]
     contact: Mapping[str, Values]
+    effects: Mapping[int, str] = field(default_factory=dict)
+
+    def spring(self, library: Library, joint: int) -> Term:
+        """The spring at a joint (1-based)."""
+        return Term(self.effects.get(joint) or usual(library.effects), joint)
 
     @property
     def n(self) -> int:
@@ -129,7 +136,10 @@ class Trajectory:
             "periodic": self.periodic,
             "elbow": self.elbow,
             "friction": self.friction,
-            "springs": [{"joint": joint, **values} for joint, values in sorted(self.springs.items())],
+            "springs": [
+                {"joint": joint, **({"effect": self.effects[joint]} if joint in self.effects else {}), **values}
+                for joint, values in sorted(self.springs.items())
+            ],
             "contact": {name: dict(values) for name, values in self.contact.items()},
             "phases": [
                 {"coordinates": p.coordinates, "duration": p.duration, "points": p.points.tolist()} for p in self.phases
@@ -183,6 +193,7 @@ class _Reader:
             friction=self._flag(data.get("friction", True), "friction"),
             springs=self._springs(self._list(data.get("springs", []), "springs")),
             contact=self._contact(data.get("contact", {})),
+            effects={item["joint"]: item["effect"] for item in data.get("springs", []) if "effect" in item},
         )
         if found.elbow not in (-1.0, 1.0):
             raise self.fail(f"elbow is {found.elbow:g}; expected 1 or -1, the sign of sin q_2")
@@ -208,14 +219,19 @@ class _Reader:
         return Phase(item["coordinates"], duration, points)
 
     def _springs(self, items: list[Any]) -> dict[int, Values]:
-        springs: dict[int, Values] = {}
+        found: dict[int, Values] = {}
         for item in items:
             joint = item.get("joint") if isinstance(item, dict) else None
-            if not isinstance(joint, int) or not 1 <= joint <= self.model.n or joint in springs:
+            if not isinstance(joint, int) or not 1 <= joint <= self.model.n or joint in found:
                 raise self.fail(f'springs: expected objects with "joint": 1 to {self.model.n}, each once')
-            values = {k: v for k, v in item.items() if k != "joint"}
-            springs[joint] = self._values(SPRING, values, f"spring at joint {joint}")
-        return springs
+            name = f"spring at joint {joint}"
+            known = springs(self.model.library.effects)
+            effect = item.get("effect", next(iter(known)))
+            if not isinstance(effect, str) or effect not in known:
+                raise self.fail(f"{name}: effect is {json.dumps(effect)}; expected one of {', '.join(known)}")
+            values = {k: v for k, v in item.items() if k not in ("joint", "effect")}
+            found[joint] = self._values(effect, values, name)
+        return found
 
     def _contact(self, data: Any) -> dict[str, Values]:
         if not isinstance(data, dict):

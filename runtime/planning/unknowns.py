@@ -60,15 +60,25 @@ class Unknowns:
         first = self._starts[phase] + row * count
         return slice(first, first + count)
 
+    @property
+    def motion(self) -> int:
+        """How many are those of the motion: springs and the peak follow."""
+        return self._starts[-1]
+
     def spring(self, k: int) -> slice:
-        """Stiffness (kN/m) and offset of the k-th spring."""
-        first = self._starts[-1] + 2 * k
-        return slice(first, first + 2)
+        """What is sought of the k-th spring, in its parameters' scales."""
+        first = self._starts[-1] + sum(self.spring_sizes[:k])
+        return slice(first, first + self.spring_sizes[k])
+
+    @cached_property
+    def spring_sizes(self) -> tuple[int, ...]:
+        """How many unknowns each spring has."""
+        return tuple(len(spring.sought) for spring in self.scenario.springs)
 
     @property
     def peak(self) -> int:
         """The largest torque over its limit, where the objective is that."""
-        return self._starts[-1] + 2 * len(self.scenario.springs)
+        return self._starts[-1] + sum(self.spring_sizes)
 
     @cached_property
     def size(self) -> int:

@@ -99,8 +99,8 @@ class Plant:
 
     def _suspects(self) -> list[Term]:
         """Effects of whose rates and deflections a high frequency can come."""
-        families = ("transmission", "spring", "friction")
-        return [term for term in self.terms if self.model.library[term.effect].family in families]
+        effects = {term: self.model.library[term.effect] for term in self.terms}
+        return [t for t, info in effects.items() if info.scope == "joint" and (info.rubs or info.side == "link")]
 
     def _period(self, one: ca.Function) -> ca.Function:
         state = ca.MX.sym("state", one.size1_in(0))

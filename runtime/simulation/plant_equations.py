@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, struct_values
 from runtime.model.loader import Model
-from runtime.model.signals import LEVEL_EFFECTS, OF_DRIVE, SignalContext, needs_of
+from runtime.model.signals import OF_DRIVE, SignalContext, needs_of
 from runtime.model.terms import Structure, Term, given, joints_of
 
 RATE_WIDTH = 1e-3
@@ -81,14 +81,18 @@ class PlantEquations:
         for term in self.drive:
             if self.model.library[term.effect].states:
                 raise PlantError(f"{term}: a drive with a memory cannot be simulated forwards; leave it out")
-            if "torque_rate" in needed[term] and self.terms[term].get("time", 0.0) < 0:
+            lead = self.model.library[term.effect].of_kind("lead")
+            if lead is not None and (value := self.terms[term].get(lead.name, 0.0)) < 0:
                 raise PlantError(
-                    f"{term}: time = {self.terms[term]['time']:g} s: a torque recorded after it has acted cannot be "
-                    "simulated forwards; choose a time > 0"
+                    f"{term}: {lead.name} = {value:g} {lead.unit.text()}: a torque recorded after it has acted cannot "
+                    f"be simulated forwards; choose a {lead.name} > 0"
                 )
         for term in (t for t in self.terms if "friction" in needed[t]):
-            if not any(Term(effect, term.joint) in self.terms for effect in LEVEL_EFFECTS):
+            if not any(t.joint == term.joint and self._is_dry(t) for t in self.terms):
                 raise PlantError(f"{term}: takes the place of the joint's Coulomb friction, and it has none")
+
+    def _is_dry(self, term: Term) -> bool:
+        return self.model.library[term.effect].dry
 
     # --- forces ---
 
@@ -138,7 +142,7 @@ class PlantEquations:
         return ordered(self.model, term.effect, self.terms[term])
 
     def _width(self, term: Term, joint: int) -> tuple[float, ...]:
-        sharp = term.effect in LEVEL_EFFECTS and term.joint in self._bristled
+        sharp = self._is_dry(term) and term.joint in self._bristled
         if sharp or self.model.library[term.effect].states:
             return _SHARP
         return (self.rate_widths[joint], POSITION_WIDTH, FORCE_WIDTH, TIME_WIDTH)

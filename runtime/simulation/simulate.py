@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 
 from runtime.estimation.grids import points
 from runtime.estimation.regressors import Regressors, Signals
-from runtime.model.loader import JointInfo, Library, LoaderError, Model, ParameterInfo
+from runtime.model.loader import EffectInfo, JointInfo, Library, LoaderError, Model
 from runtime.model.signals import OF_OTHERS, needs_of
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import Band
@@ -42,6 +42,7 @@ from runtime.simulation.settings import (
     WARM,
     WARMING,
 )
+from symbolic.described import DescribedParameter
 
 Array = NDArray[np.float64]
 
@@ -238,7 +239,7 @@ def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
     return {term: done[term] for term in terms}
 
 
-def _check_value(term: Term, parameter: ParameterInfo, values: Values) -> None:
+def _check_value(term: Term, parameter: DescribedParameter, values: Values) -> None:
     low, high = parameter.bounds
     value = values.get(parameter.name, parameter.default)
     if value is None or not low <= value <= high:
@@ -257,7 +258,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     if not grid:
         needed = ", ".join(p.name for p in info.shape)
         raise SimulationError(f"{term}: this model and motion give no scale for it; state {needed}")
-    shape = {**grid[_middle(grid)], **{k: v for k, v in stated.items() if k not in {p.name for p in info.linear}}}
+    shape = {**grid[_middle(grid, info)], **{k: v for k, v in stated.items() if k not in {p.name for p in info.linear}}}
     signals = regressors.signals[0]
     rows, size = np.zeros(len(info.coefficients)), 0.0
     for joint in joints_of(model, term):
@@ -268,16 +269,16 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
         raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
     found = model.library.recover(term.effect, np.where(rows > 0, SHARE * size / rows, 0.0), shape)
     # A factor is an effect by what it differs from 1; its fixed part says so.
-    return {k: 1.0 + SHARE if k == "factor" else v for k, v in found.items()}
+    return {p.name: p.neutral + SHARE if p.neutral else found[p.name] for p in info.parameters}
 
 
-def _middle(grid: Sequence[Values]) -> int:
-    """The combination nearest to the middle of every axis, by rank; a third for `start`, two thirds for `end`."""
+def _middle(grid: Sequence[Values], info: EffectInfo) -> int:
+    """The combination nearest to the middle of every axis, by rank; a third for a begin, two thirds for an end."""
     names = list(grid[0])
     ranks = np.array([np.searchsorted(np.unique([g[k] for g in grid]), [g[k] for g in grid]) for k in names])
     if not names:
         return 0
-    parts = np.array([{"start": 0.33, "end": 0.67}.get(k, 0.55) for k in names])[:, None]
+    parts = np.array([{"begin": 0.33, "end": 0.67}.get(info.parameter(k).kind, 0.55) for k in names])[:, None]
     return int(np.argmin(np.abs(ranks - parts * ranks.max(axis=1, keepdims=True)).sum(axis=0)))
 
 

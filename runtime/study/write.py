@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +16,8 @@ from runtime.study.tables import Row
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from runtime.planning.trajectory import Trajectory
     from runtime.study.study import Study
-
-Values = dict[str, float]
 
 
 def figures(study: Study, wanted: Sequence[str], directory: Path) -> list[str]:
@@ -38,21 +37,19 @@ def figures(study: Study, wanted: Sequence[str], directory: Path) -> list[str]:
     return [str(directory / f"{name}.png") for name in able]
 
 
-def recordings(
-    study: Study, directory: Path, mounted: Callable[[Mapping[int, Values], Mapping[str, Values]], str]
-) -> list[str]:
+def recordings(study: Study, directory: Path, mounted: Callable[[Trajectory], str]) -> list[str]:
     """For every executed case its trajectory, its recording and the model with its spring; paths without ending."""
     directory.mkdir(parents=True, exist_ok=True)
     return [_kept(row, directory, mounted) for row in (*study.table2, *study.table3)]
 
 
-def _kept(row: Row, directory: Path, mounted: Callable[[Mapping[int, Values], Mapping[str, Values]], str]) -> str:
+def _kept(row: Row, directory: Path, mounted: Callable[[Trajectory], str]) -> str:
     case, trajectory = row.case, row.plan.trajectory
     number = "1" if case.plate is None else "2"
     plate = "" if case.plate is None else f"-{case.plate:g}"
     stem = directory / f"{number}{case.letter}-{case.cycle_time:g}s{plate}"
     trajectory.write(stem.with_name(f"{stem.name}.json"))
-    files.replace(stem.with_name(f"{stem.name}.toml"), mounted(trajectory.springs, trajectory.contact).encode())
+    files.replace(stem.with_name(f"{stem.name}.toml"), mounted(trajectory).encode())
     if row.run is not None and row.run.execution.recording is not None:
         recording.write(stem.with_name(f"{stem.name}.csv.gz"), row.run.execution.recording)
     return str(stem)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import floor, isfinite, prod
@@ -11,15 +11,17 @@ from math import floor, isfinite, prod
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario, SpringPlan
+from runtime.planning.springs import Declared, SoughtSpring, sought, springs
 from runtime.sweep.job import Code, Job, Value
+from symbolic.described import DescribedParameter
 from symbolic.model_file.checks import did_you_mean, printable, quote
 
 CASES = {"A": (False, False), "B": (False, True), "C": (True, False), "D": (True, True)}
 """The paper's: with friction, with springs."""
 MAX_JOBS = 1_000_000
-_ONE_SPRING = re.compile(r"(stiffness|offset)(?:@([1-9]\d?))?")
+_ONE_SPRING = re.compile(r"([a-z][a-z0-9_]*)(?:@([1-9]\d?))?")
 _CONTACT = re.compile(r"(\w+)\.(\w+)", re.ASCII)
-_KNOWN = ("cycle_time", "case", "seed", "stiffness", "stiffness@1", "offset", "offset@1", "plate.stiffness")
+_ALWAYS = ("cycle_time", "case", "seed")
 _DIGITS = 12
 """Of a number in a range: 1.0 + 2 · 0.1 is meant to be 1.2."""
 
@@ -36,9 +38,12 @@ class Variation:
     values: tuple[Value, ...]
 
 
-def parse(texts: Sequence[str]) -> tuple[Variation, ...]:
-    """The axes of `--over NAME=VALUES`, VALUES as `1.0,1.2` or `1.0:3.0:0.2`. Raises GridError."""
-    axes = tuple(_axis(text) for text in texts)
+def parse(texts: Sequence[str], effects: Declared) -> tuple[Variation, ...]:
+    """The axes of `--over NAME=VALUES`, VALUES as `1.0,1.2` or `1.0:3.0:0.2`; effects: of the library, by name.
+
+    Raises GridError.
+    """
+    axes = tuple(_axis(text, effects) for text in texts)
     names = [axis.name for axis in axes]
     for name in names:
         if names.count(name) > 1:
@@ -49,13 +54,26 @@ def parse(texts: Sequence[str]) -> tuple[Variation, ...]:
     return axes
 
 
-def _axis(text: str) -> Variation:
+def _sought(effects: Declared) -> dict[str, DescribedParameter]:
+    """What is sought of springs, by name."""
+    return {p.name: p for info in springs(effects).values() for p in info.parameters if p.planned}
+
+
+def _known(effects: Declared) -> tuple[str, ...]:
+    """Names that vary, some of the contact's parameters among them."""
+    names = [name for what in _sought(effects) for name in (what, f"{what}@1")]
+    touched = [f"{e.name}.{e.parameters[0].name}" for e in effects.values() if e.brought and e.scope == "contact"]
+    return (*_ALWAYS, *names, *touched[:1])
+
+
+def _axis(text: str, effects: Declared) -> Variation:
     name, equals, values = (part.strip() for part in text.partition("="))
     where = f"--over {printable(text)}"
     if not equals or not name or not values:
         raise GridError(f"{where}: expected NAME=VALUES, such as cycle_time=1.0,1.2 or cycle_time=1.0:3.0:0.2")
-    if name not in _KNOWN and not _ONE_SPRING.fullmatch(name) and not _CONTACT.fullmatch(name):
-        raise GridError(f"{where}: nothing is called {quote(name)}; {did_you_mean(name, _KNOWN)}")
+    spring, able = _ONE_SPRING.fullmatch(name), _sought(effects)
+    if name not in _ALWAYS and not (spring and spring[1] in able) and not _CONTACT.fullmatch(name):
+        raise GridError(f"{where}: nothing is called {quote(name)}; {did_you_mean(name, _known(effects))}")
     items = [item.strip() for item in values.split(",")]
     if name == "case":
         unknown = [item for item in items if item not in CASES]
@@ -68,8 +86,11 @@ def _axis(text: str) -> Variation:
             raise GridError(f"{where}: {x:g} is no seed; expected whole numbers from 0 on")
         if name == "cycle_time" and x <= 0:
             raise GridError(f"{where}: {x:g} s is no cycle time; expected more than 0 s")
-        if name.startswith("stiffness") and x < 0:
-            raise GridError(f"{where}: {x:g} N/m is no stiffness; expected 0 or more (no spring: case=A,C)")
+        if spring and name not in _ALWAYS and x < (least := able[spring[1]].bounds[0]):
+            unit = able[spring[1]].unit.text()
+            raise GridError(
+                f"{where}: {x:g} {unit} is no {spring[1]}; expected {least:g} or more (no spring: case=A,C)"
+            )
     return Variation(name, tuple(int(x) if name == "seed" else x for x in dict.fromkeys(numbers)))
 
 
@@ -113,7 +134,7 @@ def jobs(scenario: Scenario, axes: Sequence[Variation], model: Model, code: Code
     arm = code.identity()
     found: dict[str, Job] = {}
     for values in product(*(axis.values for axis in over)):
-        columns, varied = _varied(scenario, dict(zip((axis.name for axis in over), values, strict=True)))
+        columns, varied = _varied(scenario, model, dict(zip((axis.name for axis in over), values, strict=True)))
         fitted = scenario_file.fitted(varied, model, "--over")
         for seed in seeds:
             job = Job.of(columns, fitted, int(seed), starts, arm)
@@ -121,17 +142,17 @@ def jobs(scenario: Scenario, axes: Sequence[Variation], model: Model, code: Code
     return list(found.values())
 
 
-def _varied(scenario: Scenario, setting: Mapping[str, Value]) -> tuple[dict[str, Value | None], Scenario]:
+def _varied(scenario: Scenario, model: Model, setting: Mapping[str, Value]) -> tuple[dict[str, Value | None], Scenario]:
     """The columns of a variation, and its scenario. A column is blank where the case leaves out what it is about."""
     columns: dict[str, Value | None] = dict(setting)
     if "case" in setting:
         scenario = _case(scenario, str(setting["case"]))
     for name, value in setting.items():
-        if spring := _ONE_SPRING.fullmatch(name):
+        if name not in _ALWAYS and (spring := _ONE_SPRING.fullmatch(name)):
             if not scenario.springs and "case" in setting:
                 columns[name] = None
                 continue
-            scenario = _sprung(scenario, name, spring[1], spring[2], float(value))
+            scenario = _sprung(scenario, model, name, spring[1], spring[2], float(value))
         elif contact := _CONTACT.fullmatch(name):
             effect, key = contact.groups()
             own = {**scenario.contact.get(effect, {}), key: float(value)}
@@ -149,15 +170,18 @@ def _case(scenario: Scenario, letter: str) -> Scenario:
     return scenario if springs else scenario.without_springs()
 
 
-def _sprung(scenario: Scenario, name: str, what: str, joint: str | None, value: float) -> Scenario:
-    """With a stiffness (N/m) or an offset (rad or m) given, at one joint or at all that have a spring."""
-    there = [spring.joint for spring in scenario.springs]
+def _sprung(scenario: Scenario, model: Model, name: str, what: str, joint: str | None, value: float) -> Scenario:
+    """With a parameter given that is sought of springs, at one joint or at all that have such a spring."""
+    own = sought(model, scenario)
+    there = [spring.plan.joint for spring in own if what in spring.plan.sought]
     if not there or (joint is not None and int(joint) not in there):
         known = f"it has springs at joint {', '.join(map(str, there))}" if there else "it has no [[spring]]"
         raise GridError(f"--over {name}: the scenario has no such spring; {known}")
-    given: Mapping[str, Callable[[SpringPlan], SpringPlan]] = {
-        "stiffness": lambda spring: replace(spring, stiffness=(value, value), catalogue=()),
-        "offset": lambda spring: replace(spring, offset=(value, value)),
-    }
     chosen = {int(joint)} if joint is not None else set(there)
-    return replace(scenario, springs=tuple(given[what](s) if s.joint in chosen else s for s in scenario.springs))
+    springs = tuple(_held(s, what, value) if s.plan.joint in chosen else s.plan for s in own)
+    return replace(scenario, springs=springs)
+
+
+def _held(spring: SoughtSpring, what: str, value: float) -> SpringPlan:
+    plan = spring.plan.within(what, value, value)
+    return replace(plan, catalogue=()) if what == spring.size.name else plan

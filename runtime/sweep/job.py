@@ -102,8 +102,11 @@ def _planned(model: Model, job: Job) -> Result:
         "cost": plan.cost,
         "smooth_cost": plan.smooth_cost,
         **{f"cost_joint{i}": float(cost) for i, cost in enumerate(plan.effort.cost, 1)},
-        **{f"stiffness_joint{joint}": float(values["stiffness"]) for joint, values in springs.items()},
-        **{f"offset_joint{joint}": float(values["offset"]) for joint, values in springs.items()},
+        **{
+            f"{p.name}_joint{s.plan.joint}": float(springs[s.plan.joint][p.name])
+            for s in plan.springs
+            for p in s.sought
+        },
         "iterations": sum(a.iterations for a in (*plan.attempts, plan.refined)),
         "message": "",
     }

@@ -12,7 +12,9 @@ from statistics import median
 from typing import Any
 
 from runtime import files
+from runtime.model.loader import Model
 from runtime.planning.scenario import Scenario
+from runtime.planning.springs import sought
 from runtime.sweep.job import Job, Result
 
 CLOSE = 0.01
@@ -36,12 +38,11 @@ def check(path: Path) -> None:
 
 def columns(scenario: Scenario, n: int, axes: Sequence[str]) -> list[str]:
     """Of the table: the variation, then the result; the same whether or not every job has a plan."""
-    sprung = [spring.joint for spring in scenario.springs]
     return [
         *(axis for axis in axes if axis != "seed"),
         *("seed", "feasible", "cost", "smooth_cost"),
         *(f"cost_joint{i}" for i in range(1, n + 1)),
-        *(f"{what}_joint{joint}" for joint in sprung for what in ("stiffness", "offset")),
+        *(f"{what}_joint{spring.joint}" for spring in scenario.springs for what in spring.sought),
         *("iterations", "seconds", "message"),
     ]
 
@@ -61,15 +62,15 @@ def write(path: Path, names: Sequence[str], jobs: Sequence[Job], results: Mappin
         files.replace(path, frame.to_csv(index=False, lineterminator="\n").encode())
 
 
-def summary(jobs: Sequence[Job], results: Mapping[str, Result]) -> list[dict[str, Any]]:
+def summary(jobs: Sequence[Job], results: Mapping[str, Result], model: Model) -> list[dict[str, Any]]:
     """By variation: its best plan, how the costs of its seeds spread, and what did not work."""
     groups: dict[tuple[Any, ...], list[Job]] = {}
     for job in jobs:
         groups.setdefault(tuple(job.columns.items()), []).append(job)
-    return [_variation(group, [results[job.key] for job in group]) for group in groups.values()]
+    return [_variation(group, [results[job.key] for job in group], model) for group in groups.values()]
 
 
-def _variation(group: Sequence[Job], results: Sequence[Result]) -> dict[str, Any]:
+def _variation(group: Sequence[Job], results: Sequence[Result], model: Model) -> dict[str, Any]:
     planned = [(r["cost"], job, r) for job, r in zip(group, results, strict=True) if r["feasible"]]
     costs = [cost for cost, _, _ in planned]
     messages = Counter(r["message"] for r in results if not r["feasible"])
@@ -99,10 +100,10 @@ def _variation(group: Sequence[Job], results: Sequence[Result]) -> dict[str, Any
         "seed": job.seed,
         "springs": [
             {
-                "joint": spring.joint,
-                "stiffness": result[f"stiffness_joint{spring.joint}"],
-                "offset": result[f"offset_joint{spring.joint}"],
+                "joint": s.plan.joint,
+                **{p.name: result[f"{p.name}_joint{s.plan.joint}"] for p in s.sought},
+                "unit": s.size.unit.text(model.joints[s.plan.joint - 1].type),
             }
-            for spring in job.scenario.springs
+            for s in sought(model, job.scenario)
         ],
     }

@@ -41,6 +41,7 @@ PLATE = Effect(
     trace="All joints' residuals are zero until the end-effector passes one y, then in proportion to dy/dq.",
     experiment="Press the plate slowly down and up, from well above it.",
     source="Equation (3) of the paper",
+    brought=True,
 )
 
 PLATE_DAMPING = Effect(
@@ -58,6 +59,7 @@ PLATE_DAMPING = Effect(
     source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
     "Mechanism and Machine Theory 37",
     dissipates=True,
+    brought=True,
 )
 
 EFFECTS = (PLATE, PLATE_DAMPING)

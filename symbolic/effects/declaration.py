@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from math import inf
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import sympy as sp
 
 from symbolic import units as u
+from symbolic.described import DescribedEffect, DescribedParameter, Grid
 from symbolic.effects.signals import SIGNAL, SIGNALS, Signal
 from symbolic.primitives import WIDTHS
 
@@ -44,58 +44,10 @@ DT = sp.Symbol("dt", positive=True)
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Where a shape parameter is looked for: `count` values from `low` to `high` times the data's `of`.
+class Parameter(DescribedParameter):
+    """A parameter of an effect, and the symbol that it has in equations."""
 
-    of   "one"              as they are
-         "rate"             largest |qd|
-         "position"         from the smallest to the largest q (low = 0, high = 1)
-         "end"              from the end of the motion inwards, as parts of its range: from the largest q for a
-                            `side` of +1, from the smallest for -1
-         "range"            largest q less smallest: for a length within the motion
-         "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
-         "load"             largest |load|
-         "duration"         of the longest run, s
-         "link_inertia"     median link_inertia: for a stiffness low and high are then angular frequencies squared
-         "critical"         2 sqrt(stiffness · median link_inertia), with the stiffness that is tried
-         "level_per_range"  largest level over the range of q: a stiffness whose deflection is a part of the range
-    """
-
-    low: float
-    high: float
-    count: int
-    of: Literal[
-        "one",
-        "rate",
-        "position",
-        "end",
-        "range",
-        "tip",
-        "load",
-        "duration",
-        "link_inertia",
-        "critical",
-        "level_per_range",
-    ] = "one"
-    spacing: Literal["log", "linear"] = "log"
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of an effect; `bounds` are physical (dissipation, order), in SI.
-
-    default   the value of a "given" parameter that the model file does not state
-    gives     the signal that its value is for the effects beside it; "" for none
-    """
-
-    name: str
     unit: u.Unit
-    meaning: str
-    role: Literal["linear", "shape", "given"] = "linear"
-    bounds: tuple[float, float] = (-inf, inf)
-    grid: Grid | None = None
-    default: float | None = None
-    gives: str = ""
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -113,6 +65,8 @@ class State:
 
     The torque of a sample is evaluated before its step. `initial` may use the signals of the first
     sample and the parameters, so that a recording may begin in equilibrium.
+
+    kind   "deflection": motor less link, which a link-side encoder measures
     """
 
     name: str
@@ -120,6 +74,7 @@ class State:
     meaning: str
     step: sp.Expr
     initial: sp.Expr = sp.S.Zero
+    kind: Literal["", "deflection"] = ""
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -148,52 +103,21 @@ class LinearForm:
     recover: tuple[sp.Expr, ...]
 
 
-@dataclass(frozen=True)
-class Effect:
-    """One physical effect.
+@dataclass(frozen=True, kw_only=True)
+class Effect(DescribedEffect[Parameter]):
+    """One physical effect: what is said of it, and its equations.
 
-    name         as users write it
-    scope        "joint"; "joints" (acts on a joint and the next one outwards); "arm"; "contact"
-    family       "friction", "spring", "drive", "transmission", "load", "contact"
     torque       what it adds to the motor torque of the joint whose signals are given
-    parameters   linear, shape and given ones
-    form         the coefficients in which the torque is linear, where they are not the linear parameters
     states       memory, empty for a static effect
-    dissipates   its power torque * qd is never negative within the bounds (or, for contact, work on the plate)
-    generalises  effects whose torques are special cases: adding this one replaces them
-    summary      one sentence
-    equation     the law as a person writes it
-    trace        what it leaves in a residual, one sentence
-    experiment   the motion that would bring it out, one sentence
-    source       literature
+    form         the coefficients in which the torque is linear, where they are not the linear parameters
     """
 
-    name: str
-    scope: Literal["joint", "joints", "arm", "contact"]
-    family: str
     torque: sp.Expr
-    parameters: tuple[Parameter, ...]
-    summary: str
-    equation: str
-    trace: str
-    experiment: str
-    source: str
-    states: tuple[State, ...] = field(default=())
-    dissipates: bool = False
-    generalises: tuple[str, ...] = field(default=())
+    states: tuple[State, ...] = ()
     form: LinearForm | None = None
 
-    @property
-    def linear(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if p.role == "linear")
-
-    @property
-    def shape(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if p.role == "shape")
-
-    @property
-    def given(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if p.role == "given")
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gives_way", any(s.between for s in self.signals))
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
@@ -207,9 +131,9 @@ class Effect:
         return tuple(s for s in SIGNALS if s.symbol in used)
 
     @property
-    def gives_way(self) -> bool:
-        """Whether the transmission gives way: what the own joint's link does is felt at all joints."""
-        return any(s.between for s in self.signals)
+    def deflection(self) -> str | None:
+        """The state that a link-side encoder measures."""
+        return next((s.name for s in self.states if s.kind == "deflection"), None)
 
     @property
     def columns(self) -> tuple[sp.Expr, ...]:

@@ -52,6 +52,7 @@ TORQUE_RIPPLE = Effect(
     experiment="Slow constant speed over ten revolutions of the motor, so that the wave stays below the cut-off.",
     source="Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent magnet "
     "motor drives, IEEE Trans. Industrial Electronics 43(2)",
+    sits_at="motor",
 )
 
 TORQUE_SATURATION = Effect(
@@ -69,6 +70,7 @@ TORQUE_SATURATION = Effect(
     trace="Over the predicted torque, an S that is visible only at the peaks.",
     experiment="Motion with the largest accelerations in both directions, beside gentle ones.",
     source="Hanselman 2006, Brushless Permanent Magnet Motor Design",
+    sits_at="motor",
 )
 
 TORQUE_SCALE = Effect(
@@ -76,13 +78,14 @@ TORQUE_SCALE = Effect(
     scope="joint",
     family="drive",
     torque=(parameter("factor") - 1) * PREDICTED,
-    parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=(0.0, inf)),),
+    parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=(0.0, inf), neutral=1.0),),
     summary="The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.",
     equation="(factor - 1) tau, tau the predicted torque",
     trace="The residual has the shape of the torque itself; where all parameters are free, it vanishes in them.",
     experiment="A known mass or a known spring at the joint; motion alone shows it only against fixed parameters.",
     source="Gautier & Briot 2014, Global identification of joint drive gains and dynamic parameters of robots, "
     "ASME J. Dynamic Systems, Measurement, and Control 136(5)",
+    sits_at="motor",
 )
 
 TORQUE_DELAY = Effect(
@@ -97,6 +100,7 @@ TORQUE_DELAY = Effect(
             u.SECOND,
             "positive: the recorded torque is ahead of the recorded motion, as a command is that acts only later; "
             "negative: it is behind, as a filtered current is",
+            kind="lead",
         ),
     ),
     summary="Torque and motion are not recorded at the same instant: hold, bus cycle, filter.",
@@ -104,6 +108,7 @@ TORQUE_DELAY = Effect(
     trace="The residual follows the slope of the torque and grows with frequency, in proportion.",
     experiment="Motion over two decades of frequency: an elasticity grows with a higher power of frequency.",
     source="Ljung 1999, System Identification: Theory for the User",
+    sits_at="motor",
 )
 
 EFFECTS = (TORQUE_RIPPLE, TORQUE_SATURATION, TORQUE_SCALE, TORQUE_DELAY)

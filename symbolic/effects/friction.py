@@ -34,6 +34,7 @@ COULOMB = Effect(
     experiment="Constant speeds in both directions; a few different speeds tell it from viscous friction.",
     source=SURVEY,
     dissipates=True,
+    dry=True,
 )
 
 COULOMB_ASYMMETRIC = Effect(
@@ -52,6 +53,7 @@ COULOMB_ASYMMETRIC = Effect(
     source="Equation (4) of the paper; " + SURVEY,
     dissipates=True,
     generalises=("coulomb",),
+    dry=True,
 )
 
 VISCOUS = Effect(
@@ -105,6 +107,7 @@ VISCOUS_CUBIC = Effect(
     experiment="Speeds up to the largest one in use; the slow ones fix the straight part.",
     source="Equation (4) of the paper; Tuttle & Seering 1996, A nonlinear model of a harmonic drive gear transmission, "
     "IEEE Trans. Robotics and Automation 12(3)",
+    friction=True,
 )
 
 # Far below any rate, level or resolution: what keeps a power and a quotient finite at 0, where another factor is 0.
@@ -158,6 +161,7 @@ STRIBECK = Effect(
     experiment="Slow legs at a tenth of v_s to three times v_s in both directions, beside the fast ones.",
     source=SURVEY,
     dissipates=True,
+    dry=True,
 )
 
 LOAD_FRICTION = Effect(
@@ -185,8 +189,17 @@ FRICTION_PATCH = Effect(
     * SIGN,
     parameters=(
         Parameter("torque", u.FORCE, "additional friction torque within the patch", bounds=NOT_NEGATIVE),
-        Parameter("start", u.POSITION, "where the patch begins", "shape", grid=Grid(0, 1, 11, "position", "linear")),
-        Parameter("end", u.POSITION, "where the patch ends", "shape", grid=Grid(0, 1, 11, "position", "linear")),
+        Parameter(
+            "start",
+            u.POSITION,
+            "where the patch begins",
+            "shape",
+            grid=Grid(0, 1, 11, "position", "linear"),
+            kind="begin",
+        ),
+        Parameter(
+            "end", u.POSITION, "where the patch ends", "shape", grid=Grid(0, 1, 11, "position", "linear"), kind="end"
+        ),
     ),
     summary="A stretch of the range with more friction: a worn or dirty place, a bent shaft, a tight seal.",
     equation="dF sgn(qd) for start < q < end, else 0",
@@ -215,6 +228,7 @@ LUGRE = Effect(
             "shape",
             NOT_NEGATIVE,
             Grid(3.0, 1e4, 15, "level_per_range"),
+            kind="stiffness",
         ),
         Parameter("damping", u.VISCOUS, "of the bristles while they deflect", bounds=NOT_NEGATIVE),
     ),
@@ -233,6 +247,7 @@ LUGRE = Effect(
     experiment="Reversals with amplitudes from 1 to 300 mrad, slow enough to resolve the first microns of travel.",
     source="Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, "
     "IEEE Trans. Automatic Control 40(3)",
+    friction=True,
 )
 
 _WARMING = WARMTH + UNMEASURED * (1 - sp.exp(-T / parameter("time_constant")))
@@ -265,6 +280,7 @@ THERMAL_FRICTION = Effect(
     experiment="A long recording with the same slow and fast legs at its beginning and at its end, with temperature.",
     source="Bittencourt & Gunnarsson 2012, Static friction in a robot joint: modeling and identification of load and "
     "temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134(5)",
+    friction=True,
 )
 
 EFFECTS = (

@@ -24,6 +24,7 @@ OFFSET = Effect(
     trace="The residual has a mean that no signal explains.",
     experiment="Any motion that goes both ways over the same range.",
     source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
+    sits_at="link",
 )
 
 LINEAR_SPRING = Effect(
@@ -51,6 +52,7 @@ LINEAR_SPRING = Effect(
     source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
     # A constant torque cannot be told from the rest position.
     generalises=("offset",),
+    sits_at="link",
 )
 
 _LACKING = parameter("offset") - Q
@@ -66,7 +68,15 @@ PARALLEL_SPRING = Effect(
         + parameter("radius") * parameter("pretension") * _TAUT
     ),
     parameters=(
-        Parameter("stiffness", u.NEWTON / u.METRE, "of the extension spring, k_s", bounds=NOT_NEGATIVE),
+        Parameter(
+            "stiffness",
+            u.NEWTON / u.METRE,
+            "of the extension spring, k_s",
+            bounds=NOT_NEGATIVE,
+            planned="size",
+            scale=1000.0,
+            says="",
+        ),
         Parameter(
             "radius",
             u.METRE / u.POSITION,
@@ -82,6 +92,8 @@ PARALLEL_SPRING = Effect(
             "position q_s0 below which the spring is taut",
             "shape",
             grid=Grid(0.25, 1, 13, "position", "linear"),
+            planned="place",
+            says="taut below",
         ),
         Parameter("pretension", u.NEWTON, "initial tension of the spring, F_s0", bounds=NOT_NEGATIVE),
     ),
@@ -105,6 +117,8 @@ PARALLEL_SPRING = Effect(
     trace="Over the position, a straight line below the offset, with a step there if pretensioned; zero above.",
     experiment="Slow motion across the offset over a radian on either side, there and back.",
     source="Equation (2) of the paper, with the motor's sign",
+    sits_at="link",
+    brought=True,
 )
 
 CABLE = Effect(
@@ -124,6 +138,7 @@ CABLE = Effect(
     experiment="Slow motion over the whole range, there and back.",
     source="Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear "
     "disturbance forces, IEEE Robotics and Automation Letters 4(4)",
+    sits_at="link",
 )
 
 _SIDE = parameter("side")
@@ -147,6 +162,7 @@ END_STOP = Effect(
             "shape",
             (-1.0, 1.0),
             Grid(-1, 1, 2, spacing="linear"),
+            kind="side",
         ),
     ),
     summary="A soft mechanical stop at one end of the range.",
@@ -155,6 +171,7 @@ END_STOP = Effect(
     experiment="Slow motion up to the ends of the range.",
     source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
     "Mechanism and Machine Theory 37",
+    sits_at="link",
 )
 
 # Maxwell-slip elements in parallel: springs of one stiffness behind sliders that give way one after the other, the
@@ -205,6 +222,7 @@ SPRING_HYSTERESIS = Effect(
     source="Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of "
     "nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model for "
     "hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)",
+    sits_at="link",
 )
 
 EFFECTS = (OFFSET, LINEAR_SPRING, PARALLEL_SPRING, CABLE, END_STOP, SPRING_HYSTERESIS)

@@ -58,11 +58,20 @@ ELASTICITY = Effect(
             "shape",
             (0.0, inf),
             Grid((2 * pi * 5) ** 2, (2 * pi * 200) ** 2, 25, "link_inertia"),
+            kind="stiffness",
         ),
-        Parameter("damping", u.VISCOUS, "of the transmission", "shape", (0.0, inf), Grid(0.005, 0.5, 3, "critical")),
+        Parameter(
+            "damping",
+            u.VISCOUS,
+            "of the transmission",
+            "shape",
+            (0.0, inf),
+            Grid(0.005, 0.5, 3, "critical"),
+            kind="damping",
+        ),
     ),
     states=(
-        State("deflection", u.POSITION, "motor less link", _NEXT[0], initial=LOAD / _K),
+        State("deflection", u.POSITION, "motor less link", _NEXT[0], initial=LOAD / _K, kind="deflection"),
         State("rate", u.RATE, "of the deflection", _NEXT[1]),
         State(
             "acceleration",
@@ -167,6 +176,7 @@ BACKLASH = Effect(
             "shape",
             (0.0, inf),
             Grid((2 * pi * 20) ** 2, (2 * pi * 150) ** 2, 3, "link_inertia"),
+            kind="stiffness",
         ),
         Parameter(
             "damping",
@@ -175,6 +185,7 @@ BACKLASH = Effect(
             "shape",
             (0.0, inf),
             Grid(0.05, 0.4, 2, "critical"),
+            kind="damping",
         ),
     ),
     states=(
@@ -184,6 +195,7 @@ BACKLASH = Effect(
             "motor less link",
             _ACROSS[0],
             initial=LOAD / _K + _HALF * sgn(LOAD, WIDTH_FORCE),
+            kind="deflection",
         ),
         State("rate", u.RATE, "of the deflection", _ACROSS[1]),
         State("acceleration", u.ACCELERATION, "of the deflection, mean of the last step", (_ACROSS[1] - _RATE) / DT),
@@ -198,6 +210,7 @@ BACKLASH = Effect(
     generalises=("elasticity",),
     source="Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal "
     "Processing 11(1)",
+    has_gap=True,
 )
 
 EFFECTS = (ELASTICITY, BACKLASH)

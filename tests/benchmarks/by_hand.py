@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from runtime.model.terms import Term, structure
-from runtime.planning.program import CLEAR_OF_SINGULAR, STIFFNESS_UNIT, Program, bernstein
+from runtime.planning.program import CLEAR_OF_SINGULAR, Program, bernstein
 from runtime.planning.scenario import PhasePlan
 
 Array = NDArray[np.float64]
+
+STIFFNESS_UNIT = 1000.0
+"""N/m, in which a program counts stiffnesses."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,9 @@ class Laws:
     def spring(self, k: int, q: Any, stiffness: Any, offset: Any) -> Any:
         """stiffness in kN/m."""
         plan, width = self.program.scenario.springs[k], self.width / 50.0
-        pull = plan.radius**2 * STIFFNESS_UNIT * stiffness * self._ramp(offset - q, width)
-        return -pull - plan.radius * plan.pretension * self._step(offset - q, width)
+        radius, pretension = plan.stated["radius"], plan.stated["pretension"]
+        pull = radius**2 * STIFFNESS_UNIT * stiffness * self._ramp(offset - q, width)
+        return -pull - radius * pretension * self._step(offset - q, width)
 
     @cached_property
     def plate_at(self) -> float:

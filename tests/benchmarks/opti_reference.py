@@ -13,10 +13,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from by_hand import Laws, Solved, downwards, rates
+from by_hand import STIFFNESS_UNIT, Laws, Solved, downwards, rates
 from numpy.typing import NDArray
 
-from runtime.planning.program import CLEAR_OF_SINGULAR, STIFFNESS_UNIT, Program, bernstein
+from runtime.planning.program import CLEAR_OF_SINGULAR, Program, bernstein
 from runtime.planning.scenario import PhasePlan, Point
 from symbolic.model_file.arm import Arm
 
@@ -47,9 +47,11 @@ class OptiByHand:
         if not self.scenario.springs:
             opti.subject_to(self._springs == 0)
         for k, spring in enumerate(self.scenario.springs):
-            low, high = np.array(spring.stiffness) / STIFFNESS_UNIT
+            low, high = np.array(spring.sought["stiffness"]) / STIFFNESS_UNIT
             opti.subject_to(opti.bounded(low, self._springs[2 * k], high))
-            opti.subject_to(opti.bounded(spring.offset[0], self._springs[2 * k + 1], spring.offset[1]))
+            opti.subject_to(
+                opti.bounded(spring.sought["offset"][0], self._springs[2 * k + 1], spring.sought["offset"][1])
+            )
 
     # --- one instant ---
 

@@ -166,7 +166,7 @@ def test_effects_as_data(library: Library) -> None:
     assert [p.name for p in info.linear] == ["torque"]
     speed = info.parameter("speed")
     assert speed.role == "shape"
-    assert (speed.unit("revolute"), speed.unit("prismatic")) == ("rad/s", "m/s")
+    assert (speed.unit.text("revolute"), speed.unit.text("prismatic")) == ("rad/s", "m/s")
     assert speed.bounds == (0.0, np.inf)
     assert speed.grid is not None
     assert speed.grid.of == "rate"

@@ -181,7 +181,7 @@ def test_the_better_neighbour_in_the_catalogue_is_chosen(one: Model) -> None:
     scenario = and_back(one, 2.5, *ends, spring=[{**spring, "catalogue": catalogue}])
     plan = optimize(one, scenario)
     sought = plan.free[1]
-    bought = [choice.stiffness[1] for choice in plan.choices]
+    bought = [choice.sizes[1] for choice in plan.choices]
     assert sorted(bought) == [max(k for k in catalogue if k <= sought), min(k for k in catalogue if k > sought)]
     assert plan.trajectory.springs[1]["stiffness"] == bought[0]
     alone = [optimize(one, and_back(one, 2.5, *ends, spring=[{**spring, "stiffness": k}])).cost for k in bought]
@@ -190,7 +190,7 @@ def test_the_better_neighbour_in_the_catalogue_is_chosen(one: Model) -> None:
 
 def test_a_spring_that_may_hang_loose_never_costs(model: Model, first: Scenario) -> None:
     loose = replace(
-        first, springs=tuple(replace(s, offset=(-3.0, -2.0), stiffness=(8000.0, 8000.0)) for s in first.springs)
+        first, springs=tuple(s.within("offset", -3.0, -2.0).within("stiffness", 8000.0, 8000.0) for s in first.springs)
     )
     np.testing.assert_allclose(optimize(model, loose).cost, optimize(model, first.without_springs()).cost, rtol=1e-6)
 

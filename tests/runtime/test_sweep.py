@@ -34,6 +34,7 @@ from runtime.sweep.job import Code, Job, Result
 from runtime.sweep.pools import PoolError, outcomes
 from runtime.sweep.run import run as run_jobs
 from runtime.workspace import open_model
+from symbolic.effects import LIBRARY
 
 ROOT = Path(__file__).resolve().parents[2]
 ARM = """\
@@ -159,7 +160,7 @@ def swing(folder: Path) -> tuple[Scenario, Model, Code]:
 
 def jobs_of(swing: tuple[Scenario, Model, Code], *over: str) -> list[Job]:
     scenario, model, code = swing
-    return grid.jobs(scenario, grid.parse(over), model, code, None)
+    return grid.jobs(scenario, grid.parse(over, LIBRARY), model, code, None)
 
 
 # --- the grid ---
@@ -190,7 +191,7 @@ def jobs_of(swing: tuple[Scenario, Model, Code], *over: str) -> list[Job]:
 )
 def test_what_cannot_be_meant_is_refused(over: list[str], message: str) -> None:
     with pytest.raises(grid.GridError) as error:
-        grid.parse(over)
+        grid.parse(over, LIBRARY)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -200,12 +201,12 @@ def test_what_cannot_be_meant_is_refused(over: list[str], message: str) -> None:
 def test_a_range_has_both_ends_and_says_what_a_person_would(start: int, count: int, step: int) -> None:
     """In hundredths: no 1.2000000000000002, and no end lost to rounding."""
     text = f"cycle_time={start / 100}:{(start + count * step) / 100}:{step / 100}"
-    (axis,) = grid.parse([text])
+    (axis,) = grid.parse([text], LIBRARY)
     assert axis.values == tuple((start + k * step) / 100 for k in range(count + 1))
 
 
 def test_seeds_count_in_ones() -> None:
-    assert grid.parse(["seed=0:3,7"])[0].values == (0, 1, 2, 3, 7)
+    assert grid.parse(["seed=0:3,7"], LIBRARY)[0].values == (0, 1, 2, 3, 7)
 
 
 def test_the_cases_are_those_of_the_paper(swing: Any) -> None:
@@ -221,14 +222,14 @@ def test_a_case_without_springs_is_not_repeated_for_each_of_them(swing: Any) -> 
         (3000.0, 0.0, "B"),
         (5000.0, 0.0, "B"),
     ]
-    assert jobs[1].scenario.springs[0].stiffness == (3000.0, 3000.0)
-    assert jobs[1].scenario.springs[0].offset == (0.0, 0.0)
+    assert jobs[1].scenario.springs[0].sought["stiffness"] == (3000.0, 3000.0)
+    assert jobs[1].scenario.springs[0].sought["offset"] == (0.0, 0.0)
     assert jobs[1].scenario.springs[0].catalogue == ()
 
 
 def test_a_key_says_what_decides_the_result(swing: Any) -> None:
     scenario, model, code = swing
-    axes = grid.parse(["seed=0,1"])
+    axes = grid.parse(["seed=0,1"], LIBRARY)
     first, second = grid.jobs(scenario, axes, model, code, None)
     assert first.key == grid.jobs(scenario, axes, model, code, None)[0].key
     others = [
@@ -260,7 +261,7 @@ def test_a_contact_varies_by_its_parameters() -> None:
     model = open_model(ROOT / "symbolic" / "arms" / "vishard4.toml")
     path = ROOT / "runtime" / "study" / "scenario2.toml"
     scenario = scenario_file.fitted(scenario_file.read(path), model, str(path))
-    axes = grid.parse(["plate.stiffness=600,1300"])
+    axes = grid.parse(["plate.stiffness=600,1300"], LIBRARY)
     jobs = grid.jobs(scenario, axes, model, Code(model.directory, model.library.directory), None)
     assert [job.scenario.contact["plate"]["stiffness"] for job in jobs] == [600.0, 1300.0]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from runtime.report.terminal.cells import Document, console, empty_table, figure, say
 
 
@@ -19,12 +21,10 @@ def plan(document: Document) -> None:
         f"{objective['value']:.4g}{unit}"
     )
     for spring in document["springs"]:
-        say(
-            f"spring at joint {spring['joint']}: {spring['stiffness']:.4g} N/m, taut below {spring['offset']:.4g} rad"
-            + _bought(document, spring)
-        )
+        say(f"spring at joint {spring['joint']}: {spring['text']}{_bought(document, spring)}")
     if len(document["catalogue"]) > 1:
-        others = "; ".join(_choice(c) for c in document["catalogue"])
+        units = {str(spring["joint"]): spring["unit"] for spring in document["springs"]}
+        others = "; ".join(_choice(c, units) for c in document["catalogue"])
         say(f"springs compared, the best first: {others}")
     table = empty_table("joint", "cost (N m)^2 s", "peak torque", "peak speed", "range")
     for joint in document["joints"]:
@@ -49,9 +49,10 @@ def plan(document: Document) -> None:
 def _bought(document: Document, spring: Document) -> str:
     if not document["catalogue"]:
         return ""
-    return f" (from the catalogue; sought {spring['sought']:.4g} N/m)"
+    return f" (from the catalogue; sought {spring['sought']:.4g} {spring['unit']})"
 
 
-def _choice(choice: Document) -> str:
-    springs = ", ".join(f"{k:g} N/m" for k in choice["stiffness"].values())
+def _choice(choice: Document, units: Mapping[str, str]) -> str:
+    sizes = [item for key, by_joint in choice.items() if key != "cost" for item in by_joint.items()]
+    springs = ", ".join(f"{size:g} {units[joint]}" for joint, size in sizes)
     return f"{springs} {figure(choice['cost']) if choice['cost'] is not None else 'infeasible'}"

@@ -85,7 +85,9 @@ def show(document: Document) -> None:
 
 
 def _spring(spring: Document) -> str:
-    return f"{spring['joint']}: {figure(spring['stiffness'])} N/m, {figure(spring['offset'])}"
+    unit = spring["unit"]
+    size, *others = (figure(value) for key, value in spring.items() if key not in ("joint", "unit"))
+    return f"{spring['joint']}: {', '.join((f'{size} {unit}', *others))}"
 
 
 def _missing(variation: Document) -> str:
