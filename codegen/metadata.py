@@ -9,7 +9,7 @@ from typing import Any
 
 from codegen.tape.tape import Tape
 from symbolic import units as u
-from symbolic.described import DescribedEffect, DescribedParameter, to_json
+from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json
 from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import Joint
