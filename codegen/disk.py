@@ -7,10 +7,10 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from codegen.pages import BANNER
+from codegen.pages import BANNER, MARK
 
 _TEXTS = ("", ".c", ".h", ".py", ".ld", ".md", ".txt", ".cmake")
-"""Endings of files that carry it."""
+"""Endings of files that carry a banner."""
 
 
 def write(files: Mapping[str, str], directory: Path) -> None:
@@ -57,8 +57,9 @@ def _orphans(files: Mapping[str, str], directory: Path) -> list[str]:
 
 
 def has_banner(path: Path) -> bool:
-    """Whether a file says of itself that it is generated."""
+    """Whether a file says of itself that it is generated, or copied from Tendon."""
     if path.suffix not in _TEXTS or not path.is_file():
         return False
     with path.open("rb") as file:
-        return BANNER.encode() in file.read(200)
+        head = file.read(200)
+    return BANNER.encode() in head or MARK.encode() in head

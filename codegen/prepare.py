@@ -31,7 +31,7 @@ def _sources() -> str:
     digest = hashlib.sha256(f"sympy {version('sympy')}".encode())
     for folder in ("symbolic", "codegen"):
         for path in sorted((_ROOT / folder).rglob("*")):
-            if path.suffix in (".py", ".j2"):
+            if path.suffix in (".py", ".j2", ".c", ".h"):
                 digest.update(str(path.relative_to(_ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 

@@ -122,11 +122,11 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
             "Who are you? Answered by `identity`; numbers the commands anew, but in `armed` and `running`.",
         ),
         Message(
-            "parameters", 2, "command", "The arm's lumped parameters.", _floats(records["parameters_f32"]), idle,
+            "parameters", 2, "command", "The arm's lumped parameters.", _floats(records["parameters"]), idle,
             "parameters",
         ),
         Message(
-            "effects", 3, "command", "Parameters of the effects that are compensated.", _floats(records["effects_f32"]),
+            "effects", 3, "command", "Parameters of the effects that are compensated.", _floats(records["effects"]),
             idle, "effects",
         ),
         Message("drive", 4, "command", "Encoders, gains and torque limits.", _drive(n, units), idle),
@@ -205,9 +205,9 @@ def _trajectory(n: int, records: Mapping[str, Record]) -> tuple[Item, ...]:
         Item("rows", "u32", "", "control points of all phases", low=MIN_DEGREE + 1, high=MAX_ROWS),
         *(
             Item(f"spring_{f.name}", "float", f.unit, f"{f.meaning}; parallel to the joints, 0 where there is none", n)
-            for f in records["spring_f32"].fields
+            for f in records["spring"].fields
         ),
-        *_floats(records["contact_f32"]),
+        *_floats(records["contact"]),
     )
 
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from codegen.c.controller import Controller
 from codegen.c.controller_records import COORDINATES, MAX_DEGREE, STATUS
+from codegen.c.records import Record
 from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, Message, commands, reports
 
 VERSION = 1
@@ -147,8 +148,7 @@ class Protocol:
         types = tuple(joint.type for joint in model.arm.joints)
         if len(types) > MOST_JOINTS:
             raise ValueError(f"{model.arm.name} has {len(types)} joints; a controller takes {MOST_JOINTS}")
-        records = {record.name.removeprefix(f"{model.arm.name}_"): record for record in controller.records}
-        sent = commands(types, records, controller.has_contact_coordinates)
+        sent = commands(types, records_of(controller), controller.has_contact_coordinates)
         return cls(model.arm.name, types, (*sent, *reports(types)))
 
     def message(self, name: str) -> Message:
@@ -202,6 +202,12 @@ class Protocol:
             "status": {flag: bit for flag, (bit, _) in STATUS.items()},
             "coordinates": COORDINATES,
         }
+
+
+def records_of(controller: Controller) -> dict[str, Record]:
+    """The controller's structs by their names without the arm's and the precision."""
+    arm = controller.model.arm.name
+    return {record.name.removeprefix(f"{arm}_").removesuffix("_f32"): record for record in controller.records}
 
 
 def _message_json(message: Message) -> dict[str, Any]:

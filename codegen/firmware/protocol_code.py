@@ -1,4 +1,4 @@
-"""C of the protocol, as finished strings: structs of the messages, their packing and unpacking, the accepted ranges."""
+"""C of the messages, as finished strings: their structs, their packing and unpacking, the accepted ranges."""
 
 from __future__ import annotations
 
@@ -7,26 +7,30 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from codegen.c.c_code import Routine, comment, declaration
+from codegen.c.controller import Controller
 from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, SIZES, Item, Message
-from codegen.firmware.protocol import HEADER, MISSING, REASONS, RESULTS, STATES, VERSION, Protocol
+from codegen.firmware.protocol import HEADER, MISSING, REASONS, RESULTS, STATES, VERSION, Protocol, records_of
 from codegen.firmware.protocol_page import said_range
 
 C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i32": "int32_t", "float": "float"}
-_KINDS = {"float": "REAL", "i32": "SIGNED", "u32": "COUNT"}
+_KINDS = {"float": "TENDON_KIND_REAL", "i32": "TENDON_KIND_SIGNED", "u32": "TENDON_KIND_COUNT"}
 _SIGN = 0x80000000
+_NAMED = {
+    "safety": ("low", "high", "early", "late"),
+    "trajectory": ("elbow",),
+    "phase": ("first_row",),
+}
+"""Fields whose places the machine names when it refuses a command that no single range refuses."""
 _BYTE = 255
 """Most values of a rule, whose count is a byte."""
 
 
-def holes(protocol: Protocol, build: int) -> dict[str, Any]:
-    """What the pages of protocol.h and protocol.c need. build: CRC-32 of the sources."""
-    name, commands = protocol.arm, protocol.commands
+def holes(controller: Controller, protocol: Protocol, build: int) -> dict[str, Any]:
+    """What the pages of tendon_messages.h and tendon_messages.c need. build: CRC-32 of the sources."""
+    commands = protocol.commands
     filled = [message for message in protocol.messages if message.fields]
     rules, table = _tables(commands)
     return {
-        "name": name,
-        "NAME": name.upper(),
-        "guard": f"TENDON_{name.upper()}_PROTOCOL_H",
         "version": VERSION,
         "fingerprint": f"0x{protocol.fingerprint:08x}",
         "build": f"0x{build:08x}",
@@ -37,31 +41,18 @@ def holes(protocol: Protocol, build: int) -> dict[str, Any]:
         "longest_command": max(message.size for message in commands),
         "longest_report": max(message.size for message in protocol.reports),
         "numbers": _numbers(protocol),
-        "types": [_typedef(name, message) for message in filled if message.record is None],
-        "routines": [
-            _unpack(name, message) if message.direction == "command" else _pack(name, message) for message in filled
-        ],
+        "types": [_typedef(message) for message in filled if message.record is None],
+        "routines": [_unpack(message) if message.direction == "command" else _pack(message) for message in filled],
+        "parts": _parts(controller),
         "rules": rules,
         "commands": table,
         "first_command": commands[0].number,
-        "last_command": commands[-1].number,
     }
 
 
-def crc_table() -> list[str]:
-    """Remainders of all half bytes."""
-    return [f"0x{_remainder(k):08x}U" for k in range(16)]
-
-
-def _remainder(half: int) -> int:
-    for _ in range(4):
-        half = (half >> 1) ^ (0xEDB88320 if half & 1 else 0)
-    return half
-
-
-def struct_name(arm: str, message: Message) -> str:
+def struct_name(message: Message) -> str:
     """The C type that holds a message's fields."""
-    return f"{arm}_{message.record}_f32" if message.record else f"{arm}_{message.name}_message"
+    return f"tendon_{message.record}" if message.record else f"tendon_{message.name}_message"
 
 
 def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
@@ -71,8 +62,13 @@ def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
         ("States.", "STATE", [(s.name, s.number) for s in STATES]),
         ("Reasons for the state.", "REASON", [(r.name, r.number) for r in REASONS]),
         ("Results of a command.", "RESULT", [(r.name, r.number) for r in RESULTS]),
-        ("What has not been uploaded, as bits.", "MISSING", list(MISSING.items())),
+        ("What has not been uploaded, as bits.", "MISSING", [*MISSING.items(), ("everything", sum(MISSING.values()))]),
         ("Bytes of the reports' payloads.", "SIZE", [(m.name, m.size) for m in protocol.reports]),
+        ("Bytes from a frame's begin to the fields of its header.", "PLACE_HEADER", _header_places()),
+        *(
+            (f"Which values of `{name}` these are, from 0.", f"PLACE_{name.upper()}", _places(protocol.message(name)))
+            for name in _NAMED
+        ),
     )
     return [
         {"comment": comment(text), "lines": [f"{group}_{name.upper()} {number}U" for name, number in pairs]}
@@ -80,9 +76,32 @@ def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
     ]
 
 
-def _typedef(arm: str, message: Message) -> str:
+def _header_places() -> list[tuple[str, int]]:
+    sizes = [SIZES[kind] for _, kind in HEADER]
+    return [(name, sum(sizes[:k])) for k, (name, _) in enumerate(HEADER)]
+
+
+def _places(message: Message) -> list[tuple[str, int]]:
+    return [(name, message.place(name)) for name in _NAMED[message.name]]
+
+
+def _parts(controller: Controller) -> list[Routine]:
+    """The springs and the contact of a trajectory's message, field by field into the controller's structs."""
+    records = records_of(controller)
+    springs = [f"        springs[j].{f.name} = message->spring_{f.name}[j];" for f in records["spring"].fields]
+    contact = [f"    contact->{f.name} = message->{f.name};" for f in records["contact"].fields]
+    loop = ["    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {", *springs, "    }"]
+    heads = (("springs", "tendon_spring springs[TENDON_JOINTS]"), ("contact", "tendon_contact *contact"))
+    message = "const tendon_trajectory_message *message"
+    return [
+        Routine("", declaration(f"void tendon_take_{name}", [message, to]), "\n".join(body))
+        for (name, to), body in zip(heads, (loop, contact), strict=True)
+    ]
+
+
+def _typedef(message: Message) -> str:
     lines = [f"    {_member(item)} {comment(_meaning(item))}" for item in message.fields]
-    return "\n".join([comment(message.meaning), "typedef struct {", *lines, f"}} {struct_name(arm, message)};"])
+    return "\n".join([comment(message.meaning), "typedef struct {", *lines, f"}} {struct_name(message)};"])
 
 
 def _member(item: Item) -> str:
@@ -93,16 +112,16 @@ def _meaning(item: Item) -> str:
     return f"{item.unit}: {item.meaning}" if item.unit else item.meaning
 
 
-def _unpack(arm: str, message: Message) -> Routine:
-    arguments = ["const uint8_t *payload", f"{struct_name(arm, message)} *message"]
+def _unpack(message: Message) -> Routine:
+    arguments = ["const uint8_t *payload", f"{struct_name(message)} *message"]
     lines = _fields(message, lambda item, value, place: f"{value} = tendon_get_{item.type}(&payload[{place}]);")
-    return Routine("", declaration(f"void {arm}_unpack_{message.name}", arguments), "\n".join(lines))
+    return Routine("", declaration(f"void tendon_unpack_{message.name}", arguments), "\n".join(lines))
 
 
-def _pack(arm: str, message: Message) -> Routine:
-    arguments = [f"const {struct_name(arm, message)} *message", "uint8_t *payload"]
+def _pack(message: Message) -> Routine:
+    arguments = [f"const {struct_name(message)} *message", "uint8_t *payload"]
     lines = _fields(message, lambda item, value, place: f"tendon_put_{item.type}(&payload[{place}], {value});")
-    return Routine("", declaration(f"void {arm}_pack_{message.name}", arguments), "\n".join(lines))
+    return Routine("", declaration(f"void tendon_pack_{message.name}", arguments), "\n".join(lines))
 
 
 def _fields(message: Message, statement: Callable[[Item, str, str], str]) -> list[str]:

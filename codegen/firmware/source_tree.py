@@ -11,30 +11,23 @@ from typing import Any
 from codegen import disk, render
 from codegen.c.controller import Controller
 from codegen.firmware import protocol_page
+from codegen.firmware.handwritten import handwritten_files
 from codegen.firmware.machine import machine_files
-from codegen.firmware.protocol import NOT_READY, REASONS, Protocol
-from codegen.pages import BANNER, page
+from codegen.firmware.protocol import REASONS, Protocol
+from codegen.pages import BANNER, MARK, page
 from codegen.toolchain import build, cross
 from codegen.toolchain.cross import HOST, TARGETS, Target, Toolchain
 from codegen.toolchain.stack import EXCEPTION_FRAME
 from symbolic.effects.declaration import Effect
 from symbolic.model import ArmModel
-from symbolic.rigid_body.kinematics import Coordinates
 
 BOARD = "boards/mps2"
 """The board that is emulated."""
 STACK = 2048
 """Bytes that its linker script sets aside; a test holds the worst case to half of that."""
 _PAGES = (
-    *("src/main.c", "src/tendon_board.h", "Makefile", "CMakeLists.txt", "README.md", "misra.txt"),
-    *(
-        "boards/mps2/startup.c",
-        "boards/mps2/board.c",
-        "boards/mps2/memory.c",
-        "boards/mps2/mps2.ld",
-        "boards/own/board.c",
-    ),
-    *("cmake/gcc.cmake", "cmake/zig.cmake"),
+    *("Makefile", "CMakeLists.txt", "README.md", "misra.txt"),
+    *("boards/mps2/mps2.ld", "cmake/gcc.cmake", "cmake/zig.cmake"),
 )
 
 
@@ -46,15 +39,13 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
     name = model.arm.name
     code = render.arm_files(model) | render.controller_files(model, library)
     files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
-    files |= machine_files(model, library, files)
+    files |= {**handwritten_files(), **machine_files(model, library, files)}
     protocol = Protocol.of(Controller.of(model, library))
     holes = {
         "banner": f"/* {BANNER} Firmware of the arm {name}. */",
         "banner_text": f"{BANNER} Firmware of the arm {name}.",
         "name": name,
-        "n": len(model.arm.joints),
         "joints": f"{len(model.arm.joints)} joint" + ("s" if len(model.arm.joints) > 1 else ""),
-        "units": Coordinates(tuple(joint.type for joint in model.arm.joints)).force,
         "stack_size": STACK,
         "library_sources": " ".join(_library(files)),
         "hot_sources": " ".join(path for path in _library(files) if _is_hot(path)),
@@ -68,7 +59,7 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
         "board_warnings": "-Wall -Wextra",
         **_page_holes(protocol),
     }
-    files |= {path: page(f"firmware/{path.removeprefix('src/')}.j2", **holes) for path in _PAGES}
+    files |= {path: page(f"firmware/{path}.j2", **holes) for path in _PAGES}
     return dict(sorted(files.items()))
 
 
@@ -77,9 +68,9 @@ def _page_holes(protocol: Protocol) -> dict[str, Any]:
     reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
     return {
         "banner_title": BANNER,
+        "mark": MARK,
         "exception_frame": EXCEPTION_FRAME,
         **protocol_page.line_holes(protocol),
-        "not_ready": f"0x{NOT_READY:08x}U",
         "reasons": [" | ".join(cells) for cells in reasons],
     }
 
@@ -105,7 +96,7 @@ def _library(files: Iterable[str]) -> list[str]:
 
 def _is_hot(source: str) -> bool:
     """Whether most of a file runs in every control step."""
-    return source.endswith(("_f32.c", "_machine.c"))
+    return source.endswith(("_f32.c", "/tendon_step.c"))
 
 
 def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, Any]:

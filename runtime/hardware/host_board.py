@@ -15,25 +15,27 @@ _CHUNK = 4096
 class HostBoard:
     """A board within this process.
 
-    directory   of codegen.prepare.prepare_firmware for the host: lib.so     name   of the arm     n   its joints
+    directory   of codegen.prepare.prepare_firmware for the host: lib.so
+    _name       of the arm, which is that of other boards' images; the machine has the same names for every arm
+    n           its joints
     """
 
-    def __init__(self, directory: Path, name: str, n: int) -> None:
+    def __init__(self, directory: Path, _name: str, n: int) -> None:
         self._library = ctypes.CDLL(str(directory / "lib.so"))
-        size = self._function(f"{name}_machine_size", ctypes.c_uint32)()
+        size = self._function("tendon_machine_size", ctypes.c_uint32)()
         # Of doubles, so that it is aligned for everything.
         self._memory = (ctypes.c_double * (-(-size // 8)))()
-        self._receive = self._function(f"{name}_machine_receive")
-        self._step = self._function(f"{name}_machine_step")
-        self._send = self._function(f"{name}_machine_send", ctypes.c_uint32)
-        self._is_enabled = self._function(f"{name}_machine_enabled", ctypes.c_bool)
+        self._receive = self._function("tendon_machine_receive")
+        self._step = self._function("tendon_machine_step")
+        self._send = self._function("tendon_machine_send", ctypes.c_uint32)
+        self._is_enabled = self._function("tendon_machine_enabled", ctypes.c_bool)
         self._counts: Counts = np.zeros(n, dtype=np.int32)
         self._torque: Float32 = np.zeros(n, dtype=np.float32)
         self._out = (ctypes.c_uint8 * _CHUNK)()
         # Pointers made once: a call then costs little more than the C behind it.
         self._machine = ctypes.byref(self._memory)
         self._pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (self._counts, self._torque))
-        self._function(f"{name}_machine_start")(self._machine)
+        self._function("tendon_machine_start")(self._machine)
 
     def receive(self, data: bytes) -> None:
         self._receive(self._machine, data, ctypes.c_uint32(len(data)))

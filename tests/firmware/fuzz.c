@@ -10,12 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "arm_r_machine.h"
+#include "tendon_machine.h"
 
 #define WIRE 512U
 #define KINDS 20U
 
-static arm_r_machine machine;
+static tendon_machine machine;
 static uint64_t seed;
 
 static uint32_t chance(void)
@@ -41,7 +41,7 @@ static const struct {
 static uint32_t frame(uint32_t type, uint32_t sequence, const uint8_t *payload, uint32_t size, uint8_t *wire)
 {
     uint8_t plain[WIRE];
-    tendon_put_u8(&plain[0], ARM_R_PROTOCOL_VERSION);
+    tendon_put_u8(&plain[0], TENDON_PROTOCOL_VERSION);
     tendon_put_u8(&plain[1], type);
     tendon_put_u16(&plain[2], sequence);
     tendon_put_u16(&plain[4], size);
@@ -79,19 +79,19 @@ static void fill(uint8_t *payload, uint32_t size)
 static void drain(void)
 {
     uint8_t out[64];
-    while (arm_r_machine_send(&machine, out, 1U + below(sizeof out)) != 0U) {
+    while (tendon_machine_send(&machine, out, 1U + below(sizeof out)) != 0U) {
     }
 }
 
 static void step(int32_t counts, uint32_t time_us, uint32_t fault)
 {
     float torque[1];
-    arm_r_machine_step(&machine, &counts, time_us, fault, torque);
+    tendon_machine_step(&machine, &counts, time_us, fault, torque);
     if (!(torque[0] > -1e30f && torque[0] < 1e30f) && machine.config.torque_limit[0] < 1e30f) {
         printf("a torque of %g\n", (double)torque[0]);
         exit(1);
     }
-    if (!arm_r_machine_enabled(&machine) && torque[0] != 0.0f) {
+    if (!tendon_machine_enabled(&machine) && torque[0] != 0.0f) {
         puts("a torque without drives");
         exit(1);
     }
@@ -103,8 +103,8 @@ static bool taken(const uint8_t *wire, uint32_t count)
     static const uint8_t delimiter = 0U;
     const uint32_t before = machine.ack_head;
     machine.ack_tail = machine.ack_head;
-    arm_r_machine_receive(&machine, wire, count);
-    arm_r_machine_receive(&machine, &delimiter, 1U);
+    tendon_machine_receive(&machine, wire, count);
+    tendon_machine_receive(&machine, &delimiter, 1U);
     return machine.ack_head != before;
 }
 
@@ -170,7 +170,7 @@ static void say(uint32_t type, const uint8_t *payload, uint32_t size)
 {
     uint8_t wire[WIRE];
     const uint32_t count = frame(type, (machine.sequence + 1U) & 0xffffU, payload, size, wire);
-    arm_r_machine_receive(&machine, wire, count);
+    tendon_machine_receive(&machine, wire, count);
     drain();
 }
 
@@ -184,12 +184,12 @@ static void settle(uint32_t degree)
         for (uint32_t k = 0U; k < kinds[kind].size; k += 4U) {
             tendon_put_float(&p[k], 0.5f);
         }
-        if (kinds[kind].type == ARM_R_COMMAND_DRIVE) {
+        if (kinds[kind].type == TENDON_COMMAND_DRIVE) {
             tendon_put_float(&p[0], 1000.0f); /* rate */
             tendon_put_float(&p[8], 0.001f); /* position_per_count */
             tendon_put_u32(&p[12], below(5U)); /* zero */
         }
-        if (kinds[kind].type == ARM_R_COMMAND_SAFETY) {
+        if (kinds[kind].type == TENDON_COMMAND_SAFETY) {
             tendon_put_float(&p[4], 2.0f); /* speed */
             tendon_put_float(&p[8], -0.5f); /* low */
             tendon_put_u32(&p[20], 1U + below(100U)); /* jump */
@@ -209,22 +209,22 @@ static void settle(uint32_t degree)
     tendon_put_i32(&p[8], 1);
     tendon_put_u32(&p[12], degree + 1U);
     checksum = tendon_crc32(checksum, p, kinds[5].size);
-    say(ARM_R_COMMAND_TRAJECTORY, p, kinds[5].size);
+    say(TENDON_COMMAND_TRAJECTORY, p, kinds[5].size);
     memset(p, 0, sizeof p);
     tendon_put_u32(&p[8], degree);
     tendon_put_float(&p[12], 0.02f);
     checksum = tendon_crc32(checksum, p, kinds[6].size);
-    say(ARM_R_COMMAND_PHASE, p, kinds[6].size);
-    for (uint32_t row = 0U; row <= degree; row += ARM_R_ROWS_A_MESSAGE) {
+    say(TENDON_COMMAND_PHASE, p, kinds[6].size);
+    for (uint32_t row = 0U; row <= degree; row += TENDON_ROWS_A_MESSAGE) {
         tendon_put_u32(&p[0], row);
         for (uint32_t k = 4U; k < kinds[7].size; k += 4U) {
             tendon_put_float(&p[k], 0.01f * (float)below(30U));
         }
         checksum = tendon_crc32(checksum, p, kinds[7].size);
-        say(ARM_R_COMMAND_POINTS, p, kinds[7].size);
+        say(TENDON_COMMAND_POINTS, p, kinds[7].size);
     }
     tendon_put_u32(sum, checksum);
-    say(ARM_R_COMMAND_COMMIT, sum, 4U);
+    say(TENDON_COMMAND_COMMIT, sum, 4U);
 }
 
 static int frames(uint32_t count)
@@ -240,15 +240,15 @@ static int frames(uint32_t count)
         if (k % 256U == 0U) {
             /* Into the noise armed, running, or as it is. */
             const uint32_t far = below(3U);
-            arm_r_machine_start(&machine);
+            tendon_machine_start(&machine);
             settle(3U + below(27U));
             tendon_put_u32(&payload[0], 0U);
             tendon_put_u32(&payload[4], 1U);
             if (far > 0U) {
-                say(ARM_R_COMMAND_ARM, payload, 0U);
+                say(TENDON_COMMAND_ARM, payload, 0U);
             }
             if (far > 1U) {
-                say(ARM_R_COMMAND_RUN, payload, 8U);
+                say(TENDON_COMMAND_RUN, payload, 8U);
             }
         }
         if (below(4U) == 0U) {
@@ -279,7 +279,7 @@ static int frames(uint32_t count)
         for (uint32_t at = 0U; at < size;) {
             uint32_t piece = 1U + below(40U);
             piece = (piece < size - at) ? piece : size - at;
-            arm_r_machine_receive(&machine, &wire[at], piece);
+            tendon_machine_receive(&machine, &wire[at], piece);
             at += piece;
         }
         states |= 1U << machine.state;
@@ -304,34 +304,34 @@ static int script(void)
     for (uint32_t round = 0U; round < 400U; ++round) {
         uint8_t p[8];
         settle(3U + below(27U));
-        say(ARM_R_COMMAND_ARM, p, 0U);
+        say(TENDON_COMMAND_ARM, p, 0U);
         step(0, now += 1000U, 0U);
         tendon_put_u32(&p[0], below(100U));
         tendon_put_u32(&p[4], 1U + below(3U));
-        say(ARM_R_COMMAND_RUN, p, 8U);
+        say(TENDON_COMMAND_RUN, p, 8U);
         for (uint32_t k = 0U; k < 150U; ++k) {
             const int32_t counts = (int32_t)below(round % 3U) + (below(400U) ? 0 : (int32_t)below(200U));
-            ran += machine.state == ARM_R_STATE_RUNNING ? 1U : 0U;
+            ran += machine.state == TENDON_STATE_RUNNING ? 1U : 0U;
             step(counts, now += 1000U + (below(300U) ? 0U : below(3000U)), below(300U) ? 0U : 7U);
             if (below(20U) == 0U) {
                 if (below(40U) == 0U) {
                     machine.sequence = (machine.sequence + 7U) & 0xffffU;
                 } else if (below(40U) == 0U) {
-                    arm_r_machine_receive(&machine, noise, sizeof noise);
+                    tendon_machine_receive(&machine, noise, sizeof noise);
                 } else {
                     /* All is well. */
                 }
-                say(ARM_R_COMMAND_ALIVE, p, 0U);
+                say(TENDON_COMMAND_ALIVE, p, 0U);
             }
             drain();
         }
-        say(ARM_R_COMMAND_STOP, p, 0U);
+        say(TENDON_COMMAND_STOP, p, 0U);
         reasons |= 1U << machine.report.reason;
         for (uint32_t k = 0U; k < 25U; ++k) {
             step(0, now += 1000U, 0U);
         }
-        say(ARM_R_COMMAND_RESET, p, 0U);
-        if (machine.state != ARM_R_STATE_IDLE) {
+        say(TENDON_COMMAND_RESET, p, 0U);
+        if (machine.state != TENDON_STATE_IDLE) {
             puts("no reset");
             return 1;
         }
@@ -345,7 +345,7 @@ int main(int count, char **arguments)
     const uint32_t many = (count > 2) ? (uint32_t)strtoul(arguments[2], NULL, 10) : 0U;
     int result = 2;
     seed = (count > 3) ? strtoull(arguments[3], NULL, 10) : 1U;
-    arm_r_machine_start(&machine);
+    tendon_machine_start(&machine);
     if ((count > 1) && (strcmp(arguments[1], "frames") == 0)) {
         result = frames(many);
     } else if ((count > 1) && (strcmp(arguments[1], "flips") == 0)) {

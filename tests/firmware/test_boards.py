@@ -69,7 +69,7 @@ def check_lost(one: Rig, words: str) -> None:
 
 def instead_of_a_step(instruction: bytes) -> Callable[[UnicornBoard], None]:
     def overwrite(board: UnicornBoard) -> None:
-        place, size = places(board.image.with_suffix(".elf"))["bench_machine_step"]
+        place, size = places(board.image.with_suffix(".elf"))["tendon_machine_step"]
         board.cpu.mem_write(place & ~1, instruction * (size // len(instruction)))
         board.cpu.ctl_flush_tb()
 

@@ -197,7 +197,7 @@ def test_c_and_python_pack_the_same(compiled: ctypes.CDLL, message: tuple[str, d
     own = record(name)
     if CODEC.number(name) < 0x80:
         payload = CODEC.payload(name, values)
-        getattr(compiled, f"vishard4_unpack_{name}")(payload, ctypes.byref(own))
+        getattr(compiled, f"tendon_unpack_{name}")(payload, ctypes.byref(own))
         for key, value in values.items():
             found = getattr(own, key)
             assert (tuple(found) if isinstance(value, tuple) else found) == value
@@ -205,7 +205,7 @@ def test_c_and_python_pack_the_same(compiled: ctypes.CDLL, message: tuple[str, d
         for key, value in values.items():
             setattr(own, key, value)
         room = ctypes.create_string_buffer(256)
-        getattr(compiled, f"vishard4_pack_{name}")(ctypes.byref(own), room)
+        getattr(compiled, f"tendon_pack_{name}")(ctypes.byref(own), room)
         payload = CODEC.payload(name, values)
         assert room.raw[: len(payload)] == payload
 

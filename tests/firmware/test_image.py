@@ -110,8 +110,8 @@ def test_a_project_takes_it_in(tree: Path, tmp_path: Path) -> None:
         f"add_subdirectory({tree} firmware)\nadd_executable(own own.c)\ntarget_link_libraries(own vishard4)\n"
     )
     (tmp_path / "own.c").write_text(
-        '#include "vishard4_machine.h"\nstatic vishard4_machine machine;\n'
-        "int main(void)\n{\n    vishard4_machine_start(&machine);\n    return vishard4_machine_enabled(&machine);\n}\n"
+        '#include "tendon_machine.h"\nstatic tendon_machine machine;\n'
+        "int main(void)\n{\n    tendon_machine_start(&machine);\n    return tendon_machine_enabled(&machine);\n}\n"
     )
     run(["cmake", "-S", str(tmp_path), "-B", str(tmp_path / "build")])
     run(["cmake", "--build", str(tmp_path / "build")])

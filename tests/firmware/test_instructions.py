@@ -107,12 +107,12 @@ def test_a_step_of_the_machine(vishard4: Arm, model: Model, kind: str, degree: i
 
     def board(directory: Path, name: str, n: int) -> UnicornBoard:
         made = UnicornBoard(directory, name, n)
-        meters.append(Meter(made.cpu, places(made.image.with_suffix(".elf")), STEP, "vishard4_machine_step"))
+        meters.append(Meter(made.cpu, places(made.image.with_suffix(".elf")), STEP, "tendon_machine_step"))
         return made
 
     done = execute(model, directory, plan, trials=1, cycles=1, board=board)
     assert done.to_json()["status"] == "done", json.dumps(done.to_json())[:500]
     counts = meters[0].counts
-    running = [count for count in counts["vishard4_machine_step"] if count > min(counts[STEP])]
+    running = [count for count in counts["tendon_machine_step"] if count > min(counts[STEP])]
     assert len(running) == len(counts[STEP])
     assert max(running[1:]) <= WHOLE[degree][kind]

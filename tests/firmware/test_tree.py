@@ -15,7 +15,7 @@ from codegen import prepare
 from codegen.firmware import source_tree
 from codegen.firmware.protocol import REASONS
 from codegen.firmware.source_tree import FirmwareTree
-from codegen.pages import BANNER
+from codegen.pages import BANNER, MARK
 from codegen.toolchain import cross
 from runtime.cli import main, output
 from symbolic.effects import LIBRARY
@@ -44,8 +44,8 @@ def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verb:
 # --- files ---
 
 
-def test_every_generated_file_says_so(files: dict[str, str]) -> None:
-    unmarked = {path for path, text in files.items() if BANNER not in text[:200]}
+def test_every_file_that_is_replaced_says_so(files: dict[str, str]) -> None:
+    unmarked = {path for path, text in files.items() if BANNER not in text[:200] and MARK not in text[:200]}
     assert unmarked == {"protocol.json", "boards/own/board.c"}
 
 
@@ -86,18 +86,20 @@ def test_what_was_generated_is_kept_up_to_date(files: dict[str, str], tmp_path: 
     tree.write()
     (tmp_path / "src" / "main.c").write_text(files["src/main.c"] + "/* changed */\n")
     (tmp_path / "src" / "former.c").write_text(f"/* {BANNER} */\n")
+    (tmp_path / "src" / "copied.c").write_text(f"/* {MARK} */\n")
     (tmp_path / "protocol.json").write_text(files["protocol.json"].replace("idle", "Idle"))
     (tmp_path / "boards" / "mps2" / "board.c").unlink()
     found = {line.removeprefix(f"{tmp_path}/") for line in tree.stale()}
     assert found == {
         "src/main.c: out of date",
         "src/former.c: no longer generated",
+        "src/copied.c: no longer generated",
         "protocol.json: out of date",
         "boards/mps2/board.c: missing",
     }
     tree.write()
     assert tree.stale() == []
-    assert not (tmp_path / "src" / "former.c").exists()
+    assert not any((tmp_path / "src" / name).exists() for name in ("former.c", "copied.c"))
 
 
 def test_the_page_tells_everything(files: dict[str, str]) -> None:
@@ -108,8 +110,8 @@ def test_the_page_tells_everything(files: dict[str, str]) -> None:
     assert table == interface
     for reason in REASONS:
         assert (f"(`{reason.name}`)" in page) == bool(reason.torque), reason.name
-    machine = set(re.findall(r"(vishard4_machine_\w+)\(", files["src/vishard4_machine.h"])) - {"vishard4_machine_size"}
-    assert machine <= set(re.findall(r"vishard4_machine_\w+", page))
+    machine = set(re.findall(r"(tendon_machine_\w+)\(", files["src/tendon_machine.h"])) - {"tendon_machine_size"}
+    assert machine <= set(re.findall(r"tendon_machine_\w+", page))
 
 
 def test_the_stub_has_every_function_of_a_board(files: dict[str, str]) -> None:

@@ -1,13 +1,13 @@
-{{ banner }}
+/* Part of Tendon; do not edit a copy. The board that is emulated. */
 #include "tendon_board.h"
 
 #include <stddef.h>
 
 /* Arm's MPS2 boards as QEMU emulates them (mps2-an386: Cortex-M4F, mps2-an500: Cortex-M7). The first serial port is
  * the link to the host. Behind the second one stands the arm, and with it time: it sends, once a control period,
- *     0xA5, counts[{{ n }}] i32, time_us u32, fault u32
+ *     0xA5, counts[TENDON_JOINTS] i32, time_us u32, fault u32
  * and gets, when the step is done,
- *     0x5A, enabled u8, torque[{{ n }}] float
+ *     0x5A, enabled u8, torque[TENDON_JOINTS] float
  * little endian. Whoever simulates the arm may take as long as they like: nothing here depends on real time. */
 
 typedef struct {

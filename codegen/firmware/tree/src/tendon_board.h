@@ -1,15 +1,15 @@
-{{ banner }}
+/* Part of Tendon; do not edit a copy. What a board does. */
 #ifndef TENDON_BOARD_H
 #define TENDON_BOARD_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* What a board does for the controller of the arm {{ name }}. main.c calls all of this from one loop, never from an
- * interrupt, but for tendon_board_halt. boards/mps2 is a board that is emulated, boards/own a stub for yours. */
+#include "tendon_arm.h"
 
-#define TENDON_JOINTS {{ n }}U
-#define TENDON_NOT_READY {{ not_ready }}
+/* What a board does for the controller of an arm. main.c calls all of this from one loop, never from an interrupt,
+ * but for tendon_board_halt. boards/mps2 is a board that is emulated, boards/own a stub for yours. tendon_arm.h has the
+ * arm's numbers: TENDON_JOINTS, TENDON_NOT_READY. */
 
 /* Clocks, link, encoders, drives (off), the timer of the control period, the hardware watchdog. Called once. */
 void tendon_board_start(void);
@@ -28,8 +28,8 @@ bool tendon_board_period(int32_t counts[TENDON_JOINTS], uint32_t *time_us, uint3
 /* Powers the drives, or takes the power away. Called once a period, before tendon_board_torque. */
 void tendon_board_enable(bool enabled);
 
-/* Torques at the joints' output to hold until the next period: {{ units }}. A motor's share is the torque divided by its gear
- * ratio. Always within the limits that the host sent, always finite. */
+/* Torques at the joints' output to hold until the next period: N m at a revolute joint, N at a prismatic one. A motor's
+ * share is the torque divided by its gear ratio. Always within the limits that the host sent, always finite. */
 void tendon_board_torque(const float torque[TENDON_JOINTS]);
 
 /* Takes up to `most` bytes that the link has received; returns how many. Does not wait. */

@@ -1,4 +1,4 @@
-{{ banner }}
+/* Part of Tendon; do not edit a copy. Start-up. */
 #include <stdint.h>
 
 #include "tendon_board.h"

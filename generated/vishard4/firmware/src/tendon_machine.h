@@ -1,30 +1,24 @@
-{{ banner }}
-#ifndef {{ guard }}
-#define {{ guard }}
+/* Part of Tendon; do not edit a copy. The machine. */
+#ifndef TENDON_MACHINE_H
+#define TENDON_MACHINE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "{{ name }}_controller_f32.h"
-#include "{{ name }}_protocol.h"
+#include "tendon_arm.h"
+#include "tendon_controller.h"
 #include "tendon_frame.h"
+#include "tendon_messages.h"
 
 /* All that drives the arm: what the host uploads, the states, the controller's step with a guard around it, telemetry.
  * The caller owns the memory and calls the functions one after another, never one within another. Nothing is
  * allocated, nothing is kept elsewhere, every loop has a bound.
  * The protocol, the states and what stops the arm are described in PROTOCOL.md. */
 
-/* Held until the link takes them; powers of two. */
-#define {{ NAME }}_TELEMETRY_RECORDS {{ telemetry_records }}U
-#define {{ NAME }}_ACKS {{ acks }}U
-
-/* The drives cannot give torque yet: no fault while the arm is armed, but `run` is refused. */
-#define {{ NAME }}_NOT_READY {{ not_ready }}
-
 /* Bytes of the longest frames: of a command before the stuffing, of a report after it. */
-#define {{ NAME }}_FRAME ({{ NAME }}_HEADER + {{ NAME }}_LONGEST_COMMAND + {{ NAME }}_CHECKSUM)
-#define {{ NAME }}_PLAIN ({{ NAME }}_HEADER + {{ NAME }}_LONGEST_REPORT + {{ NAME }}_CHECKSUM)
-#define {{ NAME }}_WIRE ({{ NAME }}_PLAIN + ({{ NAME }}_PLAIN / 254U) + 2U)
+#define TENDON_FRAME_BYTES (TENDON_HEADER + TENDON_LONGEST_COMMAND + TENDON_CHECKSUM)
+#define TENDON_PLAIN_BYTES (TENDON_HEADER + TENDON_LONGEST_REPORT + TENDON_CHECKSUM)
+#define TENDON_WIRE_BYTES (TENDON_PLAIN_BYTES + (TENDON_PLAIN_BYTES / 254U) + 2U)
 
 /* What a joint must keep to. Magnitudes of floats as whole numbers, which compare as the floats do: twice their bits.
  * What is no number or has no end is larger than all. */
@@ -38,16 +32,16 @@ typedef struct {
     uint32_t outrun; /* magnitude, of the rate in the damping */
     int32_t seen; /* the encoder's count when it was last looked for a change */
     float mark; /* where the joint should have been then */
-} {{ name }}_bounds;
+} tendon_bounds;
 
 /* A control period, as telemetry tells of it; the controller writes its output right into it. */
 typedef struct {
-    {{ name }}_output_f32 output;
-    int32_t counts[{{ n }}];
+    tendon_output output;
+    int32_t counts[TENDON_JOINTS];
     uint32_t period;
     uint32_t time_us;
     uint32_t standing; /* state, and the reason's number times 256 */
-} {{ name }}_record;
+} tendon_record;
 
 /* A trajectory while it is uploaded. */
 typedef struct {
@@ -56,7 +50,7 @@ typedef struct {
     uint32_t rows; /* received */
     uint32_t expected; /* rows */
     uint32_t checksum; /* of what was received */
-} {{ name }}_upload;
+} tendon_upload;
 
 /* The machine: its members are its own. It may not be moved once it has been started. */
 typedef struct {
@@ -72,8 +66,8 @@ typedef struct {
     uint32_t resume; /* not 0: periods from the next record, which was asked for, to the one after it */
     uint32_t every; /* periods from one record to the next */
     uint32_t room; /* for records, besides that of the present period */
-    {{ name }}_record *now; /* into which a step writes */
-    {{ name }}_record *before; /* into which the last one wrote: the same one, unless that is for the link */
+    tendon_record *now; /* into which a step writes */
+    tendon_record *before; /* into which the last one wrote: the same one, unless that is for the link */
     uint32_t looked; /* which joint was looked at closely, from 0 */
     uint32_t state;
     uint32_t first; /* 1: no step since arm */
@@ -81,28 +75,28 @@ typedef struct {
     uint32_t unready; /* 1: so were the drives in the last step */
     uint32_t damping; /* periods that are left */
     uint32_t enabled;
-    {{ name }}_state_f32 controller;
-    {{ name }}_bounds bounds[{{ n }}];
+    tendon_controller_state controller;
+    tendon_bounds bounds[TENDON_JOINTS];
     /* what was uploaded */
-    {{ name }}_config_f32 config;
-    {{ name }}_safety_message safety;
-    {{ name }}_trajectory_f32 trajectory;
-    {{ name }}_contact_f32 contact;
-    {{ name }}_phase_f32 phases[{{ NAME }}_MAX_PHASES];
-    float points[{{ n }}U * {{ NAME }}_MAX_ROWS];
-    {{ name }}_upload upload;
+    tendon_config config;
+    tendon_safety_message safety;
+    tendon_trajectory trajectory;
+    tendon_contact contact;
+    tendon_phase phases[TENDON_MAX_PHASES];
+    float points[TENDON_JOINTS * TENDON_MAX_ROWS];
+    tendon_upload upload;
     uint32_t missing; /* bits */
     /* why it is stopped */
-    {{ name }}_state_message report;
+    tendon_state_message report;
     /* the link */
     tendon_decoder decoder;
     uint32_t sequence; /* of the last command */
     uint32_t type; /* of the last command */
     uint32_t stopper; /* number of the last `stop` since the arm stopped, if there was one */
-    {{ name }}_ack_message answer; /* to the last command */
+    tendon_ack_message answer; /* to the last command */
     uint32_t corrupted; /* frames since arm */
     uint32_t disordered; /* commands since arm */
-    {{ name }}_counters_message counters;
+    tendon_counters_message counters;
     uint32_t pending; /* bits of the reports that are to be sent */
     uint32_t turn; /* 1: telemetry was sent last */
     uint32_t ack_head; /* where the next one goes */
@@ -111,37 +105,37 @@ typedef struct {
     uint32_t sent_frames;
     uint32_t ready; /* bytes of `wire` */
     uint32_t sent; /* of them */
-    {{ name }}_ack_message acks[{{ NAME }}_ACKS];
-    {{ name }}_record records[{{ NAME }}_TELEMETRY_RECORDS + 1U];
-    uint8_t frame[{{ NAME }}_FRAME];
-    uint8_t wire[{{ NAME }}_WIRE];
-} {{ name }}_machine;
+    tendon_ack_message acks[TENDON_ACKS];
+    tendon_record records[TENDON_TELEMETRY_RECORDS + 1U];
+    uint8_t frame[TENDON_FRAME_BYTES];
+    uint8_t wire[TENDON_WIRE_BYTES];
+} tendon_machine;
 
 /* Bytes of the structure. */
-TENDON_SMALL uint32_t {{ name }}_machine_size(void);
+TENDON_SMALL uint32_t tendon_machine_size(void);
 
 /* Idle, with nothing uploaded. */
-TENDON_SMALL void {{ name }}_machine_start({{ name }}_machine *m);
+TENDON_SMALL void tendon_machine_start(tendon_machine *m);
 
 /* What came over the link, in pieces of any length. */
-TENDON_SMALL void {{ name }}_machine_receive({{ name }}_machine *m, const uint8_t *bytes, uint32_t count);
+TENDON_SMALL void tendon_machine_receive(tendon_machine *m, const uint8_t *bytes, uint32_t count);
 
 /* A control period begins: encoders in, torques out, to be held until the next step.
  * counts    of the encoders; they may overflow
  * time_us   of the board's clock, us; wraps. The watchdog goes by it
- * fault     0, or the code of a fault that a drive reports, or {{ NAME }}_NOT_READY
- * torque    {{ force }} at the joint; zero wherever the drives are off */
-void {{ name }}_machine_step(
-    {{ name }}_machine *m,
-    const int32_t counts[{{ n }}],
+ * fault     0, or the code of a fault that a drive reports, or TENDON_NOT_READY
+ * torque    N m at a revolute joint, N at a prismatic one; zero wherever the drives are off */
+void tendon_machine_step(
+    tendon_machine *m,
+    const int32_t counts[TENDON_JOINTS],
     uint32_t time_us,
     uint32_t fault,
-    float torque[{{ n }}]);
+    float torque[TENDON_JOINTS]);
 
 /* Whether the drives have to be on; ask after every step. */
-bool {{ name }}_machine_enabled(const {{ name }}_machine *m);
+bool tendon_machine_enabled(const tendon_machine *m);
 
 /* Writes what is to go out on the link now, `most` bytes at most, and returns how many. */
-TENDON_SMALL uint32_t {{ name }}_machine_send({{ name }}_machine *m, uint8_t *bytes, uint32_t most);
+TENDON_SMALL uint32_t tendon_machine_send(tendon_machine *m, uint8_t *bytes, uint32_t most);
 
 #endif

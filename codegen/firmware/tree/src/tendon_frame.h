@@ -1,4 +1,4 @@
-{{ banner }}
+/* Part of Tendon; do not edit a copy. Frames on a serial link. */
 #ifndef TENDON_FRAME_H
 #define TENDON_FRAME_H
 
@@ -41,7 +41,11 @@ typedef enum {
 TENDON_SMALL void tendon_decoder_start(tendon_decoder *decoder);
 
 /* The next byte of the link. `bytes` holds `most`, and belongs to the decoder from a frame's begin to its end. */
-TENDON_SMALL tendon_frame_event tendon_decoder_put(tendon_decoder *decoder, uint8_t *bytes, uint32_t most, uint8_t byte);
+TENDON_SMALL tendon_frame_event tendon_decoder_put(
+    tendon_decoder *decoder,
+    uint8_t *bytes,
+    uint32_t most,
+    uint8_t byte);
 
 /* A float and its bits. */
 typedef union {

@@ -1,13 +1,13 @@
-{{ banner }}
+/* Part of Tendon; do not edit a copy. The loop. */
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "{{ name }}_machine.h"
+#include "tendon_machine.h"
 #include "tendon_board.h"
 
 #define CHUNK 32U /* bytes a turn, so that the link cannot keep a period waiting */
 
-static {{ name }}_machine machine;
+static tendon_machine machine;
 
 /* One control period, if one began. */
 static bool control(void)
@@ -18,8 +18,8 @@ static bool control(void)
     const bool began = tendon_board_period(counts, &time_us, &fault);
     if (began) {
         float torque[TENDON_JOINTS];
-        {{ name }}_machine_step(&machine, counts, time_us, fault, torque);
-        tendon_board_enable({{ name }}_machine_enabled(&machine));
+        tendon_machine_step(&machine, counts, time_us, fault, torque);
+        tendon_board_enable(tendon_machine_enabled(&machine));
         tendon_board_torque(torque);
         tendon_board_watchdog();
     }
@@ -32,7 +32,7 @@ static bool receive(void)
     uint8_t bytes[CHUNK];
     const uint32_t count = tendon_board_receive(bytes, CHUNK);
     if (count > 0U) {
-        {{ name }}_machine_receive(&machine, bytes, count);
+        tendon_machine_receive(&machine, bytes, count);
     }
     return count > 0U;
 }
@@ -46,7 +46,7 @@ static bool transmit(void)
     static uint32_t end = 0U;
     if (begin == end) {
         begin = 0U;
-        end = {{ name }}_machine_send(&machine, bytes, CHUNK);
+        end = tendon_machine_send(&machine, bytes, CHUNK);
     }
     if (begin < end) {
         begin += tendon_board_send(&bytes[begin], end - begin);
@@ -57,7 +57,7 @@ static bool transmit(void)
 int main(void)
 {
     tendon_board_start();
-    {{ name }}_machine_start(&machine);
+    tendon_machine_start(&machine);
     for (;;) {
         const bool stepped = control();
         const bool received = receive();

@@ -1,0 +1,82 @@
+/* Part of Tendon; do not edit a copy. Memory. */
+#include <stdint.h>
+
+/* What compilers call to copy or clear a structure where there is no C library; LLVM by the names of Arm's EABI, where
+ * memset has its last two arguments the other way round. gcc compiles it with -fno-tree-loop-distribute-patterns: else
+ * it would see in each loop the very function that it stands in. */
+
+void *memcpy(void *target, const void *source, uint32_t count);
+void *memset(void *target, int value, uint32_t count);
+void __aeabi_memcpy(void *target, const void *source, uint32_t count);
+void __aeabi_memset(void *target, uint32_t count, int value);
+void __aeabi_memclr(void *target, uint32_t count);
+void __aeabi_memcpy4(void *target, const void *source, uint32_t count);
+void __aeabi_memset4(void *target, uint32_t count, int value);
+void __aeabi_memclr4(void *target, uint32_t count);
+void __aeabi_memcpy8(void *target, const void *source, uint32_t count);
+void __aeabi_memset8(void *target, uint32_t count, int value);
+void __aeabi_memclr8(void *target, uint32_t count);
+
+void *memcpy(void *target, const void *source, uint32_t count)
+{
+    uint8_t *to = target;
+    const uint8_t *from = source;
+    for (uint32_t i = 0U; i < count; ++i) {
+        to[i] = from[i];
+    }
+    return target;
+}
+
+void *memset(void *target, int value, uint32_t count)
+{
+    uint8_t *to = target;
+    for (uint32_t i = 0U; i < count; ++i) {
+        to[i] = (uint8_t)value;
+    }
+    return target;
+}
+
+void __aeabi_memcpy(void *target, const void *source, uint32_t count)
+{
+    (void)memcpy(target, source, count);
+}
+
+void __aeabi_memset(void *target, uint32_t count, int value)
+{
+    (void)memset(target, value, count);
+}
+
+void __aeabi_memclr(void *target, uint32_t count)
+{
+    (void)memset(target, 0, count);
+}
+
+void __aeabi_memcpy4(void *target, const void *source, uint32_t count)
+{
+    (void)memcpy(target, source, count);
+}
+
+void __aeabi_memset4(void *target, uint32_t count, int value)
+{
+    (void)memset(target, value, count);
+}
+
+void __aeabi_memclr4(void *target, uint32_t count)
+{
+    (void)memset(target, 0, count);
+}
+
+void __aeabi_memcpy8(void *target, const void *source, uint32_t count)
+{
+    (void)memcpy(target, source, count);
+}
+
+void __aeabi_memset8(void *target, uint32_t count, int value)
+{
+    (void)memset(target, value, count);
+}
+
+void __aeabi_memclr8(void *target, uint32_t count)
+{
+    (void)memset(target, 0, count);
+}
