@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import sympy as sp
 
 from symbolic import units as u
-from symbolic.effects.declaration import DT, Effect
+from symbolic.effects.declaration import DT, Effect, Parameter, State
 from symbolic.functions import Argument, Output, SymbolicFunction
 
 
@@ -23,17 +23,23 @@ def _inputs(effect: Effect, passes_time: bool) -> tuple[Argument, ...]:
         inputs.append(Argument("dt", (DT,), (), "s", "step"))
     p = tuple(p.symbol for p in effect.parameters)
     x = tuple(s.symbol for s in effect.states)
-    inputs.append(Argument("p", p, (len(p),), "as declared", ", ".join(p.name for p in effect.parameters) or "none"))
-    inputs.append(Argument("x", x, (len(x),), "as declared", ", ".join(s.name for s in effect.states) or "none"))
+    inputs.append(Argument("p", p, (len(p),), *_listed(effect.parameters)))
+    inputs.append(Argument("x", x, (len(x),), *_listed(effect.states)))
     return tuple(inputs)
+
+
+def _listed(quantities: Sequence[Parameter | State]) -> tuple[str, str]:
+    """Units and names."""
+    return ", ".join(q.unit.text() for q in quantities) or "1", ", ".join(q.name for q in quantities) or "none"
 
 
 def _function(effect: Effect, suffix: str, doc: str, output: Output, passes_time: bool = False) -> SymbolicFunction:
     return SymbolicFunction(f"{effect.name}_{suffix}", _inputs(effect, passes_time), (output,), doc, effect.source)
 
 
-def _states(expressions: Sequence[sp.Expr], meaning: str) -> Output:
-    return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), "as declared", meaning)
+def _states(effect: Effect, expressions: Sequence[sp.Expr], meaning: str) -> Output:
+    units, _ = _listed(effect.states)
+    return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), units, meaning)
 
 
 @functools.cache
@@ -62,13 +68,12 @@ def states(effect: Effect) -> SymbolicFunction:
 @functools.cache
 def step(effect: Effect) -> SymbolicFunction:
     """signals, dt, p, x -> states of the next sample."""
-    output = _states([s.step for s in effect.states], "states of the next sample")
-    return _function(effect, "step", f"One step of the states: {output.meaning}.", output, passes_time=True)
+    output = _states(effect, [s.step for s in effect.states], "at the next sample")
+    return _function(effect, "step", f"The memory of {effect.name}, a sample later.", output, passes_time=True)
 
 
 @functools.cache
 def start(effect: Effect) -> SymbolicFunction:
     """signals of the first sample, p, x (not read) -> initial states."""
-    return _function(
-        effect, "start", "Initial states.", _states([s.initial for s in effect.states], "states of the first sample")
-    )
+    output = _states(effect, [s.initial for s in effect.states], "at the first sample")
+    return _function(effect, "start", f"The memory of {effect.name} where a motion begins.", output)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from codegen import effect_functions as ef
 from codegen import metadata
-from codegen.c import c_code, c_effects
+from codegen.c import c_batches, c_code, c_effects
 from codegen.c.c_code import F32, F64, Precision, Routine
 from codegen.c.controller import Controller
 from codegen.casadi import casadi_code
@@ -97,18 +97,16 @@ def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str
 
 
 def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
-    """C (float, double), the CasADi module and effects.json of a library; relative path -> text."""
+    """C (float, double, and double along samples), the CasADi module and effects.json of a library."""
     c_effects.check_names(effects)
     origin = "The library of effects."
     files: dict[str, str] = {}
     for precision in (F32, F64):
-        host = precision is F64
-        routines = []
-        for effect in effects:
-            routines += c_effects.routines(effect, precision)
-            routines += c_effects.batches(effect, precision) if host else []
-        routines += [c_effects.decimation(precision)] if host else []
-        files |= _c_files("effects", origin, precision, c_effects.types(precision, batch=host), routines)
+        routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
+        files |= _c_files("effects", origin, precision, c_effects.types(effects, precision), routines)
+    batches = [routine for effect in effects for routine in c_batches.batches(effect, F64)]
+    batches.append(c_batches.decimation(F64))
+    files |= _c_files("effects_batch", origin, F64, [c_batches.signals_type(F64)], batches)
     builders = [
         casadi_code.builder(function, widths=True)
         for effect in effects

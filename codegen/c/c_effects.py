@@ -1,36 +1,34 @@
-"""C99 of the effects library: uniform signatures, whatever an effect reads.
+"""C99 of the effects library: functions that take what an effect reads by name, and nothing else.
 
-Every per-call function takes a sample of all signals; the batch takes one array a signal, and simulates an
-effect's states along the samples from their initial values.
+The signals come first, then the step, then the parameters, and last the memory, in a struct of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-
-import sympy as sp
+from dataclasses import dataclass, replace
 
 from codegen import effect_functions as ef
-from codegen.c.c_code import LOOP, Precision, Routine, assign, comment, declaration, describe, indent, row
+from codegen.c.c_code import Precision, Routine, assign, comment, declaration, describe, indent
 from codegen.tape.printers import Printer, identifier
 from codegen.tape.tape import Tape
-from symbolic.effects.declaration import DT, SIGNALS, Effect
-from symbolic.functions import Output, SymbolicFunction
+from symbolic.effects.declaration import DT, Effect
+from symbolic.functions import Argument, SymbolicFunction
 
-_TAKEN = frozenset({s.name for s in SIGNALS} | {"count", "s", "dt", "p", "x", "out", "k"})
+HEAD = comment(
+    "What each effect adds to the motor torque of a joint, on the motor's side: friction has the sign of qd.",
+    "Units are those of a revolute joint; at a prismatic one N stands for N m, and m for rad.",
+    "An effect with a memory: _start before the first sample, then for every sample _torque and, after it, _step.",
+)
 
 
-def types(precision: Precision, batch: bool) -> list[str]:
-    """The structs of one sample and, for the batch, of one array a signal."""
-    kind, suffix = precision.kind, precision.suffix
-    fields = [f"    {kind} {s.name}; {comment(f'{s.unit.text()}: {s.meaning}')}" for s in SIGNALS]
-    sample = "\n".join(["typedef struct {", *fields, f"}} tendon_sample_{suffix};"])
-    if not batch:
-        return [sample]
-    arrays = [f"    const {kind} *{s.name};" for s in SIGNALS]
-    note = comment("An array a signal; those that an effect does not read may be null.")
-    return [sample, "\n".join([note, "typedef struct {", *arrays, f"}} tendon_signals_{suffix};"])]
+@dataclass(frozen=True)
+class Signature:
+    """Scalars by value, in order; state: whether the struct of the states comes after them, and is written."""
+
+    inputs: tuple[Argument, ...]
+    reads_state: bool
+    writes_state: bool
 
 
 def check_names(effects: Sequence[Effect]) -> None:
@@ -48,125 +46,79 @@ def check_names(effects: Sequence[Effect]) -> None:
                 )
 
 
+def signature(effect: Effect, function: SymbolicFunction, tape: Tape) -> Signature:
+    """What a function takes: of all that an effect may read, what its tape does."""
+    read = {node.value for node in tape.nodes if node.op == "leaf"}
+    return Signature(
+        tuple(a for a in _scalars(effect) if a.symbols[0] in read),
+        bool(read & {s.symbol for s in effect.states}),
+        function.outputs[0].name == "x_next",
+    )
+
+
+def _scalars(effect: Effect) -> list[Argument]:
+    """Signals, step and parameters; a parameter that is called as one of the others says that it is a parameter."""
+    signals = [Argument(s.name, (s.symbol,), (), s.unit.text(), s.meaning) for s in effect.signals]
+    signals.append(Argument("dt", (DT,), (), "s", "step"))
+    taken = {a.name for a in signals} | {"state"}
+    names = {p.name: f"{p.name}_parameter" if p.name in taken else p.name for p in effect.parameters}
+    return signals + [Argument(names[p.name], (p.symbol,), (), p.unit.text(), p.meaning) for p in effect.parameters]
+
+
+def _state_type(effect: Effect, precision: Precision) -> str:
+    return f"tendon_{effect.name}_state_{precision.suffix}"
+
+
+def types(effects: Sequence[Effect], precision: Precision) -> list[str]:
+    """A struct of the states for every effect that has a memory."""
+    return [HEAD, *(_struct(effect, precision) for effect in effects if effect.states)]
+
+
+def _struct(effect: Effect, precision: Precision) -> str:
+    fields = [f"    {precision.kind} {s.name}; {comment(f'{s.unit.text()}: {s.meaning}')}" for s in effect.states]
+    note = comment(f"The memory of {effect.name}.")
+    return "\n".join([note, "typedef struct {", *fields, f"}} {_state_type(effect, precision)};"])
+
+
 def routines(effect: Effect, precision: Precision) -> list[Routine]:
     """Torque a call, and step and start for an effect with states."""
-    suffix = precision.suffix
-    sample = f"const tendon_sample_{suffix} *s"
-    arguments = [sample, f"const {precision.kind} *p", f"const {precision.kind} *x"]
-    result = [_call(effect, ef.torque(effect), arguments, precision)]
-    if effect.states:
-        step = [sample, f"{precision.kind} dt", f"const {precision.kind} *p", f"{precision.kind} *x"]
-        result.append(_call(effect, ef.start(effect), [sample, *step[2:]], precision))
-        result.append(_call(effect, ef.step(effect), step, precision))
-    return result
+    functions = [ef.torque(effect), *([ef.start(effect), ef.step(effect)] if effect.states else [])]
+    return [_call(effect, function, precision) for function in functions]
 
 
-def _call(effect: Effect, function: SymbolicFunction, arguments: list[str], precision: Precision) -> Routine:
+def _call(effect: Effect, function: SymbolicFunction, precision: Precision) -> Routine:
     tape = Tape.of(function)
-    leaves = _leaves(effect) | {s: f"s->{s.name}" for s in (signal.symbol for signal in effect.signals)}
-    printer = Printer(precision.language, tape, leaves, _TAKEN | {f"next{i}" for i in range(len(effect.states))})
-    lines, texts = printer.print()
-    names = [a.split("*")[-1].split(" ")[-1] for a in arguments]
-    spelt = {leaves[node.value] for node in tape.nodes if node.op == "leaf"}
-    stored = function.outputs[0].name == "x_next"
-    used = {text.split("[")[0].split("->")[0] for text in spelt} | ({"x"} if stored else set())
-    lines = [f"(void){name};" for name in names if name not in used] + lines
-    if stored:
-        # All next states are computed before the first is written.
-        lines += [precision.language.assign(f"next{i}", text) for i, text in enumerate(texts)]
-        lines += assign([f"x[{i}]" for i in range(len(texts))], [f"next{i}" for i in range(len(texts))])
+    takes = signature(effect, function, tape)
+    leaves = {a.symbols[0]: a.name for a in takes.inputs}
+    leaves |= {s.symbol: f"state->{s.name}" for s in effect.states}
+    taken = frozenset({a.name for a in takes.inputs} | {"state"} | {f"next_{s.name}" for s in effect.states})
+    lines, texts = Printer(precision.language, tape, leaves, taken).print()
+    arguments = [f"{precision.kind} {a.name}" for a in takes.inputs]
+    if takes.writes_state:
+        lines += _stored(effect, texts, takes.reads_state, precision)
+        arguments.append(f"{_state_type(effect, precision)} *state")
     else:
         lines.append(f"return {texts[0]};")
-    head = f"{'void' if stored else precision.kind} tendon_{function.name}_{precision.suffix}"
-    return Routine(describe(function, tape), declaration(head, arguments), indent(lines, 1))
+        arguments += [f"const {_state_type(effect, precision)} *state"] * takes.reads_state
+    head = f"{'void' if takes.writes_state else precision.kind} tendon_{function.name}_{precision.suffix}"
+    return Routine(_comment(effect, function, takes, tape), declaration(head, arguments or ["void"]), indent(lines, 1))
 
 
-def batches(effect: Effect, precision: Precision) -> list[Routine]:
-    """Along the samples: `columns` (rows: fixed part, then one a linear parameter), `torque` and, where there are
-    any, `states`."""
-    functions = [ef.columns(effect), ef.torque(effect), *([ef.states(effect)] if effect.states else [])]
-    return [_batch(effect, function, precision) for function in functions]
+def _stored(effect: Effect, texts: list[str], together: bool, precision: Precision) -> list[str]:
+    """together: all next states are computed before the first is written."""
+    targets = [f"state->{s.name}" for s in effect.states]
+    if not together or len(targets) == 1:
+        return assign(targets, texts)
+    names = [f"next_{s.name}" for s in effect.states]
+    return [precision.language.assign(*pair) for pair in zip(names, texts, strict=True)] + assign(targets, names)
 
 
-def _batch(effect: Effect, function: SymbolicFunction, precision: Precision) -> Routine:
-    kind, suffix = precision.kind, precision.suffix
-    leaves = _leaves(effect) | {s.symbol: f"{s.name}[k]" for s in effect.signals}
-    steps = tuple(sp.sympify(s.step) for s in effect.states)
-    # Outputs and steps on one tape share what they have in common.
-    merged = replace(
-        ef.step(effect), outputs=(*function.outputs, Output("x_next", steps, (len(steps),), "", "")), definitions=()
-    )
-    tape = Tape.of(merged)
-    taken = _TAKEN | {f"next{i}" for i in range(len(steps))}
-    lines, texts = Printer(precision.language, tape, leaves, taken).print()
-    rows = len(function.outputs[0].expressions)
-    lines += assign([f"out[{row(j)}]" for j in range(rows)], texts[:rows])
-    lines += [precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
-    lines += assign([f"x[{i}]" for i in range(len(steps))], [f"next{i}" for i in range(len(steps))])
-    before, pointers = [], {node.value for node in tape.nodes if node.op == "leaf"}
-    if steps:
-        start, extra = _start(effect, precision)
-        before, pointers = start, pointers | extra
-    head = [f"const {kind} *restrict {s.name} = s->{s.name};" for s in effect.signals if s.symbol in pointers]
-    used = {leaves[symbol].split("[")[0] for symbol in pointers if symbol in leaves}
-    unread = [name for name, read in (("s", head), ("dt", DT in pointers), ("p", "p" in used)) if not read]
-    body = [*(f"(void){name};" for name in unread), *head, *before, *([] if steps else [LOOP])]
-    body.append("for (size_t k = 0; k < count; ++k) {")
-    arguments = ["size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
-    return Routine(
-        comment(f"{function.name} along `count` samples, {rows} row{'s' if rows > 1 else ''} in `out`."),
-        declaration(
-            f"void tendon_{function.name}_batch_{suffix}",
-            [*arguments, f"{kind} *restrict out"],
-        ),
-        indent(body, 1) + "\n" + indent(lines, 2) + "\n    }",
-    )
-
-
-def _start(effect: Effect, precision: Precision) -> tuple[list[str], set[sp.Symbol]]:
-    """Statements that set the states from the first sample, and what they read."""
-    tape = Tape.of(ef.start(effect))
-    leaves = _leaves(effect) | {s.symbol: f"{s.name}[0]" for s in effect.signals}
-    lines, texts = Printer(precision.language, tape, leaves, _TAKEN).print()
-    lines += assign([f"x[{i}]" for i in range(len(texts))], texts)
-    block = [f"{precision.kind} x[{len(texts)}];", "if (count == 0U) {", "    return;", "}"]
-    block += ["{", *("    " + line for line in lines), "}"] if len(lines) > len(texts) else lines
-    return block, {node.value for node in tape.nodes if node.op == "leaf"}
-
-
-def _leaves(effect: Effect) -> dict[sp.Symbol, str]:
-    leaves = {p.symbol: f"p[{i}]" for i, p in enumerate(effect.parameters)}
-    leaves |= {s.symbol: f"x[{i}]" for i, s in enumerate(effect.states)}
-    return leaves | {DT: "dt"}
-
-
-def decimation(precision: Precision) -> Routine:
-    """The filter that takes torque and regressors into the band: only the outputs that are kept are computed."""
-    kind = precision.kind
-    body = f"""for (size_t k = 0; k < count; ++k) {{
-    const {kind} *restrict window = x + k * factor;
-    {kind} lane[8] = {{0}};
-    {kind} rest = 0;
-    size_t i = 0;
-    for (; i + 8 <= taps; i += 8) {{
-        for (size_t j = 0; j < 8; ++j) {{
-            lane[j] += window[i + j] * kernel[i + j];
-        }}
-    }}
-    for (; i < taps; ++i) {{
-        rest += window[i] * kernel[i];
-    }}
-    out[k] = ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7])) + rest;
-}}"""
-    arguments = ["size_t count", "size_t factor", "size_t taps", f"const {kind} *restrict kernel"]
-    return Routine(
-        comment(
-            "FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.",
-            "Eight lanes, so that the sum has one order whatever the width of the processor's vectors.",
-        ),
-        declaration(
-            f"void tendon_decimate_{precision.suffix}",
-            [*arguments, f"const {kind} *restrict x", f"{kind} *restrict out"],
-        ),
-        indent(body.splitlines(), 1),
-    )
+def _comment(effect: Effect, function: SymbolicFunction, takes: Signature, tape: Tape) -> str:
+    """The function as its C has it, described."""
+    names, units = ", ".join(s.name for s in effect.states), ", ".join(s.unit.text() for s in effect.states)
+    memory = Argument("state", tuple(s.symbol for s in effect.states), (), units, names)
+    inputs = takes.inputs + ((memory,) if takes.reads_state else ())
+    outputs = function.outputs
+    if takes.writes_state:
+        outputs = (replace(outputs[0], name="state", shape=(), unit=units, meaning=f"{names}: {outputs[0].meaning}"),)
+    return describe(replace(function, inputs=inputs, outputs=outputs), tape)

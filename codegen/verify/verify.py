@@ -22,6 +22,7 @@ import sympy as sp
 
 from codegen import effect_functions as ef
 from codegen import render
+from codegen.c import c_effects
 from codegen.tape.tape import Lowering, Tape
 from codegen.toolchain import build
 from codegen.verify import sampling
@@ -333,20 +334,16 @@ def _effect_subject(effect: Effect, function: SymbolicFunction, targets: Mapping
 def _effect_call(library: ctypes.CDLL, suffix: str, effect: Effect, function: SymbolicFunction) -> Run:
     real = _REAL[suffix]
     kernel = getattr(library, f"tendon_{function.name}_{suffix}")
-    name = function.name.removeprefix(f"{effect.name}_")
-    kernel.restype = real if name == "torque" else None
+    takes = c_effects.signature(effect, function, Tape.of(function))
+    kernel.restype = None if takes.writes_state else real
 
     def run(values: sampling.Values) -> list[float]:
-        sample = (real * len(SIGNALS))(*(values.get(s.symbol, 0.0) for s in SIGNALS))
-        p = _array(real, [parameter.symbol for parameter in effect.parameters], values)
-        x = _array(real, [s.symbol for s in effect.states], values)
-        if name == "torque":
-            return [float(kernel(sample, p, x))]
-        if name == "step":
-            kernel(sample, real(values[function.inputs[-3].symbols[0]]), p, x)
-        else:
-            kernel(sample, p, x)
-        return [float(value) for value in x]
+        arguments = [real(values[a.symbols[0]]) for a in takes.inputs]
+        state = _array(real, [s.symbol for s in effect.states], values)
+        if not takes.writes_state:
+            return [float(kernel(*arguments, *([state] if takes.reads_state else [])))]
+        kernel(*arguments, state)
+        return [float(value) for value in state]
 
     return run
 

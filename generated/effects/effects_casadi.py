@@ -9,8 +9,8 @@ def _power(x, p):
 def coulomb_torque():
     """coulomb_torque: Dry friction: constant, against the motion, whatever the speed. F sgn(qd)
     in   qd [rad/s]: joint rate
-    in   p [as declared]: torque
-    in   x [as declared]: none
+    in   p [N m]: torque
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
       methods for the control of machines with friction, Automatica 30(7)
@@ -30,8 +30,8 @@ def coulomb_torque():
 def coulomb_asymmetric_torque():
     """coulomb_asymmetric_torque: Dry friction of a different height in each direction. F+ for qd > 0, -F- for qd < 0
     in   qd [rad/s]: joint rate
-    in   p [as declared]: positive, negative
-    in   x [as declared]: none
+    in   p [N m, N m]: positive, negative
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
       analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
@@ -55,8 +55,8 @@ def viscous_torque():
     """viscous_torque: Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not
       compensated. c qd
     in   qd [rad/s]: joint rate
-    in   p [as declared]: coefficient
-    in   x [as declared]: none
+    in   p [N m s/rad]: coefficient
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
       methods for the control of machines with friction, Automatica 30(7)
@@ -75,8 +75,8 @@ def viscous_asymmetric_torque():
     """viscous_asymmetric_torque: Viscous friction with a different slope in each direction. c+ qd for qd > 0, c- qd
       for qd < 0
     in   qd [rad/s]: joint rate
-    in   p [as declared]: positive, negative
-    in   x [as declared]: none
+    in   p [N m s/rad, N m s/rad]: positive, negative
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
     Operations: 36 operations (9 add, 5 sub, 19 mul, 1 div, 2 neg) and 4 max and 2 min
@@ -103,8 +103,8 @@ def viscous_asymmetric_torque():
 def viscous_cubic_torque():
     """viscous_cubic_torque: The curvature of viscous friction over the speed, odd in the rate. c qd^3
     in   qd [rad/s]: joint rate
-    in   p [as declared]: coefficient
-    in   x [as declared]: none
+    in   p [N m s^3/rad^3]: coefficient
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Equation (4) of the paper; Tuttle & Seering 1996, A nonlinear model of a harmonic drive gear
       transmission, IEEE Trans. Robotics and Automation 12(3)
@@ -123,8 +123,8 @@ def viscous_power_torque():
     """viscous_power_torque: Friction that grows with a power of the speed other than the first. F |qd/(1 rad/s)|^p
       sgn(qd)
     in   qd [rad/s]: joint rate
-    in   p [as declared]: torque, exponent
-    in   x [as declared]: none
+    in   p [N m, 1]: torque, exponent
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Waiboer, Aarts & Jonker 2005, Velocity dependence of joint friction in robotic manipulators with gear
       transmissions, ECCOMAS Multibody Dynamics
@@ -154,8 +154,8 @@ def stribeck_torque():
     """stribeck_torque: Extra friction at creep that a lubricating film takes away as the speed rises. dF
       exp(-(qd/v_s)^2) sgn(qd)
     in   qd [rad/s]: joint rate
-    in   p [as declared]: torque, speed
-    in   x [as declared]: none
+    in   p [N m, rad/s]: torque, speed
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
       methods for the control of machines with friction, Automatica 30(7)
@@ -177,8 +177,8 @@ def load_friction_torque():
     """load_friction_torque: Gear friction in proportion to the torque that the gear transmits. mu |load| sgn(qd)
     in   qd [rad/s]: joint rate
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   p [as declared]: coefficient
-    in   x [as declared]: none
+    in   p [1]: coefficient
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Hamon, Gautier & Garrec 2010, Dynamic identification of robots with a dry friction model depending on
       load and velocity, IROS
@@ -211,8 +211,8 @@ def friction_patch_torque():
       seal. dF sgn(qd) for start < q < end, else 0
     in   q [rad]: joint position
     in   qd [rad/s]: joint rate
-    in   p [as declared]: torque, start, end
-    in   x [as declared]: none
+    in   p [N m, rad, rad]: torque, start, end
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
     Operations: 34 operations (5 add, 5 sub, 21 mul, 3 div) and 3 max and 3 min
@@ -239,8 +239,8 @@ def lugre_torque():
       + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction
     in   qd [rad/s]: joint rate
     in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
-    in   p [as declared]: stiffness, damping
-    in   x [as declared]: bristle
+    in   p [N m/rad, N m s/rad]: stiffness, damping
+    in   x [N m]: bristle
     out  torque [N m]: added to the motor torque
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
       Trans. Automatic Control 40(3)
@@ -268,12 +268,12 @@ def lugre_torque():
 
 
 def lugre_start():
-    """lugre_start: Initial states.
+    """lugre_start: The memory of lugre where a motion begins.
     in   qd [rad/s]: joint rate
     in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
-    in   p [as declared]: stiffness, damping
-    in   x [as declared]: bristle
-    out  x_next [as declared]: states of the first sample
+    in   p [N m/rad, N m s/rad]: stiffness, damping
+    in   x [N m]: bristle
+    out  x_next [N m]: at the first sample
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
       Trans. Automatic Control 40(3)
     Operations: 0 operations
@@ -289,13 +289,13 @@ def lugre_start():
 
 
 def lugre_step():
-    """lugre_step: One step of the states: states of the next sample.
+    """lugre_step: The memory of lugre, a sample later.
     in   qd [rad/s]: joint rate
     in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
     in   dt [s]: step
-    in   p [as declared]: stiffness, damping
-    in   x [as declared]: bristle
-    out  x_next [as declared]: states of the next sample
+    in   p [N m/rad, N m s/rad]: stiffness, damping
+    in   x [N m]: bristle
+    out  x_next [N m]: at the next sample
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
       Trans. Automatic Control 40(3)
     Operations: 44 operations (11 add, 5 sub, 23 mul, 2 div, 3 neg) and 1 exp and 4 max and 2 min
@@ -330,8 +330,8 @@ def thermal_friction_torque():
     in   t [s]: time since the start of the run
     in   warmth [K]: rise of the measured temperature since the start; 0 where none is measured
     in   unmeasured [K]: 1 K where no temperature is measured, else 0
-    in   p [as declared]: coulomb, viscous, time_constant
-    in   x [as declared]: none
+    in   p [N m/K, N m s/(rad K), s]: coulomb, viscous, time_constant
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Bittencourt & Gunnarsson 2012, Static friction in a robot joint: modeling and identification of load and
       temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134(5)
@@ -353,8 +353,8 @@ def thermal_friction_torque():
 
 def offset_torque():
     """offset_torque: A constant torque: an amplifier's offset, a constant pull. tau_0
-    in   p [as declared]: torque
-    in   x [as declared]: none
+    in   p [N m]: torque
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Khalil & Dombre 2002, Modeling, Identification and Control of Robots
     Operations: 0 operations
@@ -370,8 +370,8 @@ def offset_torque():
 def linear_spring_torque():
     """linear_spring_torque: A spring that pulls the joint to a rest position from both sides. k (q - q_0)
     in   q [rad]: joint position
-    in   p [as declared]: stiffness, rest
-    in   x [as declared]: none
+    in   p [N m/rad, rad]: stiffness, rest
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Khalil & Dombre 2002, Modeling, Identification and Control of Robots
     Operations: 2 operations (1 sub, 1 mul)
@@ -389,8 +389,8 @@ def parallel_spring_torque():
     """parallel_spring_torque: An extension spring on a pulley, parallel to the drive, that pulls on one side of an
       offset only. -(r_p^2 k_s (q_s0 - q) + r_p F_s0) for q < q_s0, else 0
     in   q [rad]: joint position
-    in   p [as declared]: stiffness, radius, offset, pretension
-    in   x [as declared]: none
+    in   p [N/m, m/rad, rad, N]: stiffness, radius, offset, pretension
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Equation (2) of the paper, with the motor's sign
     Operations: 38 operations (9 add, 5 sub, 21 mul, 1 div, 2 neg) and 3 max and 1 min
@@ -415,8 +415,8 @@ def cable_torque():
     """cable_torque: The pull of hoses and wires along the arm: a smooth curve over the position. c1 q + c2 q^2 + c3
       q^3 + c4 q^4
     in   q [rad]: joint position
-    in   p [as declared]: c1, c2, c3, c4
-    in   x [as declared]: none
+    in   p [N m/rad, N m/rad^2, N m/rad^3, N m/rad^4]: c1, c2, c3, c4
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear
       disturbance forces, IEEE Robotics and Automation Letters 4(4)
@@ -437,8 +437,8 @@ def end_stop_torque():
       side = -1
     in   q [rad]: joint position
     in   qd [rad/s]: joint rate
-    in   p [as declared]: position, stiffness, damping, side
-    in   x [as declared]: none
+    in   p [rad, N m/rad, N m s/rad, 1]: position, stiffness, damping, side
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
       and Machine Theory 37
@@ -465,8 +465,8 @@ def spring_hysteresis_torque():
       or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
       1..4
     in   q [rad]: joint position
-    in   p [as declared]: torque, width
-    in   x [as declared]: element1, element2, element3, element4, position
+    in   p [N m, rad]: torque, width
+    in   x [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
     out  torque [N m]: added to the motor torque
     Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
       nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
@@ -534,11 +534,11 @@ def spring_hysteresis_torque():
 
 
 def spring_hysteresis_start():
-    """spring_hysteresis_start: Initial states.
+    """spring_hysteresis_start: The memory of spring_hysteresis where a motion begins.
     in   q [rad]: joint position
-    in   p [as declared]: torque, width
-    in   x [as declared]: element1, element2, element3, element4, position
-    out  x_next [as declared]: states of the first sample
+    in   p [N m, rad]: torque, width
+    in   x [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
+    out  x_next [rad, rad, rad, rad, rad]: at the first sample
     Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
       nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
       for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
@@ -554,12 +554,12 @@ def spring_hysteresis_start():
 
 
 def spring_hysteresis_step():
-    """spring_hysteresis_step: One step of the states: states of the next sample.
+    """spring_hysteresis_step: The memory of spring_hysteresis, a sample later.
     in   q [rad]: joint position
     in   dt [s]: step
-    in   p [as declared]: torque, width
-    in   x [as declared]: element1, element2, element3, element4, position
-    out  x_next [as declared]: states of the next sample
+    in   p [N m, rad]: torque, width
+    in   x [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
+    out  x_next [rad, rad, rad, rad, rad]: at the next sample
     Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
       nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
       for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
@@ -630,8 +630,8 @@ def torque_ripple_torque():
       cos(n N q + phi)
     in   q [rad]: joint position
     in   ratio [1/rad]: gear ratio per unit of position: motor turns' angle by q
-    in   p [as declared]: order, amplitude, phase
-    in   x [as declared]: none
+    in   p [1, N m, 1]: order, amplitude, phase
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent
       magnet motor drives, IEEE Trans. Industrial Electronics 43(2)
@@ -652,8 +652,8 @@ def torque_saturation_torque():
     """torque_saturation_torque: The motor's torque constant falls at large current, so that the current overstates the
       torque. c tau^3, tau the predicted torque
     in   predicted [N m]: predicted motor torque, all active effects included
-    in   p [as declared]: coefficient
-    in   x [as declared]: none
+    in   p [1/(N^2 m^2)]: coefficient
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Hanselman 2006, Brushless Permanent Magnet Motor Design
     Operations: 3 operations (3 mul)
@@ -671,8 +671,8 @@ def torque_scale_torque():
     """torque_scale_torque: The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.
       (factor - 1) tau, tau the predicted torque
     in   predicted [N m]: predicted motor torque, all active effects included
-    in   p [as declared]: factor
-    in   x [as declared]: none
+    in   p [1]: factor
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Gautier & Briot 2014, Global identification of joint drive gains and dynamic parameters of robots, ASME
       J. Dynamic Systems, Measurement, and Control 136(5)
@@ -691,8 +691,8 @@ def torque_delay_torque():
     """torque_delay_torque: Torque and motion are not recorded at the same instant: hold, bus cycle, filter. T
       d(tau)/dt, tau the predicted torque
     in   predicted_rate [N m/s]: time derivative of the predicted motor torque
-    in   p [as declared]: time
-    in   x [as declared]: none
+    in   p [s]: time
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Ljung 1999, System Identification: Theory for the User
     Operations: 1 operation (1 mul)
@@ -713,8 +713,8 @@ def elasticity_torque():
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
-    in   p [as declared]: stiffness, damping
-    in   x [as declared]: deflection, rate, acceleration, load
+    in   p [N m/rad, N m s/rad]: stiffness, damping
+    in   x [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
     out  torque [N m]: added to the motor torque
     Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
       Control 109(4)
@@ -732,14 +732,14 @@ def elasticity_torque():
 
 
 def elasticity_start():
-    """elasticity_start: Initial states.
+    """elasticity_start: The memory of elasticity where a motion begins.
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
-    in   p [as declared]: stiffness, damping
-    in   x [as declared]: deflection, rate, acceleration, load
-    out  x_next [as declared]: states of the first sample
+    in   p [N m/rad, N m s/rad]: stiffness, damping
+    in   x [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
+    out  x_next [rad, rad/s, rad/s^2, N m]: at the first sample
     Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
       Control 109(4)
     Operations: 1 operation (1 div)
@@ -756,15 +756,15 @@ def elasticity_start():
 
 
 def elasticity_step():
-    """elasticity_step: One step of the states: states of the next sample.
+    """elasticity_step: The memory of elasticity, a sample later.
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   dt [s]: step
-    in   p [as declared]: stiffness, damping
-    in   x [as declared]: deflection, rate, acceleration, load
-    out  x_next [as declared]: states of the next sample
+    in   p [N m/rad, N m s/rad]: stiffness, damping
+    in   x [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
+    out  x_next [rad, rad/s, rad/s^2, N m]: at the next sample
     Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
       Control 109(4)
     Operations: 89 operations (15 add, 10 sub, 61 mul, 3 div)
@@ -813,8 +813,8 @@ def backlash_torque():
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
-    in   p [as declared]: gap, stiffness, damping
-    in   x [as declared]: deflection, rate, acceleration, acceleration_before, load
+    in   p [rad, N m/rad, N m s/rad]: gap, stiffness, damping
+    in   x [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
     out  torque [N m]: added to the motor torque
     Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
       Processing 11(1)
@@ -832,14 +832,14 @@ def backlash_torque():
 
 
 def backlash_start():
-    """backlash_start: Initial states.
+    """backlash_start: The memory of backlash where a motion begins.
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
-    in   p [as declared]: gap, stiffness, damping
-    in   x [as declared]: deflection, rate, acceleration, acceleration_before, load
-    out  x_next [as declared]: states of the first sample
+    in   p [rad, N m/rad, N m s/rad]: gap, stiffness, damping
+    in   x [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
+    out  x_next [rad, rad/s, rad/s^2, rad/s^2, N m]: at the first sample
     Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
       Processing 11(1)
     Operations: 12 operations (2 add, 1 sub, 7 mul, 2 div) and 1 max and 1 min
@@ -858,15 +858,15 @@ def backlash_start():
 
 
 def backlash_step():
-    """backlash_step: One step of the states: states of the next sample.
+    """backlash_step: The memory of backlash, a sample later.
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
     in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   dt [s]: step
-    in   p [as declared]: gap, stiffness, damping
-    in   x [as declared]: deflection, rate, acceleration, acceleration_before, load
-    out  x_next [as declared]: states of the next sample
+    in   p [rad, N m/rad, N m s/rad]: gap, stiffness, damping
+    in   x [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
+    out  x_next [rad, rad/s, rad/s^2, rad/s^2, N m]: at the next sample
     Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
       Processing 11(1)
     Operations: 224 operations (45 add, 31 sub, 136 mul, 8 div, 4 neg) and 8 max and 6 min and 2 sqrt
@@ -954,8 +954,8 @@ def gravity_torque():
       the arm's first mass moment
     in   moment_x [N s^2]: derivative of the arm's first mass moment along base x by q
     in   moment_y [N s^2]: derivative of the arm's first mass moment along base y by q
-    in   p [as declared]: gx, gy
-    in   x [as declared]: none
+    in   p [m/s^2, m/s^2]: gx, gy
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Spong & Vidyasagar 1989, Robot Dynamics and Control
     Operations: 4 operations (1 add, 2 mul, 1 neg)
@@ -975,8 +975,8 @@ def payload_torque():
       for t > t_0, tau_tip the torque of a unit mass at the end-effector
     in   t [s]: time since the start of the run
     in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
-    in   p [as declared]: mass, time
-    in   x [as declared]: none
+    in   p [kg, s]: mass, time
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
       manipulators, ICRA
@@ -1001,8 +1001,8 @@ def coupled_friction_torque():
     in   qd_next [rad/s]: rate of the next joint outwards; 0 at the last
     in   qd_previous [rad/s]: rate of the joint before; 0 at the first
     in   has_next [1]: 1 if the effect's second joint is the next one outwards, else 0
-    in   p [as declared]: torque
-    in   x [as declared]: none
+    in   p [N m]: torque
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot
       identification, IEEE Trans. Control Systems Technology 22(1), for the coupled wrist of the TX40
@@ -1028,8 +1028,8 @@ def plate_torque():
     in   tip_y [m]: end-effector's y in the base frame
     in   tip_yd [m/s]: rate of the end-effector's y
     in   tip_row [m]: derivative of the end-effector's y by q
-    in   p [as declared]: stiffness, pretension, friction, position
-    in   x [as declared]: none
+    in   p [N/m, N, N, m]: stiffness, pretension, friction, position
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Equation (3) of the paper
     Operations: 47 operations (10 add, 7 sub, 26 mul, 2 div, 2 neg) and 4 max and 2 min
@@ -1061,9 +1061,9 @@ def plate_damping_torque():
     in   tip_y [m]: end-effector's y in the base frame
     in   tip_yd [m/s]: rate of the end-effector's y
     in   tip_row [m]: derivative of the end-effector's y by q
-    in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
-    in   p [as declared]: coefficient
-    in   x [as declared]: none
+    in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+    in   p [N s/m]: coefficient
+    in   x [1]: none
     out  torque [N m]: added to the motor torque
     Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
       and Machine Theory 37

@@ -4,162 +4,164 @@
 
 #include <stddef.h>
 
+/* What each effect adds to the motor torque of a joint, on the motor's side: friction has the sign of qd.
+ * Units are those of a revolute joint; at a prismatic one N stands for N m, and m for rad.
+ * An effect with a memory: _start before the first sample, then for every sample _torque and, after it, _step. */
+
+/* The memory of lugre. */
 typedef struct {
-    float q; /* rad: joint position */
-    float qd; /* rad/s: joint rate */
-    float qdd; /* rad/s^2: joint acceleration */
-    float t; /* s: time since the start of the run */
-    float load; /* N m: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor */
-    float link_inertia; /* N m s^2/rad: inertia of the link side as this joint sees it, without the own rotor */
-    float coupling; /* N m s^2/rad: inertia between this joint and the effect's own, link side; at the own joint link_inertia. An
- *   effect that reads it acts on all joints: what its own joint's link does is felt in the others */
-    float level; /* N m: predicted magnitude of the joint's Coulomb friction in the present direction */
-    float predicted; /* N m: predicted motor torque, all active effects included */
-    float predicted_rate; /* N m/s: time derivative of the predicted motor torque */
-    float warmth; /* K: rise of the measured temperature since the start; 0 where none is measured */
-    float unmeasured; /* K: 1 K where no temperature is measured, else 0 */
-    float qd_next; /* rad/s: rate of the next joint outwards; 0 at the last */
-    float qd_previous; /* rad/s: rate of the joint before; 0 at the first */
-    float has_next; /* 1: 1 if the effect's second joint is the next one outwards, else 0 */
-    float moment_x; /* N s^2: derivative of the arm's first mass moment along base x by q */
-    float moment_y; /* N s^2: derivative of the arm's first mass moment along base y by q */
-    float tip_load; /* N m/kg: torque that a unit mass at the end-effector asks of this joint */
-    float tip_y; /* m: end-effector's y in the base frame */
-    float tip_yd; /* m/s: rate of the end-effector's y */
-    float tip_row; /* m: derivative of the end-effector's y by q */
-    float plate_y; /* m: base y of the active plate's surface; out of reach, -1e9, where no plate is active */
-    float ratio; /* 1/rad: gear ratio per unit of position: motor turns' angle by q */
-} tendon_sample_f32;
+    float bristle; /* N m: torque of the bent bristles, between the two Coulomb levels */
+} tendon_lugre_state_f32;
+
+/* The memory of spring_hysteresis. */
+typedef struct {
+    float element1; /* rad: deflection of element 1 */
+    float element2; /* rad: deflection of element 2 */
+    float element3; /* rad: deflection of element 3 */
+    float element4; /* rad: deflection of element 4 */
+    float position; /* rad: q of the last sample */
+} tendon_spring_hysteresis_state_f32;
+
+/* The memory of elasticity. */
+typedef struct {
+    float deflection; /* rad: motor less link */
+    float rate; /* rad/s: of the deflection */
+    float acceleration; /* rad/s^2: of the deflection */
+    float load; /* N m: of the last sample */
+} tendon_elasticity_state_f32;
+
+/* The memory of backlash. */
+typedef struct {
+    float deflection; /* rad: motor less link */
+    float rate; /* rad/s: of the deflection */
+    float acceleration; /* rad/s^2: of the deflection, mean of the last step */
+    float acceleration_before; /* rad/s^2: the same, of the step before */
+    float load; /* N m: of the last sample */
+} tendon_backlash_state_f32;
 
 /* coulomb_torque: Dry friction: constant, against the motion, whatever the speed. F sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   p (1) [as declared]: torque
- * in   x (0) [as declared]: none
+ * in   torque [N m]: friction torque, the same in both directions
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
  * Operations: 1 operation (1 mul) and 1 sgn */
-float tendon_coulomb_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_coulomb_torque_f32(float qd, float torque);
 
 /* coulomb_asymmetric_torque: Dry friction of a different height in each direction. F+ for qd > 0, -F- for qd < 0
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: positive, negative
- * in   x (0) [as declared]: none
+ * in   positive [N m]: friction torque while qd > 0
+ * in   negative [N m]: friction torque, as a magnitude, while qd < 0
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
  *   analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
  * Operations: 1 operation (1 neg) and 1 side */
-float tendon_coulomb_asymmetric_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_coulomb_asymmetric_torque_f32(float qd, float positive, float negative);
 
 /* viscous_torque: Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not
  *   compensated. c qd
  * in   qd [rad/s]: joint rate
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [N m s/rad]: torque per rate
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
  * Operations: 1 operation (1 mul) */
-float tendon_viscous_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_viscous_torque_f32(float qd, float coefficient);
 
 /* viscous_asymmetric_torque: Viscous friction with a different slope in each direction. c+ qd for qd > 0, c- qd
  *   for qd < 0
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: positive, negative
- * in   x (0) [as declared]: none
+ * in   positive [N m s/rad]: torque per rate while qd > 0
+ * in   negative [N m s/rad]: torque per rate while qd < 0
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
  * Operations: 2 operations (2 mul) and 1 side */
-float tendon_viscous_asymmetric_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_viscous_asymmetric_torque_f32(float qd, float positive, float negative);
 
 /* viscous_cubic_torque: The curvature of viscous friction over the speed, odd in the rate. c qd^3
  * in   qd [rad/s]: joint rate
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [N m s^3/rad^3]: torque per cubed rate; negative where friction grows less than in proportion,
+ *   and then valid only within the speeds at which it was identified
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Tuttle & Seering 1996, A nonlinear model of a harmonic drive gear
  *   transmission, IEEE Trans. Robotics and Automation 12(3)
  * Operations: 3 operations (3 mul) */
-float tendon_viscous_cubic_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_viscous_cubic_torque_f32(float qd, float coefficient);
 
 /* viscous_power_torque: Friction that grows with a power of the speed other than the first. F |qd/(1 rad/s)|^p
  *   sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: torque, exponent
- * in   x (0) [as declared]: none
+ * in   torque [N m]: torque at 1 rad/s (1 m/s)
+ * in   exponent [1]: power of the speed: below 1 for a lubricant that thins with shear
  * out  torque [N m]: added to the motor torque
  * Source: Waiboer, Aarts & Jonker 2005, Velocity dependence of joint friction in robotic manipulators with gear
  *   transmissions, ECCOMAS Multibody Dynamics
  * Operations: 5 operations (2 add, 2 mul, 1 neg) and 1 pow and 2 ramp and 1 sgn */
-float tendon_viscous_power_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_viscous_power_torque_f32(float qd, float torque, float exponent);
 
 /* stribeck_torque: Extra friction at creep that a lubricating film takes away as the speed rises. dF
  *   exp(-(qd/v_s)^2) sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: torque, speed
- * in   x (0) [as declared]: none
+ * in   torque [N m]: how much friction at the slowest motion exceeds Coulomb's
+ * in   speed [rad/s]: speed within which the excess falls to 1/e
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
  * Operations: 6 operations (4 mul, 1 div, 1 neg) and 1 exp and 1 sgn */
-float tendon_stribeck_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_stribeck_torque_f32(float qd, float torque, float speed);
 
 /* load_friction_torque: Gear friction in proportion to the torque that the gear transmits. mu |load| sgn(qd)
  * in   qd [rad/s]: joint rate
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [1]: friction torque per transmitted torque
  * out  torque [N m]: added to the motor torque
  * Source: Hamon, Gautier & Garrec 2010, Dynamic identification of robots with a dry friction model depending on
  *   load and velocity, IROS
  * Operations: 4 operations (1 add, 2 mul, 1 neg) and 2 ramp and 1 sgn */
-float tendon_load_friction_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_load_friction_torque_f32(float qd, float load, float coefficient);
 
 /* friction_patch_torque: A stretch of the range with more friction: a worn or dirty place, a bent shaft, a tight
  *   seal. dF sgn(qd) for start < q < end, else 0
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (3) [as declared]: torque, start, end
- * in   x (0) [as declared]: none
+ * in   torque [N m]: additional friction torque within the patch
+ * in   start [rad]: where the patch begins
+ * in   end [rad]: where the patch ends
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
  * Operations: 3 operations (2 sub, 1 mul) and 2 gate and 1 sgn */
-float tendon_friction_patch_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_friction_patch_torque_f32(float q, float qd, float torque, float start, float end);
 
 /* lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
  *   + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction
  * in   qd [rad/s]: joint rate
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
- * in   p (2) [as declared]: stiffness, damping
- * in   x (1) [as declared]: bristle
+ * in   damping [N m s/rad]: of the bristles while they deflect
+ * in   state [N m]: bristle
  * out  torque [N m]: added to the motor torque
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 10 operations (3 add, 2 sub, 3 mul, 1 div, 1 neg) and 2 ramp and 1 sgn */
-float tendon_lugre_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_lugre_torque_f32(float qd, float level, float damping, const tendon_lugre_state_f32 *state);
 
-/* lugre_start: Initial states.
- * in   qd [rad/s]: joint rate
- * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
- * in   p (2) [as declared]: stiffness, damping
- * in   x (1) [as declared]: bristle
- * out  x_next (1) [as declared]: states of the first sample
+/* lugre_start: The memory of lugre where a motion begins.
+ * out  state [N m]: bristle: at the first sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 0 operations */
-void tendon_lugre_start_f32(const tendon_sample_f32 *s, const float *p, float *x);
+void tendon_lugre_start_f32(tendon_lugre_state_f32 *state);
 
-/* lugre_step: One step of the states: states of the next sample.
+/* lugre_step: The memory of lugre, a sample later.
  * in   qd [rad/s]: joint rate
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
  * in   dt [s]: step
- * in   p (2) [as declared]: stiffness, damping
- * in   x (1) [as declared]: bristle
- * out  x_next (1) [as declared]: states of the next sample
+ * in   stiffness [N m/rad]: of the bristles: torque per deflection before sliding
+ * in   state [N m]: bristle
+ * out  state [N m]: bristle: at the next sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 11 operations (3 add, 1 sub, 4 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
-void tendon_lugre_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
+void tendon_lugre_step_f32(float qd, float level, float dt, float stiffness, tendon_lugre_state_f32 *state);
 
 /* thermal_friction_torque: Friction that changes as the drive warms up, mostly because grease thins. (a sgn(qd) +
  *   b qd) w,  w the recorded rise of temperature, else 1 - exp(-t/T)
@@ -167,248 +169,276 @@ void tendon_lugre_step_f32(const tendon_sample_f32 *s, float dt, const float *p,
  * in   t [s]: time since the start of the run
  * in   warmth [K]: rise of the measured temperature since the start; 0 where none is measured
  * in   unmeasured [K]: 1 K where no temperature is measured, else 0
- * in   p (3) [as declared]: coulomb, viscous, time_constant
- * in   x (0) [as declared]: none
+ * in   coulomb [N m/K]: change of dry friction per kelvin of warming; where no temperature is recorded, its whole
+ *   change (the warming is then counted as 1 K in all)
+ * in   viscous [N m s/(rad K)]: change of viscous friction, likewise
+ * in   time_constant [s]: of the warming; without meaning where the temperature is recorded
  * out  torque [N m]: added to the motor torque
  * Source: Bittencourt & Gunnarsson 2012, Static friction in a robot joint: modeling and identification of load and
  *   temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134(5)
  * Operations: 9 operations (2 add, 1 sub, 4 mul, 1 div, 1 neg) and 1 exp and 1 sgn */
-float tendon_thermal_friction_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_thermal_friction_torque_f32(
+    float qd,
+    float t,
+    float warmth,
+    float unmeasured,
+    float coulomb,
+    float viscous,
+    float time_constant);
 
 /* offset_torque: A constant torque: an amplifier's offset, a constant pull. tau_0
- * in   p (1) [as declared]: torque
- * in   x (0) [as declared]: none
+ * in   torque [N m]: constant part of the recorded torque
  * out  torque [N m]: added to the motor torque
  * Source: Khalil & Dombre 2002, Modeling, Identification and Control of Robots
  * Operations: 0 operations */
-float tendon_offset_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_offset_torque_f32(float torque);
 
 /* linear_spring_torque: A spring that pulls the joint to a rest position from both sides. k (q - q_0)
  * in   q [rad]: joint position
- * in   p (2) [as declared]: stiffness, rest
- * in   x (0) [as declared]: none
+ * in   stiffness [N m/rad]: torque per displacement
+ * in   rest [rad]: position at which the spring is slack
  * out  torque [N m]: added to the motor torque
  * Source: Khalil & Dombre 2002, Modeling, Identification and Control of Robots
  * Operations: 2 operations (1 sub, 1 mul) */
-float tendon_linear_spring_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_linear_spring_torque_f32(float q, float stiffness, float rest);
 
 /* parallel_spring_torque: An extension spring on a pulley, parallel to the drive, that pulls on one side of an
  *   offset only. -(r_p^2 k_s (q_s0 - q) + r_p F_s0) for q < q_s0, else 0
  * in   q [rad]: joint position
- * in   p (4) [as declared]: stiffness, radius, offset, pretension
- * in   x (0) [as declared]: none
+ * in   stiffness [N/m]: of the extension spring, k_s
+ * in   radius [m/rad]: of the pulley, r_p: cable per joint angle; where it is not known, 1, and stiffness and
+ *   pretension then stand for the products with it
+ * in   offset [rad]: position q_s0 below which the spring is taut
+ * in   pretension [N]: initial tension of the spring, F_s0
  * out  torque [N m]: added to the motor torque
  * Source: Equation (2) of the paper, with the motor's sign
  * Operations: 7 operations (1 add, 1 sub, 4 mul, 1 neg) and 1 gate */
-float tendon_parallel_spring_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_parallel_spring_torque_f32(
+    float q,
+    float stiffness,
+    float radius,
+    float offset,
+    float pretension);
 
 /* cable_torque: The pull of hoses and wires along the arm: a smooth curve over the position. c1 q + c2 q^2 + c3
  *   q^3 + c4 q^4
  * in   q [rad]: joint position
- * in   p (4) [as declared]: c1, c2, c3, c4
- * in   x (0) [as declared]: none
+ * in   c1 [N m/rad]: torque per q
+ * in   c2 [N m/rad^2]: torque per q^2
+ * in   c3 [N m/rad^3]: torque per q^3
+ * in   c4 [N m/rad^4]: torque per q^4
  * out  torque [N m]: added to the motor torque
  * Source: Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear
  *   disturbance forces, IEEE Robotics and Automation Letters 4(4)
  * Operations: 10 operations (3 add, 7 mul) */
-float tendon_cable_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_cable_torque_f32(float q, float c1, float c2, float c3, float c4);
 
 /* end_stop_torque: A soft mechanical stop at one end of the range. k (q - q_e)+ + d qd in contact, mirrored for
  *   side = -1
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (4) [as declared]: position, stiffness, damping, side
- * in   x (0) [as declared]: none
+ * in   position [rad]: where the stop is touched
+ * in   stiffness [N m/rad]: of the stop
+ * in   damping [N m s/rad]: of the stop while it is touched
+ * in   side [1]: +1: stops motion to larger q, -1: to smaller q
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
  * Operations: 6 operations (1 add, 1 sub, 4 mul) and 1 gate */
-float tendon_end_stop_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_end_stop_torque_f32(
+    float q,
+    float qd,
+    float position,
+    float stiffness,
+    float damping,
+    float side);
 
 /* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
  *   or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
  *   1..4
  * in   q [rad]: joint position
- * in   p (2) [as declared]: torque, width
- * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * in   torque [N m]: when all elements slide: half the height of the loop
+ * in   width [rad]: displacement from rest after which all elements slide; after a reversal it takes twice that
+ * in   state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
  * out  torque [N m]: added to the motor torque
  * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
  *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
  *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
  * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
-float tendon_spring_hysteresis_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_spring_hysteresis_torque_f32(
+    float q,
+    float torque,
+    float width,
+    const tendon_spring_hysteresis_state_f32 *state);
 
-/* spring_hysteresis_start: Initial states.
+/* spring_hysteresis_start: The memory of spring_hysteresis where a motion begins.
  * in   q [rad]: joint position
- * in   p (2) [as declared]: torque, width
- * in   x (5) [as declared]: element1, element2, element3, element4, position
- * out  x_next (5) [as declared]: states of the first sample
+ * out  state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position: at the first sample
  * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
  *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
  *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
  * Operations: 0 operations */
-void tendon_spring_hysteresis_start_f32(const tendon_sample_f32 *s, const float *p, float *x);
+void tendon_spring_hysteresis_start_f32(float q, tendon_spring_hysteresis_state_f32 *state);
 
-/* spring_hysteresis_step: One step of the states: states of the next sample.
+/* spring_hysteresis_step: The memory of spring_hysteresis, a sample later.
  * in   q [rad]: joint position
- * in   dt [s]: step
- * in   p (2) [as declared]: torque, width
- * in   x (5) [as declared]: element1, element2, element3, element4, position
- * out  x_next (5) [as declared]: states of the next sample
+ * in   width [rad]: displacement from rest after which all elements slide; after a reversal it takes twice that
+ * in   state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
+ * out  state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position: at the next sample
  * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
  *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
  *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
  * Operations: 30 operations (8 add, 15 sub, 3 mul, 4 neg) and 8 ramp */
-void tendon_spring_hysteresis_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
+void tendon_spring_hysteresis_step_f32(float q, float width, tendon_spring_hysteresis_state_f32 *state);
 
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
  * in   ratio [1/rad]: gear ratio per unit of position: motor turns' angle by q
- * in   p (3) [as declared]: order, amplitude, phase
- * in   x (0) [as declared]: none
+ * in   order [1]: periods per revolution of the motor; 2 is the wave generator of a harmonic drive
+ * in   amplitude [N m]: at the joint
+ * in   phase [1]: at q = 0, in rad
  * out  torque [N m]: added to the motor torque
  * Source: Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent
  *   magnet motor drives, IEEE Trans. Industrial Electronics 43(2)
  * Operations: 4 operations (1 add, 3 mul) and 1 sincos */
-float tendon_torque_ripple_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_torque_ripple_torque_f32(float q, float ratio, float order, float amplitude, float phase);
 
 /* torque_saturation_torque: The motor's torque constant falls at large current, so that the current overstates the
  *   torque. c tau^3, tau the predicted torque
  * in   predicted [N m]: predicted motor torque, all active effects included
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [1/(N^2 m^2)]: excess of the recorded torque per cubed torque
  * out  torque [N m]: added to the motor torque
  * Source: Hanselman 2006, Brushless Permanent Magnet Motor Design
  * Operations: 3 operations (3 mul) */
-float tendon_torque_saturation_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_torque_saturation_torque_f32(float predicted, float coefficient);
 
 /* torque_scale_torque: The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.
  *   (factor - 1) tau, tau the predicted torque
  * in   predicted [N m]: predicted motor torque, all active effects included
- * in   p (1) [as declared]: factor
- * in   x (0) [as declared]: none
+ * in   factor [1]: recorded torque over true torque
  * out  torque [N m]: added to the motor torque
  * Source: Gautier & Briot 2014, Global identification of joint drive gains and dynamic parameters of robots, ASME
  *   J. Dynamic Systems, Measurement, and Control 136(5)
  * Operations: 2 operations (1 sub, 1 mul) */
-float tendon_torque_scale_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_torque_scale_torque_f32(float predicted, float factor);
 
 /* torque_delay_torque: Torque and motion are not recorded at the same instant: hold, bus cycle, filter. T
  *   d(tau)/dt, tau the predicted torque
  * in   predicted_rate [N m/s]: time derivative of the predicted motor torque
- * in   p (1) [as declared]: time
- * in   x (0) [as declared]: none
+ * in   time [s]: positive: the recorded torque is ahead of the recorded motion, as a command is that acts only
+ *   later; negative: it is behind, as a filtered current is
  * out  torque [N m]: added to the motor torque
  * Source: Ljung 1999, System Identification: Theory for the User
  * Operations: 1 operation (1 mul) */
-float tendon_torque_delay_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_torque_delay_torque_f32(float predicted_rate, float time);
 
 /* elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -J
  *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
  * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (2) [as declared]: stiffness, damping
- * in   x (4) [as declared]: deflection, rate, acceleration, load
+ * in   state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
  * Operations: 2 operations (1 mul, 1 neg) */
-float tendon_elasticity_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_elasticity_torque_f32(float coupling, const tendon_elasticity_state_f32 *state);
 
-/* elasticity_start: Initial states.
+/* elasticity_start: The memory of elasticity where a motion begins.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (2) [as declared]: stiffness, damping
- * in   x (4) [as declared]: deflection, rate, acceleration, load
- * out  x_next (4) [as declared]: states of the first sample
+ * in   stiffness [N m/rad]: of the transmission
+ * out  state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load: at the first sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
  * Operations: 1 operation (1 div) */
-void tendon_elasticity_start_f32(const tendon_sample_f32 *s, const float *p, float *x);
+void tendon_elasticity_start_f32(float load, float stiffness, tendon_elasticity_state_f32 *state);
 
-/* elasticity_step: One step of the states: states of the next sample.
+/* elasticity_step: The memory of elasticity, a sample later.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
- * in   p (2) [as declared]: stiffness, damping
- * in   x (4) [as declared]: deflection, rate, acceleration, load
- * out  x_next (4) [as declared]: states of the next sample
+ * in   stiffness [N m/rad]: of the transmission
+ * in   damping [N m s/rad]: of the transmission
+ * in   state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
+ * out  state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load: at the next sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
  * Operations: 89 operations (15 add, 10 sub, 61 mul, 3 div) */
-void tendon_elasticity_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
+void tendon_elasticity_step_f32(
+    float load,
+    float link_inertia,
+    float dt,
+    float stiffness,
+    float damping,
+    tendon_elasticity_state_f32 *state);
 
 /* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
  *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
  *   sgn(delta)
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
  * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (3) [as declared]: gap, stiffness, damping
- * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * in   state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
  * out  torque [N m]: added to the motor torque
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
  * Operations: 5 operations (1 sub, 3 mul, 1 neg) */
-float tendon_backlash_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_backlash_torque_f32(float coupling, const tendon_backlash_state_f32 *state);
 
-/* backlash_start: Initial states.
+/* backlash_start: The memory of backlash where a motion begins.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (3) [as declared]: gap, stiffness, damping
- * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
- * out  x_next (5) [as declared]: states of the first sample
+ * in   gap [rad]: free play from flank to flank, at the joint
+ * in   stiffness [N m/rad]: of the transmission in contact
+ * out  state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load: at
+ *   the first sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
  * Operations: 4 operations (1 add, 2 mul, 1 div) and 1 sgn */
-void tendon_backlash_start_f32(const tendon_sample_f32 *s, const float *p, float *x);
+void tendon_backlash_start_f32(float load, float gap, float stiffness, tendon_backlash_state_f32 *state);
 
-/* backlash_step: One step of the states: states of the next sample.
+/* backlash_step: The memory of backlash, a sample later.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
- * in   p (3) [as declared]: gap, stiffness, damping
- * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
- * out  x_next (5) [as declared]: states of the next sample
+ * in   gap [rad]: free play from flank to flank, at the joint
+ * in   stiffness [N m/rad]: of the transmission in contact
+ * in   damping [N m s/rad]: of the transmission in contact
+ * in   state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
+ * out  state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load: at
+ *   the next sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
  * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
-void tendon_backlash_step_f32(const tendon_sample_f32 *s, float dt, const float *p, float *x);
+void tendon_backlash_step_f32(
+    float load,
+    float link_inertia,
+    float dt,
+    float gap,
+    float stiffness,
+    float damping,
+    tendon_backlash_state_f32 *state);
 
 /* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m
  *   the arm's first mass moment
  * in   moment_x [N s^2]: derivative of the arm's first mass moment along base x by q
  * in   moment_y [N s^2]: derivative of the arm's first mass moment along base y by q
- * in   p (2) [as declared]: gx, gy
- * in   x (0) [as declared]: none
+ * in   gx [m/s^2]: acceleration of gravity along base x, beyond the model file's
+ * in   gy [m/s^2]: acceleration of gravity along base y, beyond the model file's
  * out  torque [N m]: added to the motor torque
  * Source: Spong & Vidyasagar 1989, Robot Dynamics and Control
  * Operations: 4 operations (1 add, 2 mul, 1 neg) */
-float tendon_gravity_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_gravity_torque_f32(float moment_x, float moment_y, float gx, float gy);
 
 /* payload_torque: A mass at the end-effector that the model does not know, from a moment on. m tau_tip(q, qd, qdd)
  *   for t > t_0, tau_tip the torque of a unit mass at the end-effector
  * in   t [s]: time since the start of the run
  * in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
- * in   p (2) [as declared]: mass, time
- * in   x (0) [as declared]: none
+ * in   mass [kg]: a point at the end-effector
+ * in   time [s]: since the start of the run, when it is picked up
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
  * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
-float tendon_payload_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_payload_torque_f32(float t, float tip_load, float mass, float time);
 
 /* coupled_friction_torque: Dry friction between two links that are not neighbours: a belt, cable or shaft that
  *   passes a joint. F sgn(qd_i + qd_(i+1)), on both joints
@@ -416,38 +446,55 @@ float tendon_payload_torque_f32(const tendon_sample_f32 *s, const float *p, cons
  * in   qd_next [rad/s]: rate of the next joint outwards; 0 at the last
  * in   qd_previous [rad/s]: rate of the joint before; 0 at the first
  * in   has_next [1]: 1 if the effect's second joint is the next one outwards, else 0
- * in   p (1) [as declared]: torque
- * in   x (0) [as declared]: none
+ * in   torque [N m]: friction torque on the relative rate
  * out  torque [N m]: added to the motor torque
  * Source: Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot
  *   identification, IEEE Trans. Control Systems Technology 22(1), for the coupled wrist of the TX40
  * Operations: 6 operations (2 add, 1 sub, 3 mul) and 1 sgn */
-float tendon_coupled_friction_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_coupled_friction_torque_f32(
+    float qd,
+    float qd_next,
+    float qd_previous,
+    float has_next,
+    float torque);
 
 /* plate_torque: A plate on a spring that the end-effector presses down. -J_y^T F_p,  F_p = F_p0 + k_p (y_p - y) -
  *   F_pc sgn(yd) for y < y_p, else 0
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   p (4) [as declared]: stiffness, pretension, friction, position
- * in   x (0) [as declared]: none
+ * in   stiffness [N/m]: of the plate's spring, k_p
+ * in   pretension [N]: force at first touch, F_p0
+ * in   friction [N]: dry friction of the plate's guide, F_pc
+ * in   position [m]: base y of the plate when it is not touched, y_p
  * out  torque [N m]: added to the motor torque
  * Source: Equation (3) of the paper
  * Operations: 7 operations (1 add, 2 sub, 3 mul, 1 neg) and 1 gate and 1 sgn */
-float tendon_plate_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_plate_torque_f32(
+    float tip_y,
+    float tip_yd,
+    float tip_row,
+    float stiffness,
+    float pretension,
+    float friction,
+    float position);
 
 /* plate_damping_torque: A damper beside the plate's spring; it needs the effect plate, whose position it shares.
  *   J_y^T c yd for y < y_p, else 0
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+ * in   coefficient [N s/m]: force per speed of the plate
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
  * Operations: 3 operations (1 sub, 2 mul) and 1 gate */
-float tendon_plate_damping_torque_f32(const tendon_sample_f32 *s, const float *p, const float *x);
+float tendon_plate_damping_torque_f32(
+    float tip_y,
+    float tip_yd,
+    float tip_row,
+    float plate_y,
+    float coefficient);
 
 #endif

@@ -4,574 +4,173 @@
 
 /* coulomb_torque: Dry friction: constant, against the motion, whatever the speed. F sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   p (1) [as declared]: torque
- * in   x (0) [as declared]: none
+ * in   torque [N m]: friction torque, the same in both directions
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
  * Operations: 1 operation (1 mul) and 1 sgn */
-double tendon_coulomb_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_coulomb_torque_f64(double qd, double torque)
 {
-    (void)x;
-    return p[0] * tendon_sgn_f64(s->qd);
-}
-
-/* coulomb_columns along `count` samples, 2 rows in `out`. */
-void tendon_coulomb_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_sgn_f64(qd[k]);
-    }
-}
-
-/* coulomb_torque along `count` samples, 1 row in `out`. */
-void tendon_coulomb_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * tendon_sgn_f64(qd[k]);
-    }
+    return torque * tendon_sgn_f64(qd);
 }
 
 /* coulomb_asymmetric_torque: Dry friction of a different height in each direction. F+ for qd > 0, -F- for qd < 0
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: positive, negative
- * in   x (0) [as declared]: none
+ * in   positive [N m]: friction torque while qd > 0
+ * in   negative [N m]: friction torque, as a magnitude, while qd < 0
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models,
  *   analysis tools and compensation methods for the control of machines with friction, Automatica 30(7)
  * Operations: 1 operation (1 neg) and 1 side */
-double tendon_coulomb_asymmetric_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_coulomb_asymmetric_torque_f64(double qd, double positive, double negative)
 {
-    (void)x;
-    return tendon_side_f64(s->qd, p[0], -p[1]);
-}
-
-/* coulomb_asymmetric_columns along `count` samples, 3 rows in `out`. */
-void tendon_coulomb_asymmetric_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_step_f64(qd[k]);
-        out[2 * count + k] = -tendon_step_f64(-qd[k]);
-    }
-}
-
-/* coulomb_asymmetric_torque along `count` samples, 1 row in `out`. */
-void tendon_coulomb_asymmetric_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_side_f64(qd[k], p[0], -p[1]);
-    }
+    return tendon_side_f64(qd, positive, -negative);
 }
 
 /* viscous_torque: Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not
  *   compensated. c qd
  * in   qd [rad/s]: joint rate
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [N m s/rad]: torque per rate
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
  * Operations: 1 operation (1 mul) */
-double tendon_viscous_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_viscous_torque_f64(double qd, double coefficient)
 {
-    (void)x;
-    return p[0] * s->qd;
-}
-
-/* viscous_columns along `count` samples, 2 rows in `out`. */
-void tendon_viscous_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = qd[k];
-    }
-}
-
-/* viscous_torque along `count` samples, 1 row in `out`. */
-void tendon_viscous_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * qd[k];
-    }
+    return coefficient * qd;
 }
 
 /* viscous_asymmetric_torque: Viscous friction with a different slope in each direction. c+ qd for qd > 0, c- qd
  *   for qd < 0
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: positive, negative
- * in   x (0) [as declared]: none
+ * in   positive [N m s/rad]: torque per rate while qd > 0
+ * in   negative [N m s/rad]: torque per rate while qd < 0
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
  * Operations: 2 operations (2 mul) and 1 side */
-double tendon_viscous_asymmetric_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_viscous_asymmetric_torque_f64(double qd, double positive, double negative)
 {
-    (void)x;
-    return tendon_side_f64(s->qd, p[0] * s->qd, s->qd * p[1]);
-}
-
-/* viscous_asymmetric_columns along `count` samples, 3 rows in `out`. */
-void tendon_viscous_asymmetric_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_ramp_f64(qd[k]);
-        out[2 * count + k] = -tendon_ramp_f64(-qd[k]);
-    }
-}
-
-/* viscous_asymmetric_torque along `count` samples, 1 row in `out`. */
-void tendon_viscous_asymmetric_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_side_f64(qd[k], p[0] * qd[k], qd[k] * p[1]);
-    }
+    return tendon_side_f64(qd, positive * qd, qd * negative);
 }
 
 /* viscous_cubic_torque: The curvature of viscous friction over the speed, odd in the rate. c qd^3
  * in   qd [rad/s]: joint rate
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [N m s^3/rad^3]: torque per cubed rate; negative where friction grows less than in proportion,
+ *   and then valid only within the speeds at which it was identified
  * out  torque [N m]: added to the motor torque
  * Source: Equation (4) of the paper; Tuttle & Seering 1996, A nonlinear model of a harmonic drive gear
  *   transmission, IEEE Trans. Robotics and Automation 12(3)
  * Operations: 3 operations (3 mul) */
-double tendon_viscous_cubic_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_viscous_cubic_torque_f64(double qd, double coefficient)
 {
-    (void)x;
-    return p[0] * (s->qd * (s->qd * s->qd));
-}
-
-/* viscous_cubic_columns along `count` samples, 2 rows in `out`. */
-void tendon_viscous_cubic_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = qd[k] * (qd[k] * qd[k]);
-    }
-}
-
-/* viscous_cubic_torque along `count` samples, 1 row in `out`. */
-void tendon_viscous_cubic_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * (qd[k] * (qd[k] * qd[k]));
-    }
+    return coefficient * (qd * (qd * qd));
 }
 
 /* viscous_power_torque: Friction that grows with a power of the speed other than the first. F |qd/(1 rad/s)|^p
  *   sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: torque, exponent
- * in   x (0) [as declared]: none
+ * in   torque [N m]: torque at 1 rad/s (1 m/s)
+ * in   exponent [1]: power of the speed: below 1 for a lubricant that thins with shear
  * out  torque [N m]: added to the motor torque
  * Source: Waiboer, Aarts & Jonker 2005, Velocity dependence of joint friction in robotic manipulators with gear
  *   transmissions, ECCOMAS Multibody Dynamics
  * Operations: 5 operations (2 add, 2 mul, 1 neg) and 1 pow and 2 ramp and 1 sgn */
-double tendon_viscous_power_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_viscous_power_torque_f64(double qd, double torque, double exponent)
 {
-    (void)x;
-    return tendon_sgn_f64(s->qd) * (p[0] * tendon_pow_f64(tendon_ramp_f64(-s->qd) + (1e-09 +
-        tendon_ramp_f64(s->qd)), p[1]));
-}
-
-/* viscous_power_columns along `count` samples, 2 rows in `out`. */
-void tendon_viscous_power_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_pow_f64(tendon_ramp_f64(-qd[k]) + (1e-09 + tendon_ramp_f64(qd[k])), p[1]) *
-            tendon_sgn_f64(qd[k]);
-    }
-}
-
-/* viscous_power_torque along `count` samples, 1 row in `out`. */
-void tendon_viscous_power_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_sgn_f64(qd[k]) * (p[0] * tendon_pow_f64(tendon_ramp_f64(-qd[k]) + (1e-09 +
-            tendon_ramp_f64(qd[k])), p[1]));
-    }
+    return tendon_sgn_f64(qd) * (torque * tendon_pow_f64(tendon_ramp_f64(-qd) + (1e-09 + tendon_ramp_f64(qd)),
+        exponent));
 }
 
 /* stribeck_torque: Extra friction at creep that a lubricating film takes away as the speed rises. dF
  *   exp(-(qd/v_s)^2) sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   p (2) [as declared]: torque, speed
- * in   x (0) [as declared]: none
+ * in   torque [N m]: how much friction at the slowest motion exceeds Coulomb's
+ * in   speed [rad/s]: speed within which the excess falls to 1/e
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, A survey of models, analysis tools and compensation
  *   methods for the control of machines with friction, Automatica 30(7)
  * Operations: 6 operations (4 mul, 1 div, 1 neg) and 1 exp and 1 sgn */
-double tendon_stribeck_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_stribeck_torque_f64(double qd, double torque, double speed)
 {
-    (void)x;
-    return tendon_sgn_f64(s->qd) * (p[0] * tendon_exp_f64(-(s->qd * s->qd / (p[1] * p[1]))));
-}
-
-/* stribeck_columns along `count` samples, 2 rows in `out`. */
-void tendon_stribeck_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_exp_f64(-(qd[k] * qd[k] / (p[1] * p[1]))) * tendon_sgn_f64(qd[k]);
-    }
-}
-
-/* stribeck_torque along `count` samples, 1 row in `out`. */
-void tendon_stribeck_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_sgn_f64(qd[k]) * (p[0] * tendon_exp_f64(-(qd[k] * qd[k] / (p[1] * p[1]))));
-    }
+    return tendon_sgn_f64(qd) * (torque * tendon_exp_f64(-(qd * qd / (speed * speed))));
 }
 
 /* load_friction_torque: Gear friction in proportion to the torque that the gear transmits. mu |load| sgn(qd)
  * in   qd [rad/s]: joint rate
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [1]: friction torque per transmitted torque
  * out  torque [N m]: added to the motor torque
  * Source: Hamon, Gautier & Garrec 2010, Dynamic identification of robots with a dry friction model depending on
  *   load and velocity, IROS
  * Operations: 4 operations (1 add, 2 mul, 1 neg) and 2 ramp and 1 sgn */
-double tendon_load_friction_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_load_friction_torque_f64(double qd, double load, double coefficient)
 {
-    (void)x;
-    return tendon_sgn_f64(s->qd) * (p[0] * (tendon_ramp_f64(s->load) + tendon_ramp_f64(-s->load)));
-}
-
-/* load_friction_columns along `count` samples, 2 rows in `out`. */
-void tendon_load_friction_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    const double *restrict load = s->load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = (tendon_ramp_f64(load[k]) + tendon_ramp_f64(-load[k])) * tendon_sgn_f64(qd[k]);
-    }
-}
-
-/* load_friction_torque along `count` samples, 1 row in `out`. */
-void tendon_load_friction_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict load = s->load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_sgn_f64(qd[k]) * (p[0] * (tendon_ramp_f64(load[k]) + tendon_ramp_f64(-load[k])));
-    }
+    return tendon_sgn_f64(qd) * (coefficient * (tendon_ramp_f64(load) + tendon_ramp_f64(-load)));
 }
 
 /* friction_patch_torque: A stretch of the range with more friction: a worn or dirty place, a bent shaft, a tight
  *   seal. dF sgn(qd) for start < q < end, else 0
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (3) [as declared]: torque, start, end
- * in   x (0) [as declared]: none
+ * in   torque [N m]: additional friction torque within the patch
+ * in   start [rad]: where the patch begins
+ * in   end [rad]: where the patch ends
  * out  torque [N m]: added to the motor torque
  * Source: Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer
  * Operations: 3 operations (2 sub, 1 mul) and 2 gate and 1 sgn */
-double tendon_friction_patch_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_friction_patch_torque_f64(double q, double qd, double torque, double start, double end)
 {
-    (void)x;
-    return tendon_gate_f64(s->q - p[1], tendon_gate_f64(p[2] - s->q, p[0] * tendon_sgn_f64(s->qd)));
-}
-
-/* friction_patch_columns along `count` samples, 2 rows in `out`. */
-void tendon_friction_patch_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], tendon_sgn_f64(qd[k])));
-    }
-}
-
-/* friction_patch_torque along `count` samples, 1 row in `out`. */
-void tendon_friction_patch_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], p[0] * tendon_sgn_f64(qd[k])));
-    }
+    return tendon_gate_f64(q - start, tendon_gate_f64(end - q, torque * tendon_sgn_f64(qd)));
 }
 
 /* lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
  *   + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction
  * in   qd [rad/s]: joint rate
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
- * in   p (2) [as declared]: stiffness, damping
- * in   x (1) [as declared]: bristle
+ * in   damping [N m s/rad]: of the bristles while they deflect
+ * in   state [N m]: bristle
  * out  torque [N m]: added to the motor torque
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 10 operations (3 add, 2 sub, 3 mul, 1 div, 1 neg) and 2 ramp and 1 sgn */
-double tendon_lugre_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_lugre_torque_f64(double qd, double level, double damping, const tendon_lugre_state_f64 *state)
 {
-    const double t1 = p[1] * (s->qd - x[0] * (tendon_ramp_f64(s->qd) + tendon_ramp_f64(-s->qd)) / (1e-09 +
-        s->level));
-    return x[0] + t1 - s->level * tendon_sgn_f64(s->qd);
+    const double t1 = damping * (qd - state->bristle * (tendon_ramp_f64(qd) + tendon_ramp_f64(-qd)) / (1e-09 +
+        level));
+    return state->bristle + t1 - level * tendon_sgn_f64(qd);
 }
 
-/* lugre_start: Initial states.
- * in   qd [rad/s]: joint rate
- * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
- * in   p (2) [as declared]: stiffness, damping
- * in   x (1) [as declared]: bristle
- * out  x_next (1) [as declared]: states of the first sample
+/* lugre_start: The memory of lugre where a motion begins.
+ * out  state [N m]: bristle: at the first sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 0 operations */
-void tendon_lugre_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
+void tendon_lugre_start_f64(tendon_lugre_state_f64 *state)
 {
-    (void)s;
-    (void)p;
-    const double next0 = 0.0;
-    x[0] = next0;
+    state->bristle = 0.0;
 }
 
-/* lugre_step: One step of the states: states of the next sample.
+/* lugre_step: The memory of lugre, a sample later.
  * in   qd [rad/s]: joint rate
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
  * in   dt [s]: step
- * in   p (2) [as declared]: stiffness, damping
- * in   x (1) [as declared]: bristle
- * out  x_next (1) [as declared]: states of the next sample
+ * in   stiffness [N m/rad]: of the bristles: torque per deflection before sliding
+ * in   state [N m]: bristle
+ * out  state [N m]: bristle: at the next sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 11 operations (3 add, 1 sub, 4 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
-void tendon_lugre_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
-{
-    const double t1 = s->level * tendon_sgn_f64(s->qd);
-    const double t2 = tendon_exp_f64(-((tendon_ramp_f64(s->qd) + tendon_ramp_f64(-s->qd)) * (p[0] * dt) / (s->level
-        + 1e-09)));
-    const double next0 = t1 + (x[0] - t1) * t2;
-    x[0] = next0;
-}
-
-/* lugre_columns along `count` samples, 2 rows in `out`. */
-void tendon_lugre_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
+void tendon_lugre_step_f64(
+    double qd,
+    double level,
     double dt,
-    const double *restrict p,
-    double *restrict out)
+    double stiffness,
+    tendon_lugre_state_f64 *state)
 {
-    const double *restrict qd = s->qd;
-    const double *restrict level = s->level;
-    double x[1];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = 0.0;
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double t2 = x[0] - t1;
-        const double t3 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-        out[k] = t2;
-        out[count + k] = qd[k] - x[0] * t3;
-        const double next0 = t1 + t2 * tendon_exp_f64(-(t3 * (p[0] * dt)));
-        x[0] = next0;
-    }
-}
-
-/* lugre_torque along `count` samples, 1 row in `out`. */
-void tendon_lugre_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict qd = s->qd;
-    const double *restrict level = s->level;
-    double x[1];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = 0.0;
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double t2 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-        const double t3 = x[0] - t1;
-        out[k] = p[1] * (qd[k] - x[0] * t2) + t3;
-        const double next0 = t1 + t3 * tendon_exp_f64(-(t2 * (p[0] * dt)));
-        x[0] = next0;
-    }
-}
-
-/* lugre_states along `count` samples, 1 row in `out`. */
-void tendon_lugre_states_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict qd = s->qd;
-    const double *restrict level = s->level;
-    double x[1];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = 0.0;
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double t2 = tendon_exp_f64(-((tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) * (p[0] * dt) /
-            (level[k] + 1e-09)));
-        out[k] = x[0];
-        const double next0 = t1 + (x[0] - t1) * t2;
-        x[0] = next0;
-    }
+    const double t1 = level * tendon_sgn_f64(qd);
+    const double t2 = tendon_exp_f64(-((tendon_ramp_f64(qd) + tendon_ramp_f64(-qd)) * (stiffness * dt) / (level +
+        1e-09)));
+    state->bristle = t1 + (state->bristle - t1) * t2;
 }
 
 /* thermal_friction_torque: Friction that changes as the drive warms up, mostly because grease thins. (a sgn(qd) +
@@ -580,1518 +179,481 @@ void tendon_lugre_states_batch_f64(
  * in   t [s]: time since the start of the run
  * in   warmth [K]: rise of the measured temperature since the start; 0 where none is measured
  * in   unmeasured [K]: 1 K where no temperature is measured, else 0
- * in   p (3) [as declared]: coulomb, viscous, time_constant
- * in   x (0) [as declared]: none
+ * in   coulomb [N m/K]: change of dry friction per kelvin of warming; where no temperature is recorded, its whole
+ *   change (the warming is then counted as 1 K in all)
+ * in   viscous [N m s/(rad K)]: change of viscous friction, likewise
+ * in   time_constant [s]: of the warming; without meaning where the temperature is recorded
  * out  torque [N m]: added to the motor torque
  * Source: Bittencourt & Gunnarsson 2012, Static friction in a robot joint: modeling and identification of load and
  *   temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134(5)
  * Operations: 9 operations (2 add, 1 sub, 4 mul, 1 div, 1 neg) and 1 exp and 1 sgn */
-double tendon_thermal_friction_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_thermal_friction_torque_f64(
+    double qd,
+    double t,
+    double warmth,
+    double unmeasured,
+    double coulomb,
+    double viscous,
+    double time_constant)
 {
-    (void)x;
-    return (s->warmth + s->unmeasured * (1.0 - tendon_exp_f64(-(s->t / p[2])))) * (p[0] * tendon_sgn_f64(s->qd) +
-        s->qd * p[1]);
-}
-
-/* thermal_friction_columns along `count` samples, 3 rows in `out`. */
-void tendon_thermal_friction_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict t = s->t;
-    const double *restrict warmth = s->warmth;
-    const double *restrict unmeasured = s->unmeasured;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])));
-        out[k] = 0.0;
-        out[count + k] = t1 * tendon_sgn_f64(qd[k]);
-        out[2 * count + k] = t1 * qd[k];
-    }
-}
-
-/* thermal_friction_torque along `count` samples, 1 row in `out`. */
-void tendon_thermal_friction_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict t = s->t;
-    const double *restrict warmth = s->warmth;
-    const double *restrict unmeasured = s->unmeasured;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = (warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])))) * (p[0] *
-            tendon_sgn_f64(qd[k]) + qd[k] * p[1]);
-    }
+    return (warmth + unmeasured * (1.0 - tendon_exp_f64(-(t / time_constant)))) * (coulomb * tendon_sgn_f64(qd) + qd
+        * viscous);
 }
 
 /* offset_torque: A constant torque: an amplifier's offset, a constant pull. tau_0
- * in   p (1) [as declared]: torque
- * in   x (0) [as declared]: none
+ * in   torque [N m]: constant part of the recorded torque
  * out  torque [N m]: added to the motor torque
  * Source: Khalil & Dombre 2002, Modeling, Identification and Control of Robots
  * Operations: 0 operations */
-double tendon_offset_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_offset_torque_f64(double torque)
 {
-    (void)s;
-    (void)x;
-    return p[0];
-}
-
-/* offset_columns along `count` samples, 2 rows in `out`. */
-void tendon_offset_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)s;
-    (void)dt;
-    (void)p;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = 1.0;
-    }
-}
-
-/* offset_torque along `count` samples, 1 row in `out`. */
-void tendon_offset_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)s;
-    (void)dt;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0];
-    }
+    return torque;
 }
 
 /* linear_spring_torque: A spring that pulls the joint to a rest position from both sides. k (q - q_0)
  * in   q [rad]: joint position
- * in   p (2) [as declared]: stiffness, rest
- * in   x (0) [as declared]: none
+ * in   stiffness [N m/rad]: torque per displacement
+ * in   rest [rad]: position at which the spring is slack
  * out  torque [N m]: added to the motor torque
  * Source: Khalil & Dombre 2002, Modeling, Identification and Control of Robots
  * Operations: 2 operations (1 sub, 1 mul) */
-double tendon_linear_spring_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_linear_spring_torque_f64(double q, double stiffness, double rest)
 {
-    (void)x;
-    return p[0] * (s->q - p[1]);
-}
-
-/* linear_spring_columns along `count` samples, 3 rows in `out`. */
-void tendon_linear_spring_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = q[k];
-        out[2 * count + k] = 1.0;
-    }
-}
-
-/* linear_spring_torque along `count` samples, 1 row in `out`. */
-void tendon_linear_spring_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * (q[k] - p[1]);
-    }
+    return stiffness * (q - rest);
 }
 
 /* parallel_spring_torque: An extension spring on a pulley, parallel to the drive, that pulls on one side of an
  *   offset only. -(r_p^2 k_s (q_s0 - q) + r_p F_s0) for q < q_s0, else 0
  * in   q [rad]: joint position
- * in   p (4) [as declared]: stiffness, radius, offset, pretension
- * in   x (0) [as declared]: none
+ * in   stiffness [N/m]: of the extension spring, k_s
+ * in   radius [m/rad]: of the pulley, r_p: cable per joint angle; where it is not known, 1, and stiffness and
+ *   pretension then stand for the products with it
+ * in   offset [rad]: position q_s0 below which the spring is taut
+ * in   pretension [N]: initial tension of the spring, F_s0
  * out  torque [N m]: added to the motor torque
  * Source: Equation (2) of the paper, with the motor's sign
  * Operations: 7 operations (1 add, 1 sub, 4 mul, 1 neg) and 1 gate */
-double tendon_parallel_spring_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_parallel_spring_torque_f64(
+    double q,
+    double stiffness,
+    double radius,
+    double offset,
+    double pretension)
 {
-    (void)x;
-    const double t1 = p[2] - s->q;
-    return -tendon_gate_f64(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
-}
-
-/* parallel_spring_columns along `count` samples, 3 rows in `out`. */
-void tendon_parallel_spring_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[2] - q[k];
-        out[k] = 0.0;
-        out[count + k] = -tendon_ramp_f64(t1);
-        out[2 * count + k] = -tendon_step_f64(t1);
-    }
-}
-
-/* parallel_spring_torque along `count` samples, 1 row in `out`. */
-void tendon_parallel_spring_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[2] - q[k];
-        out[k] = -tendon_gate_f64(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
-    }
+    const double t1 = offset - q;
+    return -tendon_gate_f64(t1, pretension * radius + t1 * (stiffness * (radius * radius)));
 }
 
 /* cable_torque: The pull of hoses and wires along the arm: a smooth curve over the position. c1 q + c2 q^2 + c3
  *   q^3 + c4 q^4
  * in   q [rad]: joint position
- * in   p (4) [as declared]: c1, c2, c3, c4
- * in   x (0) [as declared]: none
+ * in   c1 [N m/rad]: torque per q
+ * in   c2 [N m/rad^2]: torque per q^2
+ * in   c3 [N m/rad^3]: torque per q^3
+ * in   c4 [N m/rad^4]: torque per q^4
  * out  torque [N m]: added to the motor torque
  * Source: Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear
  *   disturbance forces, IEEE Robotics and Automation Letters 4(4)
  * Operations: 10 operations (3 add, 7 mul) */
-double tendon_cable_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_cable_torque_f64(double q, double c1, double c2, double c3, double c4)
 {
-    (void)x;
-    const double t1 = s->q * s->q;
-    return p[3] * (t1 * t1) + (p[2] * (s->q * t1) + (p[0] * s->q + p[1] * t1));
-}
-
-/* cable_columns along `count` samples, 5 rows in `out`. */
-void tendon_cable_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] * q[k];
-        out[k] = 0.0;
-        out[count + k] = q[k];
-        out[2 * count + k] = t1;
-        out[3 * count + k] = q[k] * t1;
-        out[4 * count + k] = t1 * t1;
-    }
-}
-
-/* cable_torque along `count` samples, 1 row in `out`. */
-void tendon_cable_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] * q[k];
-        out[k] = p[3] * (t1 * t1) + (p[2] * (q[k] * t1) + (p[0] * q[k] + p[1] * t1));
-    }
+    const double t1 = q * q;
+    return c4 * (t1 * t1) + (c3 * (q * t1) + (c1 * q + c2 * t1));
 }
 
 /* end_stop_torque: A soft mechanical stop at one end of the range. k (q - q_e)+ + d qd in contact, mirrored for
  *   side = -1
  * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
- * in   p (4) [as declared]: position, stiffness, damping, side
- * in   x (0) [as declared]: none
+ * in   position [rad]: where the stop is touched
+ * in   stiffness [N m/rad]: of the stop
+ * in   damping [N m s/rad]: of the stop while it is touched
+ * in   side [1]: +1: stops motion to larger q, -1: to smaller q
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
  * Operations: 6 operations (1 add, 1 sub, 4 mul) and 1 gate */
-double tendon_end_stop_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_end_stop_torque_f64(
+    double q,
+    double qd,
+    double position,
+    double stiffness,
+    double damping,
+    double side)
 {
-    (void)x;
-    const double t1 = p[3] * (s->q - p[0]);
-    return tendon_gate_f64(t1, p[2] * s->qd + t1 * (p[3] * p[1]));
-}
-
-/* end_stop_columns along `count` samples, 3 rows in `out`. */
-void tendon_end_stop_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] * (q[k] - p[0]);
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(t1, p[3] * t1);
-        out[2 * count + k] = tendon_gate_f64(t1, qd[k]);
-    }
-}
-
-/* end_stop_torque along `count` samples, 1 row in `out`. */
-void tendon_end_stop_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] * (q[k] - p[0]);
-        out[k] = tendon_gate_f64(t1, p[2] * qd[k] + t1 * (p[3] * p[1]));
-    }
+    const double t1 = side * (q - position);
+    return tendon_gate_f64(t1, damping * qd + t1 * (side * stiffness));
 }
 
 /* spring_hysteresis_torque: A loop over the position, the same at any speed: inner friction of a flexspline, belt
  *   or cable. F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j =
  *   1..4
  * in   q [rad]: joint position
- * in   p (2) [as declared]: torque, width
- * in   x (5) [as declared]: element1, element2, element3, element4, position
+ * in   torque [N m]: when all elements slide: half the height of the loop
+ * in   width [rad]: displacement from rest after which all elements slide; after a reversal it takes twice that
+ * in   state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
  * out  torque [N m]: added to the motor torque
  * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
  *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
  *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
  * Operations: 38 operations (12 add, 18 sub, 7 mul, 1 div) and 8 ramp */
-double tendon_spring_hysteresis_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_spring_hysteresis_torque_f64(
+    double q,
+    double torque,
+    double width,
+    const tendon_spring_hysteresis_state_f64 *state)
 {
-    const double t1 = 0.14285714285714285 * p[1];
-    const double t2 = x[4] - s->q;
-    const double t3 = 0.42857142857142855 * p[1];
-    const double t4 = 0.7142857142857143 * p[1];
-    const double t5 = x[3] + (x[2] + (x[0] + x[1])) - tendon_ramp_f64(x[0] - t1 - t2) - tendon_ramp_f64(x[1] - t2 -
-        t3);
-    const double t6 = 4.0 * s->q + (t5 - tendon_ramp_f64(x[2] - t2 - t4) - tendon_ramp_f64(x[3] - p[1] - t2) - 4.0 *
-        x[4]);
-    const double t7 = tendon_ramp_f64(t2 - (x[1] + t3)) + (tendon_ramp_f64(t2 - (x[0] + t1)) + (tendon_ramp_f64(t2 -
-        (p[1] + x[3])) + t6));
-    return 0.4375 * (p[0] * (tendon_ramp_f64(t2 - (x[2] + t4)) + t7)) / p[1];
+    const double t1 = 0.14285714285714285 * width;
+    const double t2 = state->position - q;
+    const double t3 = 0.42857142857142855 * width;
+    const double t4 = 0.7142857142857143 * width;
+    const double t5 = state->element4 + (state->element3 + (state->element1 + state->element2)) -
+        tendon_ramp_f64(state->element1 - t1 - t2);
+    const double t6 = t5 - tendon_ramp_f64(state->element2 - t2 - t3) - tendon_ramp_f64(state->element3 - t2 - t4);
+    const double t7 = tendon_ramp_f64(t2 - (width + state->element4)) + (4.0 * q + (t6 -
+        tendon_ramp_f64(state->element4 - width - t2) - 4.0 * state->position));
+    const double t8 = tendon_ramp_f64(t2 - (state->element2 + t3)) + (tendon_ramp_f64(t2 - (state->element1 + t1)) +
+        t7);
+    return 0.4375 * (torque * (tendon_ramp_f64(t2 - (state->element3 + t4)) + t8)) / width;
 }
 
-/* spring_hysteresis_start: Initial states.
+/* spring_hysteresis_start: The memory of spring_hysteresis where a motion begins.
  * in   q [rad]: joint position
- * in   p (2) [as declared]: torque, width
- * in   x (5) [as declared]: element1, element2, element3, element4, position
- * out  x_next (5) [as declared]: states of the first sample
+ * out  state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position: at the first sample
  * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
  *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
  *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
  * Operations: 0 operations */
-void tendon_spring_hysteresis_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
+void tendon_spring_hysteresis_start_f64(double q, tendon_spring_hysteresis_state_f64 *state)
 {
-    (void)p;
-    const double next0 = 0.0;
-    const double next1 = 0.0;
-    const double next2 = 0.0;
-    const double next3 = 0.0;
-    const double next4 = s->q;
-    x[0] = next0;
-    x[1] = next1;
-    x[2] = next2;
-    x[3] = next3;
-    x[4] = next4;
+    state->element1 = 0.0;
+    state->element2 = 0.0;
+    state->element3 = 0.0;
+    state->element4 = 0.0;
+    state->position = q;
 }
 
-/* spring_hysteresis_step: One step of the states: states of the next sample.
+/* spring_hysteresis_step: The memory of spring_hysteresis, a sample later.
  * in   q [rad]: joint position
- * in   dt [s]: step
- * in   p (2) [as declared]: torque, width
- * in   x (5) [as declared]: element1, element2, element3, element4, position
- * out  x_next (5) [as declared]: states of the next sample
+ * in   width [rad]: displacement from rest after which all elements slide; after a reversal it takes twice that
+ * in   state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position
+ * out  state [rad, rad, rad, rad, rad]: element1, element2, element3, element4, position: at the next sample
  * Source: Tjahjowidodo, Al-Bender & Van Brussel 2013, Theoretical modelling and experimental identification of
  *   nonlinear torsional behaviour in harmonic drives, Mechatronics 23(5); Iwan 1966, A distributed-element model
  *   for hysteresis and its steady-state dynamic response, ASME J. Applied Mechanics 33(4)
  * Operations: 30 operations (8 add, 15 sub, 3 mul, 4 neg) and 8 ramp */
-void tendon_spring_hysteresis_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
+void tendon_spring_hysteresis_step_f64(double q, double width, tendon_spring_hysteresis_state_f64 *state)
 {
-    (void)dt;
-    const double t1 = 0.14285714285714285 * p[1];
-    const double t2 = x[4] - s->q;
-    const double t3 = x[0] - t2;
-    const double t4 = 0.42857142857142855 * p[1];
-    const double t5 = x[1] - t2;
-    const double t6 = 0.7142857142857143 * p[1];
-    const double t7 = x[2] - t2;
-    const double t8 = x[3] - t2;
-    const double next0 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(x[0] - t1 - t2));
-    const double next1 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
-    const double next2 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
-    const double next3 = tendon_ramp_f64(-(p[1] + t8)) + (t8 - tendon_ramp_f64(x[3] - p[1] - t2));
-    const double next4 = s->q;
-    x[0] = next0;
-    x[1] = next1;
-    x[2] = next2;
-    x[3] = next3;
-    x[4] = next4;
-}
-
-/* spring_hysteresis_columns along `count` samples, 2 rows in `out`. */
-void tendon_spring_hysteresis_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = 0.0;
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = x[4] - q[k];
-        const double t2 = 0.7142857142857143 * p[1];
-        const double t3 = x[2] - t1;
-        const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
-        const double t5 = x[3] - t1;
-        const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
-        const double t7 = 0.14285714285714285 * p[1];
-        const double t8 = x[0] - t1;
-        const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
-        const double t10 = 0.42857142857142855 * p[1];
-        const double t11 = x[1] - t1;
-        const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
-        const double t13 = 0.4375 * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
-            x[4]))))));
-        out[k] = 0.0;
-        out[count + k] = t13 / p[1];
-        const double next0 = t8 + t9;
-        const double next1 = t11 + t12;
-        const double next2 = t3 + t4;
-        const double next3 = t5 + t6;
-        const double next4 = q[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
-}
-
-/* spring_hysteresis_torque along `count` samples, 1 row in `out`. */
-void tendon_spring_hysteresis_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = 0.0;
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = x[4] - q[k];
-        const double t2 = 0.7142857142857143 * p[1];
-        const double t3 = x[2] - t1;
-        const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
-        const double t5 = x[3] - t1;
-        const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
-        const double t7 = 0.14285714285714285 * p[1];
-        const double t8 = x[0] - t1;
-        const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
-        const double t10 = 0.42857142857142855 * p[1];
-        const double t11 = x[1] - t1;
-        const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
-        const double t13 = p[0] * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
-            x[4]))))));
-        out[k] = 0.4375 * t13 / p[1];
-        const double next0 = t8 + t9;
-        const double next1 = t11 + t12;
-        const double next2 = t3 + t4;
-        const double next3 = t5 + t6;
-        const double next4 = q[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
-}
-
-/* spring_hysteresis_states along `count` samples, 5 rows in `out`. */
-void tendon_spring_hysteresis_states_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = 0.0;
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.14285714285714285 * p[1];
-        const double t2 = x[4] - q[k];
-        const double t3 = x[0] - t2;
-        const double t4 = 0.42857142857142855 * p[1];
-        const double t5 = x[1] - t2;
-        const double t6 = 0.7142857142857143 * p[1];
-        const double t7 = x[2] - t2;
-        const double t8 = x[3] - t2;
-        out[k] = x[0];
-        out[count + k] = x[1];
-        out[2 * count + k] = x[2];
-        out[3 * count + k] = x[3];
-        out[4 * count + k] = x[4];
-        const double next0 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(x[0] - t1 - t2));
-        const double next1 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
-        const double next2 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
-        const double next3 = tendon_ramp_f64(-(p[1] + t8)) + (t8 - tendon_ramp_f64(x[3] - p[1] - t2));
-        const double next4 = q[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
+    const double t1 = 0.14285714285714285 * width;
+    const double t2 = state->position - q;
+    const double t3 = state->element1 - t2;
+    const double t4 = 0.42857142857142855 * width;
+    const double t5 = state->element2 - t2;
+    const double t6 = 0.7142857142857143 * width;
+    const double t7 = state->element3 - t2;
+    const double t8 = state->element4 - t2;
+    const double next_element1 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(state->element1 - t1 - t2));
+    const double next_element2 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
+    const double next_element3 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
+    const double next_element4 = tendon_ramp_f64(-(width + t8)) + (t8 - tendon_ramp_f64(state->element4 - width -
+        t2));
+    const double next_position = q;
+    state->element1 = next_element1;
+    state->element2 = next_element2;
+    state->element3 = next_element3;
+    state->element4 = next_element4;
+    state->position = next_position;
 }
 
 /* torque_ripple_torque: A torque that repeats with the motor's revolution: cogging, commutation, wave generator. A
  *   cos(n N q + phi)
  * in   q [rad]: joint position
  * in   ratio [1/rad]: gear ratio per unit of position: motor turns' angle by q
- * in   p (3) [as declared]: order, amplitude, phase
- * in   x (0) [as declared]: none
+ * in   order [1]: periods per revolution of the motor; 2 is the wave generator of a harmonic drive
+ * in   amplitude [N m]: at the joint
+ * in   phase [1]: at q = 0, in rad
  * out  torque [N m]: added to the motor torque
  * Source: Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent
  *   magnet motor drives, IEEE Trans. Industrial Electronics 43(2)
  * Operations: 4 operations (1 add, 3 mul) and 1 sincos */
-double tendon_torque_ripple_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_torque_ripple_torque_f64(double q, double ratio, double order, double amplitude, double phase)
 {
-    (void)x;
-    const double cos_1 = tendon_cos_f64(p[2] + s->ratio * (p[0] * s->q));
-    return p[1] * cos_1;
-}
-
-/* torque_ripple_columns along `count` samples, 3 rows in `out`. */
-void tendon_torque_ripple_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict ratio = s->ratio;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = ratio[k] * (p[0] * q[k]);
-        double sin_1;
-        double cos_1;
-        tendon_sincos_f64(t1, &sin_1, &cos_1);
-        out[k] = 0.0;
-        out[count + k] = cos_1;
-        out[2 * count + k] = sin_1;
-    }
-}
-
-/* torque_ripple_torque along `count` samples, 1 row in `out`. */
-void tendon_torque_ripple_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict ratio = s->ratio;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double cos_1 = tendon_cos_f64(p[2] + ratio[k] * (p[0] * q[k]));
-        out[k] = p[1] * cos_1;
-    }
+    const double cos_1 = tendon_cos_f64(phase + ratio * (order * q));
+    return amplitude * cos_1;
 }
 
 /* torque_saturation_torque: The motor's torque constant falls at large current, so that the current overstates the
  *   torque. c tau^3, tau the predicted torque
  * in   predicted [N m]: predicted motor torque, all active effects included
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   coefficient [1/(N^2 m^2)]: excess of the recorded torque per cubed torque
  * out  torque [N m]: added to the motor torque
  * Source: Hanselman 2006, Brushless Permanent Magnet Motor Design
  * Operations: 3 operations (3 mul) */
-double tendon_torque_saturation_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_torque_saturation_torque_f64(double predicted, double coefficient)
 {
-    (void)x;
-    return p[0] * (s->predicted * (s->predicted * s->predicted));
-}
-
-/* torque_saturation_columns along `count` samples, 2 rows in `out`. */
-void tendon_torque_saturation_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = predicted[k] * (predicted[k] * predicted[k]);
-    }
-}
-
-/* torque_saturation_torque along `count` samples, 1 row in `out`. */
-void tendon_torque_saturation_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * (predicted[k] * (predicted[k] * predicted[k]));
-    }
+    return coefficient * (predicted * (predicted * predicted));
 }
 
 /* torque_scale_torque: The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.
  *   (factor - 1) tau, tau the predicted torque
  * in   predicted [N m]: predicted motor torque, all active effects included
- * in   p (1) [as declared]: factor
- * in   x (0) [as declared]: none
+ * in   factor [1]: recorded torque over true torque
  * out  torque [N m]: added to the motor torque
  * Source: Gautier & Briot 2014, Global identification of joint drive gains and dynamic parameters of robots, ASME
  *   J. Dynamic Systems, Measurement, and Control 136(5)
  * Operations: 2 operations (1 sub, 1 mul) */
-double tendon_torque_scale_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_torque_scale_torque_f64(double predicted, double factor)
 {
-    (void)x;
-    return s->predicted * (p[0] - 1.0);
-}
-
-/* torque_scale_columns along `count` samples, 2 rows in `out`. */
-void tendon_torque_scale_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = -predicted[k];
-        out[count + k] = predicted[k];
-    }
-}
-
-/* torque_scale_torque along `count` samples, 1 row in `out`. */
-void tendon_torque_scale_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = predicted[k] * (p[0] - 1.0);
-    }
+    return predicted * (factor - 1.0);
 }
 
 /* torque_delay_torque: Torque and motion are not recorded at the same instant: hold, bus cycle, filter. T
  *   d(tau)/dt, tau the predicted torque
  * in   predicted_rate [N m/s]: time derivative of the predicted motor torque
- * in   p (1) [as declared]: time
- * in   x (0) [as declared]: none
+ * in   time [s]: positive: the recorded torque is ahead of the recorded motion, as a command is that acts only
+ *   later; negative: it is behind, as a filtered current is
  * out  torque [N m]: added to the motor torque
  * Source: Ljung 1999, System Identification: Theory for the User
  * Operations: 1 operation (1 mul) */
-double tendon_torque_delay_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_torque_delay_torque_f64(double predicted_rate, double time)
 {
-    (void)x;
-    return p[0] * s->predicted_rate;
-}
-
-/* torque_delay_columns along `count` samples, 2 rows in `out`. */
-void tendon_torque_delay_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict predicted_rate = s->predicted_rate;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = predicted_rate[k];
-    }
-}
-
-/* torque_delay_torque along `count` samples, 1 row in `out`. */
-void tendon_torque_delay_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict predicted_rate = s->predicted_rate;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * predicted_rate[k];
-    }
+    return time * predicted_rate;
 }
 
 /* elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -J
  *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
  * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (2) [as declared]: stiffness, damping
- * in   x (4) [as declared]: deflection, rate, acceleration, load
+ * in   state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
  * Operations: 2 operations (1 mul, 1 neg) */
-double tendon_elasticity_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_elasticity_torque_f64(double coupling, const tendon_elasticity_state_f64 *state)
 {
-    (void)p;
-    return -(s->coupling * x[2]);
+    return -(coupling * state->acceleration);
 }
 
-/* elasticity_start: Initial states.
+/* elasticity_start: The memory of elasticity where a motion begins.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (2) [as declared]: stiffness, damping
- * in   x (4) [as declared]: deflection, rate, acceleration, load
- * out  x_next (4) [as declared]: states of the first sample
+ * in   stiffness [N m/rad]: of the transmission
+ * out  state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load: at the first sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
  * Operations: 1 operation (1 div) */
-void tendon_elasticity_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
+void tendon_elasticity_start_f64(double load, double stiffness, tendon_elasticity_state_f64 *state)
 {
-    const double next0 = s->load / p[0];
-    const double next1 = 0.0;
-    const double next2 = 0.0;
-    const double next3 = s->load;
-    x[0] = next0;
-    x[1] = next1;
-    x[2] = next2;
-    x[3] = next3;
+    state->deflection = load / stiffness;
+    state->rate = 0.0;
+    state->acceleration = 0.0;
+    state->load = load;
 }
 
-/* elasticity_step: One step of the states: states of the next sample.
+/* elasticity_step: The memory of elasticity, a sample later.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
- * in   p (2) [as declared]: stiffness, damping
- * in   x (4) [as declared]: deflection, rate, acceleration, load
- * out  x_next (4) [as declared]: states of the next sample
+ * in   stiffness [N m/rad]: of the transmission
+ * in   damping [N m s/rad]: of the transmission
+ * in   state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
+ * out  state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load: at the next sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
  * Operations: 89 operations (15 add, 10 sub, 61 mul, 3 div) */
-void tendon_elasticity_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
+void tendon_elasticity_step_f64(
+    double load,
+    double link_inertia,
+    double dt,
+    double stiffness,
+    double damping,
+    tendon_elasticity_state_f64 *state)
 {
-    const double t1 = 1.0 / s->link_inertia;
-    const double t2 = p[1] * t1;
+    const double t1 = 1.0 / link_inertia;
+    const double t2 = damping * t1;
     const double t3 = dt * dt;
     const double t4 = 0.16666666666666666 * t3;
     const double t5 = 0.6666666666666666 * dt;
     const double t6 = 0.4166666666666667 * dt;
-    const double t7 = t1 * (1.3333333333333333 * s->load - 0.3333333333333333 * x[3]);
-    const double t8 = 2.0 * s->load - x[3];
+    const double t7 = t1 * (1.3333333333333333 * load - 0.3333333333333333 * state->load);
+    const double t8 = 2.0 * load - state->load;
     const double t9 = t1 * t8;
-    const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
-    const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
-    const double t12 = t1 * p[0];
-    const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
-    const double t14 = s->link_inertia * s->link_inertia;
+    const double t10 = state->rate + 0.25 * (dt * (3.0 * t7 + t9));
+    const double t11 = 0.75 * (dt * (state->rate + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
+    const double t12 = t1 * stiffness;
+    const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * state->deflection));
+    const double t14 = link_inertia * link_inertia;
     const double t15 = 1.0 / t14;
-    const double t16 = t3 * (p[1] * p[1]);
+    const double t16 = t3 * (damping * damping);
     const double t17 = 1.0 - t4 * t12;
-    const double t18 = t11 + (x[0] - t6 * t10);
-    const double t19 = 4.0 * p[0];
+    const double t18 = t11 + (state->deflection - t6 * t10);
+    const double t19 = 4.0 * stiffness;
     const double t20 = 36.0 * t14;
-    const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (s->link_inertia * t19) + (6.0 * t16 + p[0] * p[0] * (t3 *
-        t3)));
-    const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * s->link_inertia)) + t21));
+    const double t21 = t19 * (damping * (dt * t3)) + (t3 * (link_inertia * t19) + (6.0 * t16 + stiffness * stiffness
+        * (t3 * t3)));
+    const double t22 = t20 / (t20 + (24.0 * (dt * (damping * link_inertia)) + t21));
     const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
-    const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-    const double next0 = t23;
-    const double next1 = t24;
-    const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
-    const double next3 = s->load;
-    x[0] = next0;
-    x[1] = next1;
-    x[2] = next2;
-    x[3] = next3;
-}
-
-/* elasticity_columns along `count` samples, 1 row in `out`. */
-void tendon_elasticity_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    double x[4];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[0];
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 1.0 / link_inertia[k];
-        const double t2 = p[1] * t1;
-        const double t3 = dt * dt;
-        const double t4 = 0.16666666666666666 * t3;
-        const double t5 = 0.6666666666666666 * dt;
-        const double t6 = 0.4166666666666667 * dt;
-        const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
-        const double t8 = 2.0 * load[k] - x[3];
-        const double t9 = t1 * t8;
-        const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
-        const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
-        const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
-        const double t14 = link_inertia[k] * link_inertia[k];
-        const double t15 = 1.0 / t14;
-        const double t16 = t3 * (p[1] * p[1]);
-        const double t17 = 1.0 - t4 * t12;
-        const double t18 = t11 + (x[0] - t6 * t10);
-        const double t19 = 4.0 * p[0];
-        const double t20 = 36.0 * t14;
-        const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
-            * t3)));
-        const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
-        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
-        const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = -(coupling[k] * x[2]);
-        const double next0 = t23;
-        const double next1 = t24;
-        const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
-        const double next3 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-    }
-}
-
-/* elasticity_torque along `count` samples, 1 row in `out`. */
-void tendon_elasticity_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    double x[4];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[0];
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 1.0 / link_inertia[k];
-        const double t2 = p[1] * t1;
-        const double t3 = dt * dt;
-        const double t4 = 0.16666666666666666 * t3;
-        const double t5 = 0.6666666666666666 * dt;
-        const double t6 = 0.4166666666666667 * dt;
-        const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
-        const double t8 = 2.0 * load[k] - x[3];
-        const double t9 = t1 * t8;
-        const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
-        const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
-        const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
-        const double t14 = link_inertia[k] * link_inertia[k];
-        const double t15 = 1.0 / t14;
-        const double t16 = t3 * (p[1] * p[1]);
-        const double t17 = 1.0 - t4 * t12;
-        const double t18 = t11 + (x[0] - t6 * t10);
-        const double t19 = 4.0 * p[0];
-        const double t20 = 36.0 * t14;
-        const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
-            * t3)));
-        const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
-        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
-        const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = -(coupling[k] * x[2]);
-        const double next0 = t23;
-        const double next1 = t24;
-        const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
-        const double next3 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-    }
-}
-
-/* elasticity_states along `count` samples, 4 rows in `out`. */
-void tendon_elasticity_states_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    double x[4];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[0];
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 1.0 / link_inertia[k];
-        const double t2 = p[1] * t1;
-        const double t3 = dt * dt;
-        const double t4 = 0.16666666666666666 * t3;
-        const double t5 = 0.6666666666666666 * dt;
-        const double t6 = 0.4166666666666667 * dt;
-        const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3]);
-        const double t8 = 2.0 * load[k] - x[3];
-        const double t9 = t1 * t8;
-        const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
-        const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
-        const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
-        const double t14 = link_inertia[k] * link_inertia[k];
-        const double t15 = 1.0 / t14;
-        const double t16 = t3 * (p[1] * p[1]);
-        const double t17 = 1.0 - t4 * t12;
-        const double t18 = t11 + (x[0] - t6 * t10);
-        const double t19 = 4.0 * p[0];
-        const double t20 = 36.0 * t14;
-        const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
-            * t3)));
-        const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
-        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
-        const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = x[0];
-        out[count + k] = x[1];
-        out[2 * count + k] = x[2];
-        out[3 * count + k] = x[3];
-        const double next0 = t23;
-        const double next1 = t24;
-        const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
-        const double next3 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-    }
+    const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (damping * stiffness))));
+    const double next_deflection = t23;
+    const double next_rate = t24;
+    const double next_acceleration = t1 * (t8 - damping * t24 - stiffness * t23);
+    const double next_load = load;
+    state->deflection = next_deflection;
+    state->rate = next_rate;
+    state->acceleration = next_acceleration;
+    state->load = next_load;
 }
 
 /* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
  *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
  *   sgn(delta)
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
  * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (3) [as declared]: gap, stiffness, damping
- * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
+ * in   state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
  * out  torque [N m]: added to the motor torque
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
  * Operations: 5 operations (1 sub, 3 mul, 1 neg) */
-double tendon_backlash_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_backlash_torque_f64(double coupling, const tendon_backlash_state_f64 *state)
 {
-    (void)p;
-    return -(0.5 * (s->coupling * (3.0 * x[2] - x[3])));
+    return -(0.5 * (coupling * (3.0 * state->acceleration - state->acceleration_before)));
 }
 
-/* backlash_start: Initial states.
+/* backlash_start: The memory of backlash where a motion begins.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
- * in   p (3) [as declared]: gap, stiffness, damping
- * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
- * out  x_next (5) [as declared]: states of the first sample
+ * in   gap [rad]: free play from flank to flank, at the joint
+ * in   stiffness [N m/rad]: of the transmission in contact
+ * out  state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load: at
+ *   the first sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
  * Operations: 4 operations (1 add, 2 mul, 1 div) and 1 sgn */
-void tendon_backlash_start_f64(const tendon_sample_f64 *s, const double *p, double *x)
+void tendon_backlash_start_f64(double load, double gap, double stiffness, tendon_backlash_state_f64 *state)
 {
-    const double next0 = s->load / p[1] + 0.5 * (p[0] * tendon_sgn_f64(s->load));
-    const double next1 = 0.0;
-    const double next2 = 0.0;
-    const double next3 = 0.0;
-    const double next4 = s->load;
-    x[0] = next0;
-    x[1] = next1;
-    x[2] = next2;
-    x[3] = next3;
-    x[4] = next4;
+    state->deflection = load / stiffness + 0.5 * (gap * tendon_sgn_f64(load));
+    state->rate = 0.0;
+    state->acceleration = 0.0;
+    state->acceleration_before = 0.0;
+    state->load = load;
 }
 
-/* backlash_step: One step of the states: states of the next sample.
+/* backlash_step: The memory of backlash, a sample later.
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
  * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
- *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   dt [s]: step
- * in   p (3) [as declared]: gap, stiffness, damping
- * in   x (5) [as declared]: deflection, rate, acceleration, acceleration_before, load
- * out  x_next (5) [as declared]: states of the next sample
+ * in   gap [rad]: free play from flank to flank, at the joint
+ * in   stiffness [N m/rad]: of the transmission in contact
+ * in   damping [N m s/rad]: of the transmission in contact
+ * in   state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
+ * out  state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load: at
+ *   the next sample
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
  * Operations: 157 operations (33 add, 25 sub, 89 mul, 6 div, 4 neg) and 5 gate and 2 max and 2 sqrt and 4 step */
-void tendon_backlash_step_f64(const tendon_sample_f64 *s, double dt, const double *p, double *x)
+void tendon_backlash_step_f64(
+    double load,
+    double link_inertia,
+    double dt,
+    double gap,
+    double stiffness,
+    double damping,
+    tendon_backlash_state_f64 *state)
 {
-    const double t1 = 0.5 * p[0];
-    const double t2 = t1 - x[0];
+    const double t1 = 0.5 * gap;
+    const double t2 = t1 - state->deflection;
     const double t3 = -t2;
-    const double t4 = p[2] * x[1];
-    const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
-    const double t6 = x[0] + t1;
+    const double t4 = damping * state->rate;
+    const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * stiffness));
+    const double t6 = state->deflection + t1;
     const double t7 = -t6;
-    const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+    const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + stiffness * t6)));
     const double t9 = t5 + t8;
     const double t10 = dt * t9;
-    const double t11 = 1.0 / s->link_inertia;
-    const double t12 = (1.5 * s->load - 0.5 * x[4]) * t11;
+    const double t11 = 1.0 / link_inertia;
+    const double t12 = (1.5 * load - 0.5 * state->load) * t11;
     const double t13 = 2.0 * t12;
-    const double t14 = x[1] * x[1];
-    const double t15 = 2.0 * x[0];
-    const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) - x[1]);
+    const double t14 = state->rate * state->rate;
+    const double t15 = 2.0 * state->deflection;
+    const double t16 = (gap + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) - state->rate);
     const double t17 = 0.5 * t12;
-    const double t18 = dt * x[1] + dt * dt * t17;
+    const double t18 = dt * state->rate + dt * dt * t17;
     const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
-    const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
+    const double t20 = (gap - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (state->rate +
         1e-07));
     const double t21 = 1.0 - tendon_step_f64(t3);
     const double t22 = t18 - t2;
     const double t23 = 1.0 - t9;
-    const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
-    const double t25 = p[2] * t11;
+    const double t24 = ((dt - t16) * t19 + tendon_gate_f64(t22, (dt - t20) * t21)) * t23;
+    const double t25 = damping * t11;
     const double t26 = t10 + t24;
     const double t27 = t26 * t26;
     const double t28 = 0.16666666666666666 * t27;
     const double t29 = 0.4166666666666667 * t26;
     const double t30 = 1.0 / dt;
-    const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * s->load - x[4]);
-    const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (s->load - x[4]))));
+    const double t31 = t1 * (stiffness * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load -
+        state->load);
+    const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load - state->load))));
     const double t33 = t11 * t31;
     const double t34 = dt - t26;
-    const double t35 = x[1] + t12 * t34;
+    const double t35 = state->rate + t12 * t34;
     const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
     const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
-    const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
-    const double t39 = p[1] * t11;
+    const double t38 = t17 * (t34 * t34) + (state->deflection + state->rate * t34);
+    const double t39 = stiffness * t11;
     const double t40 = t26 * t39;
     const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
-    const double t42 = s->link_inertia * s->link_inertia;
+    const double t42 = link_inertia * link_inertia;
     const double t43 = 1.0 / t42;
-    const double t44 = t27 * (p[2] * p[2]);
-    const double t45 = p[2] * t26;
+    const double t44 = t27 * (damping * damping);
+    const double t45 = damping * t26;
     const double t46 = 1.0 - t28 * t39;
     const double t47 = t37 + (t38 - t29 * t36);
     const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
         (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
-    const double t49 = 4.0 * p[1];
+    const double t49 = 4.0 * stiffness;
     const double t50 = 36.0 * t42;
-    const double t51 = t49 * (s->link_inertia * t27) + (24.0 * (s->link_inertia * t45) + (6.0 * t44 + p[1] * p[1] *
-        (t27 * t27)));
-    const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
-    const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-    const double next0 = t48 * t52;
-    const double next1 = t53;
-    const double next2 = t30 * (t53 - x[1]);
-    const double next3 = x[2];
-    const double next4 = s->load;
-    x[0] = next0;
-    x[1] = next1;
-    x[2] = next2;
-    x[3] = next3;
-    x[4] = next4;
-}
-
-/* backlash_columns along `count` samples, 1 row in `out`. */
-void tendon_backlash_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.5 * p[0];
-        const double t2 = t1 - x[0];
-        const double t3 = -t2;
-        const double t4 = p[2] * x[1];
-        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
-        const double t6 = x[0] + t1;
-        const double t7 = -t6;
-        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
-        const double t9 = t5 + t8;
-        const double t10 = dt * t9;
-        const double t11 = 1.0 / link_inertia[k];
-        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
-        const double t13 = 2.0 * t12;
-        const double t14 = x[1] * x[1];
-        const double t15 = 2.0 * x[0];
-        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
-            x[1]);
-        const double t17 = 0.5 * t12;
-        const double t18 = dt * x[1] + dt * dt * t17;
-        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
-        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
-            1e-07));
-        const double t21 = 1.0 - tendon_step_f64(t3);
-        const double t22 = t18 - t2;
-        const double t23 = 1.0 - t9;
-        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
-        const double t25 = p[2] * t11;
-        const double t26 = t10 + t24;
-        const double t27 = t26 * t26;
-        const double t28 = 0.16666666666666666 * t27;
-        const double t29 = 0.4166666666666667 * t26;
-        const double t30 = 1.0 / dt;
-        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
-            x[4]);
-        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t33 = t11 * t31;
-        const double t34 = dt - t26;
-        const double t35 = x[1] + t12 * t34;
-        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
-        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
-        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
-        const double t39 = p[1] * t11;
-        const double t40 = t26 * t39;
-        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
-        const double t42 = link_inertia[k] * link_inertia[k];
-        const double t43 = 1.0 / t42;
-        const double t44 = t27 * (p[2] * p[2]);
-        const double t45 = p[2] * t26;
-        const double t46 = 1.0 - t28 * t39;
-        const double t47 = t37 + (t38 - t29 * t36);
-        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
-            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
-        const double t49 = 4.0 * p[1];
-        const double t50 = 36.0 * t42;
-        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
-            p[1] * (t27 * t27)));
-        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
-        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-        out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
-        const double next0 = t48 * t52;
-        const double next1 = t53;
-        const double next2 = t30 * (t53 - x[1]);
-        const double next3 = x[2];
-        const double next4 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
-}
-
-/* backlash_torque along `count` samples, 1 row in `out`. */
-void tendon_backlash_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.5 * p[0];
-        const double t2 = t1 - x[0];
-        const double t3 = -t2;
-        const double t4 = p[2] * x[1];
-        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
-        const double t6 = x[0] + t1;
-        const double t7 = -t6;
-        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
-        const double t9 = t5 + t8;
-        const double t10 = dt * t9;
-        const double t11 = 1.0 / link_inertia[k];
-        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
-        const double t13 = 2.0 * t12;
-        const double t14 = x[1] * x[1];
-        const double t15 = 2.0 * x[0];
-        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
-            x[1]);
-        const double t17 = 0.5 * t12;
-        const double t18 = dt * x[1] + dt * dt * t17;
-        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
-        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
-            1e-07));
-        const double t21 = 1.0 - tendon_step_f64(t3);
-        const double t22 = t18 - t2;
-        const double t23 = 1.0 - t9;
-        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
-        const double t25 = p[2] * t11;
-        const double t26 = t10 + t24;
-        const double t27 = t26 * t26;
-        const double t28 = 0.16666666666666666 * t27;
-        const double t29 = 0.4166666666666667 * t26;
-        const double t30 = 1.0 / dt;
-        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
-            x[4]);
-        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t33 = t11 * t31;
-        const double t34 = dt - t26;
-        const double t35 = x[1] + t12 * t34;
-        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
-        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
-        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
-        const double t39 = p[1] * t11;
-        const double t40 = t26 * t39;
-        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
-        const double t42 = link_inertia[k] * link_inertia[k];
-        const double t43 = 1.0 / t42;
-        const double t44 = t27 * (p[2] * p[2]);
-        const double t45 = p[2] * t26;
-        const double t46 = 1.0 - t28 * t39;
-        const double t47 = t37 + (t38 - t29 * t36);
-        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
-            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
-        const double t49 = 4.0 * p[1];
-        const double t50 = 36.0 * t42;
-        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
-            p[1] * (t27 * t27)));
-        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
-        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-        out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
-        const double next0 = t48 * t52;
-        const double next1 = t53;
-        const double next2 = t30 * (t53 - x[1]);
-        const double next3 = x[2];
-        const double next4 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
-}
-
-/* backlash_states along `count` samples, 5 rows in `out`. */
-void tendon_backlash_states_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.5 * p[0];
-        const double t2 = t1 - x[0];
-        const double t3 = -t2;
-        const double t4 = x[1] * p[2];
-        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
-        const double t6 = x[0] + t1;
-        const double t7 = -t6;
-        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
-        const double t9 = t5 + t8;
-        const double t10 = dt * t9;
-        const double t11 = 1.0 / link_inertia[k];
-        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
-        const double t13 = 2.0 * t12;
-        const double t14 = x[1] * x[1];
-        const double t15 = 2.0 * x[0];
-        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
-            x[1]);
-        const double t17 = 0.5 * t12;
-        const double t18 = x[1] * dt + dt * dt * t17;
-        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
-        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
-            1e-07));
-        const double t21 = 1.0 - tendon_step_f64(t3);
-        const double t22 = t18 - t2;
-        const double t23 = 1.0 - t9;
-        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
-        const double t25 = p[2] * t11;
-        const double t26 = t10 + t24;
-        const double t27 = t26 * t26;
-        const double t28 = 0.16666666666666666 * t27;
-        const double t29 = 0.4166666666666667 * t26;
-        const double t30 = 1.0 / dt;
-        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
-            x[4]);
-        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t33 = t11 * t31;
-        const double t34 = dt - t26;
-        const double t35 = x[1] + t12 * t34;
-        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
-        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
-        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
-        const double t39 = p[1] * t11;
-        const double t40 = t26 * t39;
-        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
-        const double t42 = link_inertia[k] * link_inertia[k];
-        const double t43 = 1.0 / t42;
-        const double t44 = t27 * (p[2] * p[2]);
-        const double t45 = p[2] * t26;
-        const double t46 = 1.0 - t28 * t39;
-        const double t47 = t37 + (t38 - t29 * t36);
-        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
-            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
-        const double t49 = 4.0 * p[1];
-        const double t50 = 36.0 * t42;
-        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
-            p[1] * (t27 * t27)));
-        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
-        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-        out[k] = x[0];
-        out[count + k] = x[1];
-        out[2 * count + k] = x[2];
-        out[3 * count + k] = x[3];
-        out[4 * count + k] = x[4];
-        const double next0 = t48 * t52;
-        const double next1 = t53;
-        const double next2 = t30 * (t53 - x[1]);
-        const double next3 = x[2];
-        const double next4 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
+    const double t51 = t49 * (link_inertia * t27) + (24.0 * (link_inertia * t45) + (6.0 * t44 + stiffness *
+        stiffness * (t27 * t27)));
+    const double t52 = t50 / (t50 + (t49 * (damping * (t26 * t27)) + t51));
+    const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (stiffness * damping))));
+    const double next_deflection = t48 * t52;
+    const double next_rate = t53;
+    const double next_acceleration = t30 * (t53 - state->rate);
+    const double next_acceleration_before = state->acceleration;
+    const double next_load = load;
+    state->deflection = next_deflection;
+    state->rate = next_rate;
+    state->acceleration = next_acceleration;
+    state->acceleration_before = next_acceleration_before;
+    state->load = next_load;
 }
 
 /* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m
  *   the arm's first mass moment
  * in   moment_x [N s^2]: derivative of the arm's first mass moment along base x by q
  * in   moment_y [N s^2]: derivative of the arm's first mass moment along base y by q
- * in   p (2) [as declared]: gx, gy
- * in   x (0) [as declared]: none
+ * in   gx [m/s^2]: acceleration of gravity along base x, beyond the model file's
+ * in   gy [m/s^2]: acceleration of gravity along base y, beyond the model file's
  * out  torque [N m]: added to the motor torque
  * Source: Spong & Vidyasagar 1989, Robot Dynamics and Control
  * Operations: 4 operations (1 add, 2 mul, 1 neg) */
-double tendon_gravity_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_gravity_torque_f64(double moment_x, double moment_y, double gx, double gy)
 {
-    (void)x;
-    return -(s->moment_x * p[0] + s->moment_y * p[1]);
-}
-
-/* gravity_columns along `count` samples, 3 rows in `out`. */
-void tendon_gravity_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict moment_x = s->moment_x;
-    const double *restrict moment_y = s->moment_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = -moment_x[k];
-        out[2 * count + k] = -moment_y[k];
-    }
-}
-
-/* gravity_torque along `count` samples, 1 row in `out`. */
-void tendon_gravity_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict moment_x = s->moment_x;
-    const double *restrict moment_y = s->moment_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = -(moment_x[k] * p[0] + moment_y[k] * p[1]);
-    }
+    return -(moment_x * gx + moment_y * gy);
 }
 
 /* payload_torque: A mass at the end-effector that the model does not know, from a moment on. m tau_tip(q, qd, qdd)
  *   for t > t_0, tau_tip the torque of a unit mass at the end-effector
  * in   t [s]: time since the start of the run
  * in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
- * in   p (2) [as declared]: mass, time
- * in   x (0) [as declared]: none
+ * in   mass [kg]: a point at the end-effector
+ * in   time [s]: since the start of the run, when it is picked up
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
  * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
-double tendon_payload_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_payload_torque_f64(double t, double tip_load, double mass, double time)
 {
-    (void)x;
-    return tendon_gate_f64(s->t - p[1], p[0] * s->tip_load);
-}
-
-/* payload_columns along `count` samples, 2 rows in `out`. */
-void tendon_payload_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict t = s->t;
-    const double *restrict tip_load = s->tip_load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(t[k] - p[1], tip_load[k]);
-    }
-}
-
-/* payload_torque along `count` samples, 1 row in `out`. */
-void tendon_payload_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict t = s->t;
-    const double *restrict tip_load = s->tip_load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(t[k] - p[1], p[0] * tip_load[k]);
-    }
+    return tendon_gate_f64(t - time, mass * tip_load);
 }
 
 /* coupled_friction_torque: Dry friction between two links that are not neighbours: a belt, cable or shaft that
@@ -2100,56 +662,19 @@ void tendon_payload_torque_batch_f64(
  * in   qd_next [rad/s]: rate of the next joint outwards; 0 at the last
  * in   qd_previous [rad/s]: rate of the joint before; 0 at the first
  * in   has_next [1]: 1 if the effect's second joint is the next one outwards, else 0
- * in   p (1) [as declared]: torque
- * in   x (0) [as declared]: none
+ * in   torque [N m]: friction torque on the relative rate
  * out  torque [N m]: added to the motor torque
  * Source: Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot
  *   identification, IEEE Trans. Control Systems Technology 22(1), for the coupled wrist of the TX40
  * Operations: 6 operations (2 add, 1 sub, 3 mul) and 1 sgn */
-double tendon_coupled_friction_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_coupled_friction_torque_f64(
+    double qd,
+    double qd_next,
+    double qd_previous,
+    double has_next,
+    double torque)
 {
-    (void)x;
-    return p[0] * tendon_sgn_f64(s->qd_previous * (1.0 - s->has_next) + (s->qd + s->has_next * s->qd_next));
-}
-
-/* coupled_friction_columns along `count` samples, 2 rows in `out`. */
-void tendon_coupled_friction_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict qd = s->qd;
-    const double *restrict qd_next = s->qd_next;
-    const double *restrict qd_previous = s->qd_previous;
-    const double *restrict has_next = s->has_next;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] + has_next[k] * qd_next[k]));
-    }
-}
-
-/* coupled_friction_torque along `count` samples, 1 row in `out`. */
-void tendon_coupled_friction_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict qd_next = s->qd_next;
-    const double *restrict qd_previous = s->qd_previous;
-    const double *restrict has_next = s->has_next;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] + has_next[k] * qd_next[k]));
-    }
+    return torque * tendon_sgn_f64(qd_previous * (1.0 - has_next) + (qd + has_next * qd_next));
 }
 
 /* plate_torque: A plate on a spring that the end-effector presses down. -J_y^T F_p,  F_p = F_p0 + k_p (y_p - y) -
@@ -2157,58 +682,26 @@ void tendon_coupled_friction_torque_batch_f64(
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   p (4) [as declared]: stiffness, pretension, friction, position
- * in   x (0) [as declared]: none
+ * in   stiffness [N/m]: of the plate's spring, k_p
+ * in   pretension [N]: force at first touch, F_p0
+ * in   friction [N]: dry friction of the plate's guide, F_pc
+ * in   position [m]: base y of the plate when it is not touched, y_p
  * out  torque [N m]: added to the motor torque
  * Source: Equation (3) of the paper
  * Operations: 7 operations (1 add, 2 sub, 3 mul, 1 neg) and 1 gate and 1 sgn */
-double tendon_plate_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_plate_torque_f64(
+    double tip_y,
+    double tip_yd,
+    double tip_row,
+    double stiffness,
+    double pretension,
+    double friction,
+    double position)
 {
-    (void)x;
-    const double t1 = p[3] - s->tip_y;
-    return -(s->tip_row * tendon_gate_f64(t1, p[0] * t1 + (p[1] - p[2] * tendon_sgn_f64(s->tip_yd))));
-}
-
-/* plate_columns along `count` samples, 4 rows in `out`. */
-void tendon_plate_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] - tip_y[k];
-        const double t2 = tendon_gate_f64(t1, tip_row[k]);
-        out[k] = 0.0;
-        out[count + k] = -tendon_gate_f64(t1, tip_row[k] * t1);
-        out[2 * count + k] = -t2;
-        out[3 * count + k] = t2 * tendon_sgn_f64(tip_yd[k]);
-    }
-}
-
-/* plate_torque along `count` samples, 1 row in `out`. */
-void tendon_plate_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] - tip_y[k];
-        out[k] = -(tip_row[k] * tendon_gate_f64(t1, p[0] * t1 + (p[1] - p[2] * tendon_sgn_f64(tip_yd[k]))));
-    }
+    const double t1 = position - tip_y;
+    const double t2 = tip_row * tendon_gate_f64(t1, stiffness * t1 + (pretension - friction *
+        tendon_sgn_f64(tip_yd)));
+    return -t2;
 }
 
 /* plate_damping_torque: A damper beside the plate's spring; it needs the effect plate, whose position it shares.
@@ -2216,82 +709,18 @@ void tendon_plate_torque_batch_f64(
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
- * in   p (1) [as declared]: coefficient
- * in   x (0) [as declared]: none
+ * in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+ * in   coefficient [N s/m]: force per speed of the plate
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism
  *   and Machine Theory 37
  * Operations: 3 operations (1 sub, 2 mul) and 1 gate */
-double tendon_plate_damping_torque_f64(const tendon_sample_f64 *s, const double *p, const double *x)
+double tendon_plate_damping_torque_f64(
+    double tip_y,
+    double tip_yd,
+    double tip_row,
+    double plate_y,
+    double coefficient)
 {
-    (void)x;
-    return tendon_gate_f64(s->plate_y - s->tip_y, s->tip_yd * (p[0] * s->tip_row));
-}
-
-/* plate_damping_columns along `count` samples, 2 rows in `out`. */
-void tendon_plate_damping_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    const double *restrict plate_y = s->plate_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_row[k] * tip_yd[k]);
-    }
-}
-
-/* plate_damping_torque along `count` samples, 1 row in `out`. */
-void tendon_plate_damping_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    const double *restrict plate_y = s->plate_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_yd[k] * (p[0] * tip_row[k]));
-    }
-}
-
-/* FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.
- * Eight lanes, so that the sum has one order whatever the width of the processor's vectors. */
-void tendon_decimate_f64(
-    size_t count,
-    size_t factor,
-    size_t taps,
-    const double *restrict kernel,
-    const double *restrict x,
-    double *restrict out)
-{
-    for (size_t k = 0; k < count; ++k) {
-        const double *restrict window = x + k * factor;
-        double lane[8] = {0};
-        double rest = 0;
-        size_t i = 0;
-        for (; i + 8 <= taps; i += 8) {
-            for (size_t j = 0; j < 8; ++j) {
-                lane[j] += window[i + j] * kernel[i + j];
-            }
-        }
-        for (; i < taps; ++i) {
-            rest += window[i] * kernel[i];
-        }
-        out[k] = ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7])) + rest;
-    }
+    return tendon_gate_f64(plate_y - tip_y, tip_yd * (coefficient * tip_row));
 }

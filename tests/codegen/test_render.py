@@ -21,7 +21,7 @@ from codegen.pages import BANNER
 from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from symbolic.effects import LIBRARY
-from symbolic.effects.declaration import State, state
+from symbolic.effects.declaration import SIGNAL, State, state
 from symbolic.functions import Argument, Output, SymbolicFunction
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
@@ -64,7 +64,8 @@ def test_names_of_the_files(paper: dict[str, str], effects: dict[str, str]) -> N
     maths = {"tendon_math_f32.h", "tendon_math_f64.h"}
     c = {f"_{s}.{ext}" for s in ("f32", "f64") for ext in ("h", "c")}
     assert set(paper) == maths | {f"vishard4{end}" for end in c} | {"vishard4_casadi.py", "metadata.json"}
-    assert set(effects) == maths | {f"effects{end}" for end in c} | {"effects_casadi.py", "effects.json"}
+    batch = {"effects_batch_f64.c", "effects_batch_f64.h"}
+    assert set(effects) == maths | batch | {f"effects{end}" for end in c} | {"effects_casadi.py", "effects.json"}
 
 
 def test_no_warnings(tmp_path: Path, paper: dict[str, str], effects: dict[str, str]) -> None:
@@ -175,9 +176,38 @@ def test_states_step_together() -> None:
             for name, other, first in (("a", "b", 1), ("b", "a", 2))
         ),
     )
-    text = code(render.effect_files([swap])["effects_f64.c"])
-    step = text[text.index("void tendon_swap_step_f64") :].split("}")[0]
-    assert step.index("next1 = x[0]") < step.index("x[0] = next0")
+    step = body(render.effect_files([swap])["effects_f64.c"], "tendon_swap_step_f64")
+    assert step.index("next_b = state->a") < step.index("state->a = next_a")
+
+
+@pytest.mark.parametrize("suffix", ["f32", "f64"])
+def test_effects_take_what_they_read_by_name(effects: dict[str, str], suffix: str) -> None:
+    """Signals, step and parameters as scalars, the memory as a struct of its own; each argument stands in the body."""
+    text, real = code(effects[f"effects_{suffix}.c"]), {"f32": "float", "f64": "double"}[suffix]
+    functions = re.findall(rf"^(?:{real}|void) tendon_(\w+)_{suffix}\(([^)]*)\)\n\{{\n(.*?)^\}}", text, re.M | re.S)
+    assert len(functions) == len(LIBRARY) + 2 * sum(bool(effect.states) for effect in LIBRARY.values())
+    for name, arguments, lines in functions:
+        effect = LIBRARY[name.rpartition("_")[0]]
+        known = [*(s.name for s in effect.signals), "dt", *(p.name for p in effect.parameters), "state"]
+        names = [argument.split()[-1].lstrip("*") for argument in arguments.split(",")]
+        assert names == [n for n in known if n in names], name
+        assert all(re.search(rf"\b{n}\b", lines) for n in names), name
+    assert "(void)" not in text
+    header = effects[f"effects_{suffix}.h"]
+    assert f"\n{real} tendon_stribeck_torque_{suffix}({real} qd, {real} torque, {real} speed);" in header
+    comment = header[header.index("/* stribeck_torque:") :].split("*/")[0]
+    assert "torque [N m]: " in comment
+    assert "speed [rad/s]: " in comment
+
+
+def test_a_parameter_called_as_a_signal() -> None:
+    """Both are arguments; which is which is told by the parameter's name."""
+    parameter_q = replace(LIBRARY["offset"].parameters[0], name="q")
+    pull = replace(
+        LIBRARY["offset"], name="pull", parameters=(parameter_q,), torque=parameter_q.symbol * SIGNAL["q"].symbol
+    )
+    text = render.effect_files([pull])["effects_f64.h"]
+    assert "double tendon_pull_torque_f64(double q, double q_parameter);" in text
 
 
 def test_write_replaces_and_removes(tmp_path: Path) -> None:
