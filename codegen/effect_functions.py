@@ -23,14 +23,14 @@ def _inputs(effect: Effect, passes_time: bool) -> tuple[Argument, ...]:
         inputs.append(Argument("dt", (DT,), (), "s", "step"))
     p = tuple(p.symbol for p in effect.parameters)
     x = tuple(s.symbol for s in effect.states)
-    inputs.append(Argument("p", p, (len(p),), *_listed(effect.parameters)))
-    inputs.append(Argument("x", x, (len(x),), *_listed(effect.states)))
+    inputs.append(Argument("p", p, (len(p),), *_listed(effect.parameters, "parameters")))
+    inputs.append(Argument("x", x, (len(x),), *_listed(effect.states, "memory")))
     return tuple(inputs)
 
 
-def _listed(quantities: Sequence[Parameter | State]) -> tuple[str, str]:
+def _listed(quantities: Sequence[Parameter | State], what: str) -> tuple[str, str]:
     """Units and names."""
-    return ", ".join(q.unit.text() for q in quantities) or "1", ", ".join(q.name for q in quantities) or "none"
+    return ", ".join(q.unit.text() for q in quantities), ", ".join(q.name for q in quantities) or f"empty: no {what}"
 
 
 def _function(effect: Effect, suffix: str, doc: str, output: Output, passes_time: bool = False) -> SymbolicFunction:
@@ -38,7 +38,7 @@ def _function(effect: Effect, suffix: str, doc: str, output: Output, passes_time
 
 
 def _states(effect: Effect, expressions: Sequence[sp.Expr], meaning: str) -> Output:
-    units, _ = _listed(effect.states)
+    units, _ = _listed(effect.states, "memory")
     return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), units, meaning)
 
 

@@ -10,9 +10,9 @@ from codegen import metadata
 from codegen.c import c_batches, c_code, c_effects
 from codegen.c.c_code import F32, F64, Precision, Routine
 from codegen.c.controller import Controller
-from codegen.casadi import casadi_code
+from codegen.c.language import identifier
+from codegen.casadi import casadi_code, tables
 from codegen.pages import BANNER, page
-from codegen.tape.printers import identifier
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import Effect
 
@@ -66,7 +66,13 @@ def arm_files(model: ArmModel) -> dict[str, str]:
                 routines.append(c_code.batch(name, function, tapes[function.name], precision))
         files |= _c_files(name, origin, precision, [c_code.struct_type(name, model.struct, precision)], routines)
     builders = [casadi_code.builder(function, tape=tapes[function.name]) for function in model.functions]
-    files[f"{name}_casadi.py"] = page("casadi/casadi.py.j2", banner=f"# {BANNER} {origin}", functions=builders)
+    files[f"{name}_casadi.py"] = page(
+        "casadi/casadi.py.j2",
+        banner=f"# {BANNER} {origin}",
+        title=f"The arm {name}: its equations, and what the model file gives them.",
+        tables=tables.arm_tables(model),
+        functions=builders,
+    )
     files["metadata.json"] = metadata.text(metadata.arm(model, tapes))
     return dict(sorted(files.items()))
 
@@ -112,6 +118,12 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
         for effect in effects
         for function in ([ef.torque(effect)] + ([ef.start(effect), ef.step(effect)] if effect.states else []))
     ]
-    files["effects_casadi.py"] = page("casadi/casadi.py.j2", banner=f"# {BANNER} {origin}", functions=builders)
+    files["effects_casadi.py"] = page(
+        "casadi/casadi.py.j2",
+        banner=f"# {BANNER} {origin}",
+        title="The effects: what each adds to the motor torque of a joint, and their memories.",
+        tables=tables.effect_tables(effects),
+        functions=builders,
+    )
     files["effects.json"] = metadata.text(metadata.library(effects))
     return dict(sorted(files.items()))

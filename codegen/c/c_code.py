@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import sympy as sp
 
-from codegen.tape.printers import C_DOUBLE, C_FLOAT, Language, Printer
+from codegen.c.language import C_DOUBLE, C_FLOAT
+from codegen.tape.printers import Language, Printer
 from codegen.tape.tape import ARITHMETIC, Tape
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 
@@ -69,19 +71,25 @@ def operations(tape: Tape) -> str:
 
 
 def describe(function: SymbolicFunction, tape: Tape) -> str:
+    """The description of a function as a C comment."""
+    return comment(*description(function, function.inputs, tape))
+
+
+def description(function: SymbolicFunction, inputs: Sequence[Argument], tape: Tape) -> list[str]:
     """What a function returns, its arguments with shapes and units, its source and its price."""
 
     def line(a: Argument | Output) -> str:
         shape = f" ({' x '.join(map(str, a.shape))})" if a.shape else ""
-        return f"{a.name}{shape} [{a.unit}]: {a.meaning}"
+        unit = f" [{a.unit}]" if a.unit else ""
+        return f"{a.name}{shape}{unit}: {a.meaning}"
 
-    return comment(
+    return [
         f"{function.name}: {function.doc}",
-        *(f"in   {line(a)}" for a in function.inputs),
+        *(f"in   {line(a)}" for a in inputs),
         *(f"out  {line(o)}" for o in function.outputs),
         f"Source: {function.source}",
         f"Operations: {operations(tape)}",
-    )
+    ]
 
 
 def legend(function: SymbolicFunction, tape: Tape) -> str:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 from codegen import effect_functions as ef
 from codegen.c.c_code import Precision, Routine, assign, comment, declaration, describe, indent
-from codegen.tape.printers import Printer, identifier
+from codegen.c.language import identifier
+from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import DT, Effect
 from symbolic.functions import Argument, SymbolicFunction

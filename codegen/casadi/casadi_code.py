@@ -7,11 +7,23 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from codegen.c.c_code import legend, operations
-from codegen.tape.printers import CASADI, Printer
+from codegen.c.c_code import description, legend
+from codegen.casadi.language import CASADI
+from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
-from symbolic.functions import Output, SymbolicFunction
+from symbolic import units as u
+from symbolic.functions import Argument, Output, SymbolicFunction
 from symbolic.primitives import WIDTHS
+
+WIDTH_UNITS = {"rate": u.RATE, "position": u.POSITION, "force": u.FORCE, "time": u.SECOND}
+"""Of the widths of the switches, in the order of primitives.WIDTHS."""
+WIDTH = Argument(
+    "width",
+    WIDTHS,
+    (len(WIDTHS),),
+    ", ".join(unit.text() for unit in WIDTH_UNITS.values()),
+    f"half widths of the switches in {', '.join(WIDTH_UNITS)}",
+)
 
 
 @dataclass(frozen=True)
@@ -24,34 +36,54 @@ class Builder:
 
 
 def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None = None) -> Builder:
-    """`widths`: the last input is `width`, the widths of the surrogates in the order of primitives.WIDTHS."""
+    """`widths`: the last input is WIDTH, the widths of the surrogates."""
     tape = tape or Tape.of(function, "smooth")
+    inputs = [*_struct(function), *function.inputs, *([WIDTH] if widths else [])]
     leaves: dict[sp.Symbol, str] = {}
-    lines, names = [], []
-    if function.struct is not None:
-        leaves |= {s: f"{function.struct.name}[{i}]" for i, s in enumerate(function.struct.symbols)}
-        lines.append(_symbol(function.struct.name, (len(function.struct.symbols),)))
-        names.append(function.struct.name)
-    for a in function.inputs:
-        leaves |= dict(zip(a.symbols, _elements(a.name, a.shape), strict=True))
+    lines = []
+    for a in inputs:
         lines.append(_symbol(a.name, a.shape))
-        names.append(a.name)
-    if widths:
-        leaves |= {s: f"width[{i}]" for i, s in enumerate(WIDTHS)}
-        lines.append(_symbol("width", (len(WIDTHS),)))
-        names.append("width")
-    taken = frozenset(names) | {o.name for o in function.outputs}
+        named = _has_names(a)
+        leaves |= dict(
+            zip(a.symbols, [s.name for s in a.symbols] if named else _elements(a.name, a.shape), strict=True)
+        )
+        if named:
+            lines += _unpacked(a)
+    names, outputs = [a.name for a in inputs], [o.name for o in function.outputs]
+    taken = frozenset(names) | {text for text in leaves.values() if text.isidentifier()} | set(outputs)
     statements, texts = Printer(CASADI, tape, leaves, taken).print()
     lines += statements
     for output in function.outputs:
         count = len(output.expressions)
         lines.append(f"{output.name} = {_output(output, texts[:count])}")
         texts = texts[count:]
-    outputs = [o.name for o in function.outputs]
     quoted = [", ".join(f'"{name}"' for name in group) for group in (names, outputs)]
     lines.append(f"inputs, outputs = [{', '.join(names)}], [{', '.join(outputs)}]")
     lines.append(f'return ca.Function("{function.name}", inputs, outputs, [{quoted[0]}], [{quoted[1]}])')
-    return Builder(function.name, _doc(function, tape), "\n".join("    " + line for line in lines))
+    return Builder(function.name, _doc(function, inputs, tape), "\n".join("    " + line for line in lines))
+
+
+def _struct(function: SymbolicFunction) -> list[Argument]:
+    """The parameters as the vector that a function takes first."""
+    struct = function.struct
+    if struct is None:
+        return []
+    count = len(struct.symbols)
+    return [
+        Argument(struct.name, struct.symbols, (count,), "as in PARAMETERS", ", ".join(s.name for s in struct.symbols))
+    ]
+
+
+def _has_names(argument: Argument) -> bool:
+    """Whether the elements are quantities of different kinds with names of their own, not joints."""
+    return argument.name in ("parameters", "p", "x", "width") and bool(argument.symbols)
+
+
+def _unpacked(argument: Argument) -> list[str]:
+    """A statement, maybe of several lines, that names the elements of a vector."""
+    names = ", ".join(s.name for s in argument.symbols)
+    text = f"({names}{',' if len(argument.symbols) == 1 else ''}) = ca.vertsplit({argument.name})"
+    return textwrap.wrap(text, 112, subsequent_indent="    ")
 
 
 def _symbol(name: str, shape: tuple[int, ...]) -> str:
@@ -78,16 +110,10 @@ def _output(output: Output, texts: list[str]) -> str:
     return f"ca.SX(ca.vertcat({', '.join(rows)}))"
 
 
-def _doc(function: SymbolicFunction, tape: Tape) -> str:
-    """A docstring that no text can end early."""
-    lines = [
-        f"{function.name}: {function.doc}",
-        *(f"in   {a.name} [{a.unit}]: {a.meaning}" for a in function.inputs),
-        *(f"out  {o.name} [{o.unit}]: {o.meaning}" for o in function.outputs),
-        f"Source: {function.source}",
-        *([f"Names: {names}"] if (names := legend(function, tape)) else []),
-        f"Operations: {operations(tape)}",
-    ]
+def _doc(function: SymbolicFunction, inputs: list[Argument], tape: Tape) -> str:
+    """A docstring, wrapped, that no text can end early."""
+    names = legend(function, tape)
+    lines = [*description(function, inputs, tape), *([f"Names: {names}"] if names else [])]
     wrapped = [
         part
         for line in lines

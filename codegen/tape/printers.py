@@ -1,13 +1,10 @@
-"""A tape as C99 (float or double) or as CasADi's Python.
+"""A tape as the text of any language that has names, infix arithmetic and functions.
 
-Printers only know how an operation is spelt; what is computed is settled in the tape.
+A Language only knows how an operation is spelt; what is computed, and in which order, is settled in the tape.
 """
 
 from __future__ import annotations
 
-import keyword
-import re
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -27,7 +24,17 @@ Text = tuple[str, int]
 
 @dataclass(frozen=True)
 class Language:
-    """literal(number); call(op, arguments); pair(sine, cosine, angle): statement(s); assign(name, text)."""
+    """How a language spells what a tape is made of, beside + - * / and names, which are the same in all.
+
+    literal    a number
+    call       an operation on its arguments: "exp", "log", "sqrt", "abs", "pow", "atan2", "max", "min";
+               "rise" (x): 1 - exp(-x); "sgn" (x): -1, 0 or 1; and, where switches are not lowered to surrogates,
+               "step" (x): 1 for x > 0, else 0; "ramp" (x): x for x > 0, else 0; "gate" (x, a): a for x > 0, else 0;
+               "side" (x, a, b): a for x > 0, b for x < 0, else 0
+    pair       statements that give sine and cosine of an angle their names; None for the one that is not needed
+    assign     the statement that gives a text a name
+    reserved   what can be no name
+    """
 
     literal: Callable[[Fraction], str]
     call: Callable[[str, list[str]], str]
@@ -39,68 +46,6 @@ class Language:
 def float64(number: Fraction) -> str:
     """Shortest decimal that reads back as the nearest double."""
     return repr(number.numerator / number.denominator)
-
-
-def float32(number: Fraction) -> str:
-    """Shortest decimal that reads back as the nearest float, with its suffix."""
-    nearest = struct.unpack("<f", struct.pack("<f", number.numerator / number.denominator))[0]
-    for digits in range(1, 10):
-        text = f"{nearest:.{digits}g}"
-        if struct.unpack("<f", struct.pack("<f", float(text)))[0] == nearest:
-            break
-    return (text if "." in text or "e" in text else text + ".0") + "f"
-
-
-_C_WORDS = frozenset(
-    [
-        *("auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"),
-        *("float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"),
-        *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"),
-        *("asm", "typeof", "NULL", "bool", "true", "false"),
-    ]
-)
-_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "x", "dt", "k", "out"])
-"""What generated functions call their own arguments and their loop's index."""
-
-
-def _c(kind: str) -> Language:
-    suffix = {"double": "f64", "float": "f32"}[kind]
-
-    def pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
-        if cosine is None:
-            return [f"const {kind} {sine} = tendon_sin_{suffix}({angle});"]
-        if sine is None:
-            return [f"const {kind} {cosine} = tendon_cos_{suffix}({angle});"]
-        return [f"{kind} {sine};", f"{kind} {cosine};", f"tendon_sincos_{suffix}({angle}, &{sine}, &{cosine});"]
-
-    return Language(
-        literal=float64 if kind == "double" else float32,
-        call=lambda op, arguments: f"tendon_{op}_{suffix}({', '.join(arguments)})",
-        pair=pair,
-        assign=lambda name, text: f"const {kind} {name} = {text};",
-        reserved=_C_WORDS,
-    )
-
-
-def _casadi() -> Language:
-    names = {"exp": "ca.exp", "log": "ca.log", "sqrt": "ca.sqrt", "abs": "ca.fabs", "atan2": "ca.atan2"}
-    names |= {"max": "ca.fmax", "min": "ca.fmin", "sgn": "ca.sign", "pow": "_power", "step": "_step", "ramp": "_ramp"}
-    names |= {"rise": "_rise"}
-
-    def pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
-        lines = [f"{sine} = ca.sin({angle})"] if sine else []
-        return lines + ([f"{cosine} = ca.cos({angle})"] if cosine else [])
-
-    return Language(
-        literal=float64,
-        call=lambda op, arguments: f"{names[op]}({', '.join(arguments)})",
-        pair=pair,
-        assign=lambda name, text: f"{name} = {text}",
-        reserved=frozenset(keyword.kwlist) | {"ca"},
-    )
-
-
-C_DOUBLE, C_FLOAT, CASADI = _c("double"), _c("float"), _casadi()
 
 
 class Printer:
@@ -183,9 +128,3 @@ class Printer:
 
 def _inside(text: Text, level: int) -> str:
     return text[0] if text[1] >= level else f"({text[0]})"
-
-
-def identifier(name: str) -> bool:
-    """Whether `name` can stand in C and in Python."""
-    taken = _C_WORDS | _ARGUMENTS | set(keyword.kwlist)
-    return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in taken

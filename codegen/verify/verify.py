@@ -36,10 +36,26 @@ from symbolic.primitives import WIDTHS
 if TYPE_CHECKING:
     from symbolic.model_file.arm import Arm
 
-TOLERANCE = {"C double": 1e-12, "CasADi": 1e-12, "C float": 1e-5}
-"""Parts of the sum of |terms|: some thousand roundings of a double, a hundred of a float."""
-FLOOR = {"C double": 1e-290, "CasADi": 1e-290, "C float": 1e-30}
-"""Below this the numbers of a target end; exponentials that small are 0 in C."""
+
+@dataclass(frozen=True)
+class Target:
+    """tolerance: parts of the sum of |terms|; floor: where the target's numbers end, exponentials that small are 0."""
+
+    tolerance: float
+    floor: float
+    lowering: Lowering = "exact"
+
+    def allowed(self, scale: float) -> float:
+        """The largest error of a value that is a sum of terms of this size."""
+        return self.tolerance * scale + self.floor
+
+
+TARGETS = {
+    "C double": Target(1e-12, 1e-290),
+    "C float": Target(1e-5, 1e-30),
+    "CasADi": Target(1e-12, 1e-290, "smooth"),
+}
+"""Some thousand roundings of a double, a hundred of a float."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +171,7 @@ def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[F
     """The worst point of each target, and the first two points as test vectors."""
     function = subject.function
     names = [f"{o.name}[{i}]" if o.shape else o.name for o in function.outputs for i in range(len(o.expressions))]
-    lowerings: dict[str, Lowering] = {t: "smooth" if t == "CasADi" else "exact" for t in subject.targets}
+    lowerings = {name: TARGETS[name].lowering for name in subject.targets}
     rules = subject.rules
     truth = {
         rule: [(rules[rule][0](v), rules[rule][1].magnitude(v)) for v in points] for rule in set(lowerings.values())
@@ -165,7 +181,7 @@ def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[F
         worst: FunctionCheck | None = None
         for values, (expected, scales) in zip(points, truth[lowerings[target]], strict=True):
             for name, x, scale, y in zip(names, expected, scales, run(values), strict=True):
-                tolerance = TOLERANCE[target] * scale + FLOOR[target]
+                tolerance = TARGETS[target].allowed(scale)
                 error = float(abs(x - y))
                 ratio = error / tolerance if error == error else float("inf")
                 if worst is None or ratio > worst.ratio:
@@ -189,7 +205,7 @@ def _vector(function: SymbolicFunction, values: sampling.Values, flat: list[Any]
     outputs, rest = {}, [float(x) for x in flat]
     for o in function.outputs:
         outputs[o.name], rest = rest[: len(o.expressions)], rest[len(o.expressions) :]
-    tolerance = [TOLERANCE["C float"] * scale + FLOOR["C float"] for scale in scales]
+    tolerance = [TARGETS["C float"].allowed(scale) for scale in scales]
     return Vector(function.name, _inputs(function, values), outputs, tolerance)
 
 

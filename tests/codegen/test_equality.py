@@ -23,7 +23,7 @@ RANDOM = st.integers(0, 2**63 - 1).map(random.Random)
 
 
 def hold(subject: verify.Subject, rng: random.Random) -> None:
-    """Every target within the tolerance that verify.TOLERANCE justifies: 1e-12 or 1e-5 of the sum of |terms|."""
+    """Every target within the tolerance that verify.TARGETS justifies: 1e-12 or 1e-5 of the sum of |terms|."""
     cases, _ = verify.compare(subject, [subject.draw(rng) for _ in range(POINTS)])
     unequal = [case for case in cases if not case.equal]
     assert not unequal, unequal

@@ -10,7 +10,9 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.tape.printers import C_DOUBLE, C_FLOAT, CASADI, Printer, float32, float64, identifier
+from codegen.c.language import C_DOUBLE, C_FLOAT, float32, identifier
+from codegen.casadi.language import CASADI
+from codegen.tape.printers import Printer, float64
 from codegen.tape.tape import Tape
 
 X, Y, P = sp.symbols("x y p", real=True)
