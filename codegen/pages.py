@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -11,7 +12,7 @@ MARK = "Part of Tendon; do not edit a copy."
 """In the first line of files that are copied as they stand, as BANNER is in that of generated ones."""
 _PAGES = jinja2.Environment(
     loader=jinja2.PrefixLoader(
-        {room: jinja2.PackageLoader(f"codegen.{room}", "templates") for room in ("c", "casadi", "firmware")}
+        {folder.parent.name: jinja2.FileSystemLoader(folder) for folder in Path(__file__).parent.glob("*/templates")}
     ),
     undefined=jinja2.StrictUndefined,
     trim_blocks=True,

@@ -66,3 +66,14 @@ class SymbolicFunction:
     definitions: tuple[tuple[sp.Symbol, sp.Expr], ...] = field(default=())
     struct: Struct | None = None
     notation: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """All that it takes, in the order of a generated signature: the parameters as a vector, then the inputs."""
+        if self.struct is None:
+            return self.inputs
+        symbols = self.struct.symbols
+        return (
+            Argument(self.struct.name, symbols, (len(symbols),), "", ", ".join(s.name for s in symbols)),
+            *self.inputs,
+        )

@@ -193,17 +193,13 @@ def _struct_argument(prefix: str, function: SymbolicFunction, precision: Precisi
 
 
 def _taken(function: SymbolicFunction) -> frozenset[str]:
-    struct = set() if function.struct is None else {function.struct.name}
-    return frozenset({"count", "k"} | struct | {a.name for a in function.inputs} | {o.name for o in function.outputs})
+    return frozenset({"count", "k"} | {a.name for a in function.arguments} | {o.name for o in function.outputs})
 
 
 def unused(function: SymbolicFunction, tape: Tape) -> list[str]:
     """The signature is fixed whatever symbols survive; the others are named as unused."""
     used = {node.value for node in tape.nodes if node.op == "leaf"}
-    groups: list[tuple[str, tuple[sp.Symbol, ...]]] = [(a.name, a.symbols) for a in function.inputs]
-    if function.struct is not None:
-        groups.insert(0, (function.struct.name, function.struct.symbols))
-    return [f"(void){name};" for name, symbols in groups if not used & set(symbols)]
+    return [f"(void){a.name};" for a in function.arguments if not used & set(a.symbols)]
 
 
 def declaration(head: str, arguments: list[str]) -> str:

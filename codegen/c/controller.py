@@ -91,12 +91,12 @@ class Controller:
         compiler keeps the motion in registers."""
         tape = Tape.of(function)
         spelling = _brought(self.compensation)
-        for name, symbols in _groups(function):
-            pattern = "{name}->{symbol}" if name in STRUCTS else "{name}[{i}]"
-            for i, symbol in enumerate(symbols):
-                spelling.setdefault(symbol, pattern.format(name=name, symbol=symbol.name, i=i))
+        for a in function.arguments:
+            pattern = "{name}->{symbol}" if a.name in STRUCTS else "{name}[{i}]"
+            for i, symbol in enumerate(a.symbols):
+                spelling.setdefault(symbol, pattern.format(name=a.name, symbol=symbol.name, i=i))
         output = function.outputs[0]
-        taken = frozenset({name for name, _ in _groups(function)} | {output.name})
+        taken = frozenset({a.name for a in function.arguments} | {output.name})
         lines, texts = Printer(F32.language, tape, spelling, taken).print()
         lines = unused(function, tape) + lines
         lines += assign([f"{output.name}[{i}]" for i in range(len(texts))], texts)
@@ -109,7 +109,7 @@ class Controller:
         parts = [f'#include "{self.model.arm.name}_controller_f32.inc"']
         for function in self.compensation.functions:
             head = declaration(f"void {self.model.arm.name}_{function.name}_f32", self._arguments(function))
-            names = [*(name for name, _ in _groups(function)), function.outputs[0].name]
+            names = [*(a.name for a in function.arguments), function.outputs[0].name]
             call = f"{function.name}({', '.join(names)});"
             parts.append(f"{head};\n\n{head}\n{{\n    {call}\n}}")
         return "\n\n".join(parts) + "\n"
@@ -117,10 +117,10 @@ class Controller:
     def _arguments(self, function: SymbolicFunction) -> list[str]:
         name, output = self.model.arm.name, function.outputs[0]
         inputs = [
-            f"const {name}_{STRUCTS[group]}_f32 *{group}"
-            if group in STRUCTS
-            else f"const float {group}[{len(symbols)}]"
-            for group, symbols in _groups(function)
+            f"const {name}_{STRUCTS[a.name]}_f32 *{a.name}"
+            if a.name in STRUCTS
+            else f"const float {a.name}[{len(a.symbols)}]"
+            for a in function.arguments
         ]
         return [*inputs, f"float {output.name}[{len(output.expressions)}]"]
 
@@ -143,13 +143,6 @@ class Controller:
             "uncompensated": [{"effect": str(site), "reason": site.obstacle} for site in c.uncompensated],
             "operations": {f.name: Tape.of(f).count() for f in c.functions},
         }
-
-
-def _groups(function: SymbolicFunction) -> list[tuple[str, tuple[sp.Symbol, ...]]]:
-    """The arguments in order, the arm's parameters first."""
-    struct = function.struct
-    own = [(a.name, a.symbols) for a in function.inputs]
-    return own if struct is None else [(struct.name, struct.symbols), *own]
 
 
 def _brought(found: Compensation) -> dict[sp.Symbol, str]:

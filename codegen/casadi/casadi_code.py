@@ -38,7 +38,7 @@ class Builder:
 def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None = None) -> Builder:
     """`widths`: the last input is WIDTH, the widths of the surrogates."""
     tape = tape or Tape.of(function, "smooth")
-    inputs = [*_struct(function), *function.inputs, *([WIDTH] if widths else [])]
+    inputs = [*function.arguments, *([WIDTH] if widths else [])]
     leaves: dict[sp.Symbol, str] = {}
     lines = []
     for a in inputs:
@@ -61,17 +61,6 @@ def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None 
     lines.append(f"inputs, outputs = [{', '.join(names)}], [{', '.join(outputs)}]")
     lines.append(f'return ca.Function("{function.name}", inputs, outputs, [{quoted[0]}], [{quoted[1]}])')
     return Builder(function.name, _doc(function, inputs, tape), "\n".join("    " + line for line in lines))
-
-
-def _struct(function: SymbolicFunction) -> list[Argument]:
-    """The parameters as the vector that a function takes first."""
-    struct = function.struct
-    if struct is None:
-        return []
-    count = len(struct.symbols)
-    return [
-        Argument(struct.name, struct.symbols, (count,), "as in PARAMETERS", ", ".join(s.name for s in struct.symbols))
-    ]
 
 
 def _has_names(argument: Argument) -> bool:

@@ -196,9 +196,7 @@ def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[F
 
 
 def _inputs(function: SymbolicFunction, values: sampling.Values) -> dict[str, list[float]]:
-    groups = {} if function.struct is None else {function.struct.name: function.struct.symbols}
-    groups |= {a.name: a.symbols for a in function.inputs}
-    return {name: [values[s] for s in symbols] for name, symbols in groups.items()}
+    return {a.name: [values[s] for s in a.symbols] for a in function.arguments}
 
 
 def _vector(function: SymbolicFunction, values: sampling.Values, flat: list[Any], scales: list[float]) -> Vector:
@@ -264,11 +262,9 @@ def _arm_call(library: ctypes.CDLL, suffix: str, arm: str, function: SymbolicFun
     kernel = getattr(library, f"{arm}_{function.name}_{suffix}")
 
     def run(values: sampling.Values) -> list[float]:
-        arguments = []
-        if function.struct is not None:
-            arguments.append(_array(real, function.struct.symbols, values))
-        for a in function.inputs:
-            arguments.append(_array(real, a.symbols, values) if a.shape else real(values[a.symbols[0]]))
+        arguments = [
+            _array(real, a.symbols, values) if a.shape else real(values[a.symbols[0]]) for a in function.arguments
+        ]
         outputs = [(real * len(o.expressions))() for o in function.outputs]
         kernel(*arguments, *outputs)
         return [float(x) for output in outputs for x in output]
@@ -295,9 +291,7 @@ def controller_subjects(arm: Arm, library: Mapping[str, Effect]) -> list[Subject
 
 
 def _casadi_call(kernel: Any, function: SymbolicFunction, widths: bool) -> Run:
-    groups: list[tuple[tuple[sp.Symbol, ...], tuple[int, ...]]] = [(a.symbols, a.shape) for a in function.inputs]
-    if function.struct is not None:
-        groups.insert(0, (function.struct.symbols, (len(function.struct.symbols),)))
+    groups = [(a.symbols, a.shape) for a in function.arguments]
     if widths:
         groups.append((WIDTHS, (len(WIDTHS),)))
 

@@ -108,8 +108,7 @@ def _rise(x):
 
 def inverse_dynamics():
     """inverse_dynamics: tau = D(q) qdd + C(q, qd) qd + g(q).
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     in   qdd (4) [rad/s^2]: joint accelerations
@@ -234,8 +233,7 @@ def link_load():
 
 def inertia():
     """inertia: Inertia matrix D(q), rotors included.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
     Source: Lagrangian; D of equation (1)
@@ -361,8 +359,7 @@ def link_inertia():
 
 def coriolis():
     """coriolis: Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     out  C (4 x 4) [kg m^2/s]: Coriolis matrix; dD/dt - 2 C is skew-symmetric
@@ -431,8 +428,7 @@ def coriolis():
 
 def gravity():
     """gravity: Gravity torques g(q) = dV/dq; zero where the model file has no gravity.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  g (4) [N m]: gravity torques
     Source: Lagrangian
@@ -448,8 +444,7 @@ def gravity():
 
 def forward_dynamics():
     """forward_dynamics: qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     in   tau (4) [N m]: joint torques
@@ -571,8 +566,7 @@ def forward_dynamics():
 
 def regressor():
     """regressor: tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     in   qdd (4) [rad/s^2]: joint accelerations
@@ -629,8 +623,7 @@ def regressor():
 
 def tip():
     """tip: Position and angle of the end-effector, the distal point of the last link.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  p (3) [m, m, rad]: x, y and absolute angle of the last link
     Source: Forward kinematics; p_4 of equation (12)
@@ -658,8 +651,7 @@ def tip():
 
 def tip_jacobian():
     """tip_jacobian: Derivative of the end-effector's position and angle by q.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  J (3 x 4) [m/rad]: rows x, y, angle
     Source: J of equation (1)
@@ -730,8 +722,7 @@ def tip_rate():
 
 def tip_load():
     """tip_load: Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     in   qdd (4) [rad/s^2]: joint accelerations
@@ -789,8 +780,7 @@ def tip_load():
 def moment_jacobian():
     """moment_jacobian: Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the
       model file.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  M (2 x 4) [kg m/rad]: rows x, y
     Source: Potential energy V = -gravity . sum m_i c_i
@@ -825,8 +815,7 @@ def moment_jacobian():
 
 def contact_coordinates():
     """contact_coordinates: Coordinates w = phi(q) of the contact phase.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  w (4) [m, m, rad, rad]: p_4x, p_2y, absolute angle of link 3, q_4
     Source: Equation (13); p_2 is the end of link 2
@@ -858,8 +847,7 @@ def contact_coordinates():
 
 def contact_jacobian():
     """contact_jacobian: J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     out  J_w (4 x 4) [m/rad, m/rad, 1, 1 by row]: derivative of w by q
     Source: Equation (14)
@@ -894,8 +882,7 @@ def contact_jacobian():
 
 def contact_bias():
     """contact_bias: b_w = (dJ_w/dt) qd.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     out  b_w (4) [m/s^2, m/s^2, rad/s^2, rad/s^2]: acceleration of w at qdd = 0
@@ -937,8 +924,7 @@ def contact_bias():
 
 def contact_inverse():
     """contact_inverse: q = phi^-1(w) on the side of the elbow that is asked for; q_1 and q_2 within (-pi, pi].
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   w (4) [m, m, rad, rad]: p_4x, p_2y, absolute angle of link 3, q_4
     in   elbow [1]: sign of sin q_2: 1 or -1
     out  q (4) [rad]: joint positions; not a number where w is out of reach
@@ -968,8 +954,7 @@ def contact_inverse():
 
 def contact_acceleration():
     """contact_acceleration: qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.
-    in   parameters (16) [as in PARAMETERS]: J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2,
-      l3, l4
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
     in   q (4) [rad]: joint positions
     in   qd (4) [rad/s]: joint rates
     in   wdd (4) [m/s^2, m/s^2, rad/s^2, rad/s^2]: second derivative of w
