@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Target:
+class Exactness:
     """tolerance: parts of the sum of |terms|; floor: where the target's numbers end, exponentials that small are 0."""
 
     tolerance: float
@@ -51,9 +51,9 @@ class Target:
 
 
 TARGETS = {
-    "C double": Target(1e-12, 1e-290),
-    "C float": Target(1e-5, 1e-30),
-    "CasADi": Target(1e-12, 1e-290, "smooth"),
+    "C double": Exactness(1e-12, 1e-290),
+    "C float": Exactness(1e-5, 1e-30),
+    "CasADi": Exactness(1e-12, 1e-290, "smooth"),
 }
 """Some thousand roundings of a double, a hundred of a float."""
 

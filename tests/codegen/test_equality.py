@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
+import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from random_arms import MIXED, loaded
 
 from codegen.verify import verify
 from symbolic.effects import LIBRARY
+from symbolic.effects.declaration import SIGNAL
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
 
@@ -45,6 +48,14 @@ def test_effect(name: str, effect_subjects: dict[str, list[verify.Subject]], rng
     assert effect_subjects[name]
     for subject in effect_subjects[name]:
         hold(subject, rng)
+
+
+def test_an_effect_that_rises_to_one() -> None:
+    """1 - exp(-x) of what is never negative is one operation, on every target."""
+    qd, torque = SIGNAL["qd"].symbol, LIBRARY["offset"].parameters[0]
+    rising = replace(LIBRARY["offset"], name="rising", torque=torque.symbol * (1 - sp.exp(-(qd**2))))
+    for subject in verify.effect_subjects([rising]):
+        hold(subject, random.Random(0))
 
 
 @pytest.fixture(scope="module")
