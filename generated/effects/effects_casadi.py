@@ -1366,7 +1366,7 @@ def plate_damping_torque():
     in   tip_y [m]: end-effector's y in the base frame
     in   tip_yd [m/s]: rate of the end-effector's y
     in   tip_row [m]: derivative of the end-effector's y by q
-    in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+    in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
     in   p (1) [N s/m]: coefficient
     in   x (0): empty: no memory
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time

@@ -489,7 +489,7 @@ double tendon_plate_torque_f64(
  * in   tip_y [m]: end-effector's y in the base frame
  * in   tip_yd [m/s]: rate of the end-effector's y
  * in   tip_row [m]: derivative of the end-effector's y by q
- * in   plate_y [m]: base y of the active plate's surface; minus infinity where no plate is active
+ * in   plate_y [m]: base y of the active plate's surface; out of reach, -1e9, where no plate is active
  * in   coefficient [N s/m]: force per speed of the plate
  * out  torque [N m]: added to the motor torque
  * Source: Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, Mechanism

@@ -169,18 +169,20 @@ def inverse_dynamics():
 
 def link_load():
     """link_load: Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.
-    in   q [rad]: joint positions
-    in   qd [rad/s]: joint rates
-    in   qdd [rad/s^2]: joint accelerations
-    out  load [N m]: at the joints' outputs
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
+    in   q (4) [rad]: joint positions
+    in   qd (4) [rad/s]: joint rates
+    in   qdd (4) [rad/s^2]: joint accelerations
+    out  load (4) [N m]: at the joints' outputs
     Source: Equation (1) less the model file's rotor inertia times qdd
+    Operations: 81 operations (30 add, 8 sub, 43 mul) and 3 sincos
     Names: c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
       squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
       hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; whole: torque of a joint, its
       rotor included
-    Operations: 81 operations (30 add, 8 sub, 43 mul) and 3 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
+    (J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4) = ca.vertsplit(parameters)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
     qdd = ca.SX.sym("qdd", 4)
@@ -192,8 +194,8 @@ def link_load():
     s2 = ca.sin(q[1])
     c2 = ca.cos(q[1])
     ww1 = qd[0] * qd[0]
-    lc1 = c2 * parameters[10]
-    ls1 = s2 * parameters[10]
+    lc1 = c2 * l1_by_l2
+    ls1 = s2 * l1_by_l2
     b1 = ww1 * lc1 - ls1 * qdd[0]
     y1 = lc1 * qdd[0] + ww1 * ls1
     w2 = qd[0] + qd[1]
@@ -204,28 +206,28 @@ def link_load():
     w3 = w2 + qd[2]
     al3 = al2 + qdd[2]
     ww3 = w3 * w3
-    lc3 = c3 * parameters[11]
-    ls3 = s3 * parameters[11]
+    lc3 = c3 * l3_by_l2
+    ls3 = s3 * l3_by_l2
     b3 = ww3 * lc3 + (b2 + al3 * ls3)
     y3 = y2 + al3 * lc3 - ww3 * ls3
     w4 = w3 + qd[3]
     al4 = al3 + qdd[3]
     ww4 = w4 * w4
-    hc4 = c34 * parameters[9]
-    hs4 = s34 * parameters[9]
-    N4 = y3 * hc4 + (al4 * parameters[3] + b3 * hs4)
+    hc4 = c34 * h4
+    hs4 = s34 * h4
+    N4 = y3 * hc4 + (al4 * J4 + b3 * hs4)
     G4 = al4 * hs4 + ww4 * hc4
     F4 = al4 * hc4 - ww4 * hs4
-    G3 = G4 + b3 * parameters[8]
-    F3 = F4 + y3 * parameters[8]
-    N3 = al3 * parameters[2] + (ls3 * G3 + (N4 + lc3 * F3))
-    G2 = G3 + b2 * parameters[7]
-    F2 = F3 + y2 * parameters[7]
-    N2 = al2 * parameters[1] + (N3 + F2)
-    N1 = qdd[0] * parameters[0] + (N2 + lc1 * F2) - ls1 * G2
-    whole2 = N2 + qdd[1] * parameters[4]
-    whole3 = N3 + qdd[2] * parameters[5]
-    whole4 = N4 + qdd[3] * parameters[6]
+    G3 = G4 + b3 * mu3
+    F3 = F4 + y3 * mu3
+    N3 = al3 * J3 + (ls3 * G3 + (N4 + lc3 * F3))
+    G2 = G3 + b2 * mu2
+    F2 = F3 + y2 * mu2
+    N2 = al2 * J2 + (N3 + F2)
+    N1 = qdd[0] * J1 + (N2 + lc1 * F2) - ls1 * G2
+    whole2 = N2 + qdd[1] * I2
+    whole3 = N3 + qdd[2] * I3
+    whole4 = N4 + qdd[3] * I4
     load = ca.SX(ca.vertcat(N1 - 0.39 * qdd[0], whole2 - 0.9 * qdd[1], whole3 - 0.58 * qdd[2], whole4 - 0.20940411638385 * qdd[3]))
     inputs, outputs = [parameters, q, qd, qdd], [load]
     return ca.Function("link_load", inputs, outputs, ["parameters", "q", "qd", "qdd"], ["load"])
@@ -295,26 +297,28 @@ def inertia():
 
 def link_inertia():
     """link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
-    in   q [rad]: joint positions
-    out  D [kg m^2]: inertia matrix without the rotors
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
+    in   q (4) [rad]: joint positions
+    out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
     Source: Lagrangian; the model file's rotor inertias
+    Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos
     Names: c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the
       same, columns in joint angles; D: inertia of a joint, its rotor included
-    Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
+    (J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4) = ca.vertsplit(parameters)
     q = ca.SX.sym("q", 4)
-    t1 = parameters[10] * parameters[10]
-    m11 = parameters[7] * t1 + t1 * parameters[8]
-    t2 = parameters[10] * parameters[8]
-    m12 = parameters[7] * parameters[10] + t2
-    m13 = t2 * parameters[11]
-    m14 = parameters[10] * parameters[9]
-    m22 = parameters[7] + parameters[8]
-    m23 = parameters[8] * parameters[11]
-    m33 = parameters[8] * (parameters[11] * parameters[11])
-    m34 = parameters[11] * parameters[9]
-    A11 = m11 + parameters[0]
+    t1 = l1_by_l2 * l1_by_l2
+    m11 = mu2 * t1 + t1 * mu3
+    t2 = l1_by_l2 * mu3
+    m12 = mu2 * l1_by_l2 + t2
+    m13 = t2 * l3_by_l2
+    m14 = l1_by_l2 * h4
+    m22 = mu2 + mu3
+    m23 = mu3 * l3_by_l2
+    m33 = mu3 * (l3_by_l2 * l3_by_l2)
+    m34 = l3_by_l2 * h4
+    A11 = m11 + J1
     c2 = ca.cos(q[1])
     A12 = m12 * c2
     t3 = q[1] + q[2]
@@ -322,12 +326,12 @@ def link_inertia():
     A13 = m13 * c23
     c234 = ca.cos(t3 + q[3])
     A14 = m14 * c234
-    A22 = m22 + parameters[1]
+    A22 = m22 + J2
     c3 = ca.cos(q[2])
     A23 = m23 * c3
     c34 = ca.cos(q[2] + q[3])
-    A24 = parameters[9] * c34
-    A33 = m33 + parameters[2]
+    A24 = h4 * c34
+    A33 = m33 + J3
     c4 = ca.cos(q[3])
     A34 = m34 * c4
     AS13 = A13 + A14
@@ -339,7 +343,7 @@ def link_inertia():
     AS33 = A33 + A34
     AS32 = A23 + AS33
     AS31 = A13 + AS32
-    AS43 = A34 + parameters[3]
+    AS43 = A34 + J4
     AS42 = A24 + AS43
     AS41 = A14 + AS42
     D31 = AS31 + AS41
@@ -349,9 +353,9 @@ def link_inertia():
     D22 = AS22 + D32
     D33 = AS33 + AS43
     D23 = AS23 + D33
-    D22_2 = D22 + parameters[4]
-    D33_2 = D33 + parameters[5]
-    D44 = parameters[3] + parameters[6]
+    D22_2 = D22 + I2
+    D33_2 = D33 + I3
+    D44 = J4 + I4
     D = ca.SX(ca.vertcat(ca.horzcat(D11 - 0.39, AS12 + D22, AS13 + D23, AS41), ca.horzcat(D21, D22_2 - 0.9, D23, AS42), ca.horzcat(D31, D32, D33_2 - 0.58, AS43), ca.horzcat(AS41, AS42, AS43, D44 - 0.20940411638385)))
     inputs, outputs = [parameters, q], [D]
     return ca.Function("link_inertia", inputs, outputs, ["parameters", "q"], ["D"])
@@ -686,15 +690,17 @@ def tip_jacobian():
 
 def tip_rate():
     """tip_rate: Rate of the end-effector's position and angle.
-    in   q [rad]: joint positions
-    in   qd [rad/s]: joint rates
-    out  v [m/s, m/s, rad/s]: rates of x, y and angle
+    in   parameters (16): J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4
+    in   q (4) [rad]: joint positions
+    in   qd (4) [rad/s]: joint rates
+    out  v (3) [m/s, m/s, rad/s]: rates of x, y and angle
     Source: J qd, with J of equation (1)
+    Operations: 35 operations (18 add, 16 mul, 1 neg) and 4 sincos
     Names: theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by
       the angle of a joint
-    Operations: 35 operations (18 add, 16 mul, 1 neg) and 4 sincos
     """
     parameters = ca.SX.sym("parameters", 16)
+    (J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4) = ca.vertsplit(parameters)
     q = ca.SX.sym("q", 4)
     qd = ca.SX.sym("qd", 4)
     s1 = ca.sin(q[0])
@@ -708,14 +714,14 @@ def tip_rate():
     theta4 = theta3 + q[3]
     s1234 = ca.sin(theta4)
     c1234 = ca.cos(theta4)
-    x4 = s1234 * parameters[15]
-    y4 = c1234 * parameters[15]
-    t1 = x4 + s123 * parameters[14]
-    y3 = y4 + c123 * parameters[14]
-    t2 = t1 + s12 * parameters[13]
-    y2 = y3 + c12 * parameters[13]
-    y1 = y2 + c1 * parameters[12]
-    v = ca.SX(ca.vertcat(-(x4 * qd[3] + (t1 * qd[2] + ((t2 + s1 * parameters[12]) * qd[0] + t2 * qd[1]))), y4 * qd[3] + (y3 * qd[2] + (y1 * qd[0] + y2 * qd[1])), qd[3] + (qd[2] + (qd[0] + qd[1]))))
+    x4 = s1234 * l4
+    y4 = c1234 * l4
+    t1 = x4 + s123 * l3
+    y3 = y4 + c123 * l3
+    t2 = t1 + s12 * l2
+    y2 = y3 + c12 * l2
+    y1 = y2 + c1 * l1
+    v = ca.SX(ca.vertcat(-(x4 * qd[3] + (t1 * qd[2] + ((t2 + s1 * l1) * qd[0] + t2 * qd[1]))), y4 * qd[3] + (y3 * qd[2] + (y1 * qd[0] + y2 * qd[1])), qd[3] + (qd[2] + (qd[0] + qd[1]))))
     inputs, outputs = [parameters, q, qd], [v]
     return ca.Function("tip_rate", inputs, outputs, ["parameters", "q", "qd"], ["v"])
 
