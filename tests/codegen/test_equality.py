@@ -16,6 +16,7 @@ from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
+from tests.variants import slow
 
 # Points of a subject a draw; with the draws below some 60 points a function.
 POINTS = 3
@@ -72,7 +73,7 @@ def test_arm_of_the_paper(paper_subjects: list[verify.Subject], rng: random.Rand
         hold(subject, rng)
 
 
-@pytest.fixture(scope="module", params=list(MIXED))
+@pytest.fixture(scope="module", params=[slow(x) if x in ("prr", "rrrr", "rrprrrr") else x for x in MIXED])
 def mixed_subjects(request: pytest.FixtureRequest) -> list[verify.Subject]:
     return verify.arm_subjects(MIXED[request.param])
 

@@ -10,6 +10,7 @@ import pytest
 
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.model.loader import Model
+from tests.variants import slow
 
 from .bench import LEVEL, Bench, Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
@@ -53,13 +54,13 @@ def with_hidden(plant: Bench, model: Model, limit: dict[str, Any], times: float)
     return diagnose(model, [other.recording(other.run([what]))])
 
 
-@pytest.mark.parametrize("effect", ["stribeck", "load_friction", "elasticity", "payload"])
+@pytest.mark.parametrize("effect", ["stribeck", "elasticity", *(slow(x) for x in ("load_friction", "payload"))])
 def test_what_would_have_been_seen_is_seen(effect: str, plant: Bench, model: Model, clean: dict[str, Any]) -> None:
     found = with_hidden(plant, model, limit(clean, effect), BEYOND)
     assert [f.term.effect for f in found.findings][:1] == [effect]
 
 
-@pytest.mark.parametrize("effect", ["linear_spring", "torque_ripple"])
+@pytest.mark.parametrize("effect", ["linear_spring", slow("torque_ripple")])
 def test_half_of_a_limit_is_not_named(effect: str, plant: Bench, model: Model, clean: dict[str, Any]) -> None:
     assert not with_hidden(plant, model, limit(clean, effect), WITHIN).findings
 

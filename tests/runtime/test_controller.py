@@ -347,7 +347,11 @@ def test_a_step_costs_little(make: Callable[..., Controller]) -> None:
     c = make(there_and_back())
     counts = c.counts([0.0] * 4)
     c.reset(counts)
-    start = time.perf_counter()
-    for _ in range(2000):
-        c.step(counts)
-    assert (time.perf_counter() - start) / 2000 < 15e-6
+    times = []
+    for _ in range(20):
+        start = time.perf_counter()
+        for _ in range(100):
+            c.step(counts)
+        times.append((time.perf_counter() - start) / 100)
+    # Other work on the machine only adds time.
+    assert min(times) < 15e-6

@@ -18,6 +18,7 @@ from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.workspace import Source, open_model
 from tests.runtime.conftest import ROOT, SHARED, recorded
+from tests.variants import slow
 
 Shared = Callable[[str, Model], Recording]
 
@@ -59,7 +60,9 @@ def test_a_disturbance_from_outside_is_not_physics(shared: Shared) -> None:
     assert "3.7" in found.reason
 
 
-@pytest.mark.parametrize("hidden", ["parallel_spring", "torque_ripple", "lugre", "viscous_asymmetric"])
+@pytest.mark.parametrize(
+    "hidden", ["parallel_spring", "viscous_asymmetric", *(slow(x) for x in ("torque_ripple", "lugre"))]
+)
 def test_effects_of_an_independent_plant(hidden: str, drive: Model) -> None:
     found = diagnose(drive, [recorded(hidden, 11)])
     assert named(found) == [f"{hidden}@1"]
@@ -82,7 +85,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
     assert gap.value == pytest.approx(present[finding.term]["gap"], rel=0.05)
 
 
-@pytest.mark.parametrize("seed", [21, 22, 23])
+@pytest.mark.parametrize("seed", [21, slow(22), slow(23)])
 def test_silence_where_nothing_is_hidden(seed: int, drive: Model) -> None:
     found = diagnose(drive, [recorded(None, seed)])
     assert found.verdict == "clean"

@@ -400,14 +400,14 @@ def test_recordings_with_a_hidden_effect(name):
     if not path.is_file():
         pytest.skip("../shared/data/hidden is not there")
     n = 2 if name == "f" else 1
-    start = time.perf_counter()
+    start = time.process_time()
     r = read(path, n)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     assert r.q.shape[0] == n
     assert r.dt == pytest.approx(1e-3)
     assert r.temperature[0] is not None
     assert len(r.segments) == 1
-    assert seconds < 3.0  # takes 0.05 s; ten times the 0.3 s promised, for a machine under load
+    assert seconds < 0.3  # of processor time; takes 0.05 s
 
 
 @pytest.mark.parametrize("name", ["identification", "validation"])

@@ -410,6 +410,7 @@ def test_killed_in_the_middle_it_goes_on_to_the_same_table(folder: Path, run: Ru
     pd.testing.assert_frame_equal(table(folder / "killed.csv"), undisturbed, check_exact=True)
 
 
+@pytest.mark.slow
 def test_a_worker_process_that_dies_loses_nothing(run: Run, folder: Path, undisturbed: pd.DataFrame) -> None:
     diary = folder / "worker.csv.journal"
     victims: list[int] = []
