@@ -259,8 +259,8 @@ def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: S
 def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> list[Reading]:
     """What every joint's effects read, in the positions and rates."""
     signals = [(s, s.source) for s in SIGNALS if s.known_to == "controller" and s.source is not None]
-    named = dict.fromkeys(source.function for _, source in signals if isinstance(source, ArmOutput))
-    outputs = {name: _replayed(model, name, recorder) for name in named}
+    named = {source.function for _, source in signals if isinstance(source, ArmOutput)}
+    outputs = {f.name: _replayed(model, f.name, recorder) for f in model.functions if f.name in named}
     given = {p.gives: site.symbol(p) for site in touched for p in site.effect.parameters if p.gives}
     return [
         {

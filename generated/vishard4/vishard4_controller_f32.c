@@ -159,21 +159,21 @@ static inline void contact_compensation(
     float s1234;
     float c1234;
     tendon_sincos_f32(theta4, &s1234, &c1234);
-    const float y4_2 = c1234 * parameters->l4;
-    const float y3_2 = y4_2 + c123 * parameters->l3;
-    const float y2_2 = y3_2 + c12 * parameters->l2;
-    const float y1_2 = y2_2 + c1 * parameters->l1;
-    const float t1 = y4_2 * qd[3] + (y3_2 * qd[2] + (y1_2 * qd[0] + y2_2 * qd[1]));
+    const float y4 = c1234 * parameters->l4;
+    const float y3 = y4 + c123 * parameters->l3;
+    const float y2 = y3 + c12 * parameters->l2;
+    const float y1 = y2 + c1 * parameters->l1;
+    const float t1 = y4 * qd[3] + (y3 * qd[2] + (y1 * qd[0] + y2 * qd[1]));
     const float t2 = contact->plate_position - s1 * parameters->l1 - s12 * parameters->l2 - s123 * parameters->l3;
     const float t3 = t2 - s1234 * parameters->l4;
     const float t4 = tendon_gate_f32(t3, contact->plate_damping_coefficient * t1);
     const float t5 = t3 * contact->plate_stiffness + (contact->plate_pretension - contact->plate_friction *
         tendon_sgn_f32(t1));
     const float t6 = tendon_gate_f32(t3, t5);
-    tau[0] = y1_2 * t4 - y1_2 * t6;
-    tau[1] = y2_2 * t4 - y2_2 * t6;
-    tau[2] = y3_2 * t4 - y3_2 * t6;
-    tau[3] = y4_2 * t4 - y4_2 * t6;
+    tau[0] = y1 * t4 - y1 * t6;
+    tau[1] = y2 * t4 - y2 * t6;
+    tau[2] = y3 * t4 - y3 * t6;
+    tau[3] = y4 * t4 - y4 * t6;
 }
 
 void vishard4_controller_sizes_f32(uint32_t sizes[9])

@@ -29,7 +29,6 @@ from runtime.estimation import grids
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
 from runtime.estimation.regressors import Regressors
-from runtime.model.signals import needs_of
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -78,7 +77,7 @@ class CandidateField:
     def _possible(self, term: Term) -> bool:
         if not any(self.motion.moving(i).any() for i in joints_of(self.model, term)[:1]):
             return False
-        if "torque_rate" in needs_of(self.model.library, term.effect) and self.fit.skew_free:
+        if "torque_rate" in self.model.library.needs[term.effect] and self.fit.skew_free:
             # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.
             return False
         return not self.regressors.signals[0].lacks(term)
@@ -243,7 +242,7 @@ class CandidateField:
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried."""
         choices = grids.points(self.excerpt[0], term)
-        warms = "temperature" in needs_of(self.model.library, term.effect)
+        warms = "temperature" in self.model.library.needs[term.effect]
         if warms and all(bool(p.measured.all()) for p in self.motion.pieces):
             # The measured temperature takes the place of the assumed warming: its time constant is idle.
             return choices[:1]

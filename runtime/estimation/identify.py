@@ -35,7 +35,7 @@ from runtime.estimation.settings import (
     SKEWS_APART,
 )
 from runtime.model.loader import Model
-from runtime.model.signals import IDENTIFIED, needs_of
+from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, rigid_inertia
 from runtime.motion.motion import Motion, prepare
@@ -85,7 +85,7 @@ def solve(
         start = plain
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
-    if free and any("torque_rate" in needs_of(model.library, t.effect) for t in terms):
+    if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):
         # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
@@ -108,7 +108,7 @@ def _drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: P
 
 
 def _needs_prediction(model: Model, term: Term) -> bool:
-    return bool(needs_of(model.library, term.effect) & IDENTIFIED)
+    return bool(model.library.needs[term.effect] & IDENTIFIED)
 
 
 def _refine(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model
-from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext, needs_of
+from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
 from runtime.motion.motion import Motion, Piece
 
@@ -137,7 +137,7 @@ class Signals(SignalContext):
     def predicted(self, joint: int) -> Array:
         total = self.rigid[joint].copy()
         for term in self._known.values:
-            if joint in joints_of(self.model, term) and not needs_of(self.model.library, term.effect) & OF_DRIVE:
+            if joint in joints_of(self.model, term) and not self.model.library.needs[term.effect] & OF_DRIVE:
                 total += self.torque(term, joint)
         return total
 
@@ -222,7 +222,7 @@ class Regressors:
             return np.concatenate(rows, axis=1)
 
         library = self.model.library
-        of_motion = not needs_of(library, term.effect) & IDENTIFIED
+        of_motion = not library.needs[term.effect] & IDENTIFIED
         return self._kept((library.directory, self.model.directory, term, joint, *shape.values()), of_motion, make)
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:

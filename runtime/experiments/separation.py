@@ -24,7 +24,6 @@ from runtime.estimation.problem import Problem
 from runtime.estimation.regressors import Regressors
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
 from runtime.model.loader import Model
-from runtime.model.signals import needs_of
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
 from runtime.motion.motion import Motion, prepare
@@ -205,7 +204,7 @@ def _joint(
     problem = Problem(model, motion, tuple(bench.base), prediction)
     x, _ = problem.rows(joint, {term: _shape(bench, term) for term in bench.base})
     base = [row for row in x if np.any(row != 0)]
-    if not any("torque_rate" in needs_of(model.library, r.term.effect) for r in bench.rivals):
+    if not any("torque_rate" in model.library.needs[r.term.effect] for r in bench.rivals):
         # The skew between torque and motion is estimated, unless a delay of the drive is in question itself.
         base.append(problem.regressors.skew(joint))
     rows = [*base, *(_torque(bench, motion, rival, joint) for rival in bench.rivals)]

@@ -195,6 +195,10 @@ class Library:
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
         self.effects: dict[str, EffectInfo] = {e["name"]: effect_info(e) for e in self.metadata["effects"]}
+        # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
+        self.needs: dict[str, frozenset[str]] = {
+            name: frozenset(self.signal[s].needs for s in info.signals) for name, info in self.effects.items()
+        }
 
     def __getitem__(self, effect: str) -> EffectInfo:
         if effect not in self.effects:

@@ -142,11 +142,6 @@ _ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
 """Signals without a source, at a joint, for an effect that sits at another or the same."""
 
 
-def needs_of(library: Library, effect: str) -> frozenset[str]:
-    """What one has to know for the signals that an effect reads; see `Needs` of the declarations."""
-    return frozenset(library.signal[name].needs for name in library[effect].signals)
-
-
 IDENTIFIED = frozenset({"arm", "friction", "effect", "torque", "torque_rate"})
 """Needs that only an identified model meets; all others are met by the motion alone."""
 OF_OTHERS = frozenset({"friction", "effect", "torque", "torque_rate"})

@@ -11,7 +11,7 @@ import casadi as ca
 
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
-from runtime.model.signals import OF_DRIVE, SignalContext, needs_of, unknown_to_plan
+from runtime.model.signals import OF_DRIVE, SignalContext, unknown_to_plan
 from runtime.model.terms import SURFACE, Structure, Term, giver, joints_of, structure
 from runtime.planning.scenario import Scenario
 from runtime.planning.springs import is_spring
@@ -110,7 +110,7 @@ class PlanInstant:
         # What reads the predicted torque comes last, when all the rest is in it.
         model, library = self.physics.model, self.physics.model.library
         terms = [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]
-        for term in sorted(terms, key=lambda t: bool(needs_of(library, t.effect) & OF_DRIVE)):
+        for term in sorted(terms, key=lambda t: bool(library.needs[t.effect] & OF_DRIVE)):
             for joint in joints_of(model, term):
                 own[joint] += self._torque(term, self.p(str(term)), joint)
         return ca.vertcat(*own)

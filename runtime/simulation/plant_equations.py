@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, struct_values
 from runtime.model.loader import Model
-from runtime.model.signals import OF_DRIVE, SignalContext, needs_of
+from runtime.model.signals import OF_DRIVE, SignalContext
 from runtime.model.terms import Structure, Term, given, joints_of
 
 RATE_WIDTH = 1e-3
@@ -69,7 +69,7 @@ class PlantEquations:
         check_complete(model, terms)
         self.model, self.terms, self.n = model, terms, model.n
         self.rate_widths: list[float] = np.asarray(rate_widths, dtype=np.float64).tolist()
-        needed = {term: needs_of(model.library, term.effect) for term in terms}
+        needed = {term: model.library.needs[term.effect] for term in terms}
         self._bristled = {term.joint for term in terms if "friction" in needed[term]}
         self.drive = [term for term in terms if needed[term] & OF_DRIVE]
         self.forces = [term for term in terms if term not in self.drive]

@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 from runtime.estimation.grids import points
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.model.loader import EffectInfo, JointInfo, Library, LoaderError, Model
-from runtime.model.signals import OF_OTHERS, needs_of
+from runtime.model.signals import OF_OTHERS
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
@@ -228,7 +228,7 @@ def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
     """All parameters of all terms: as stated, else shape from the middle of its grid and size by SHARE."""
     done: Structure = {}
     # Effects that read what others predict come last, so that those are there.
-    order = sorted(terms, key=lambda t: len(needs_of(model.library, t.effect) & OF_OTHERS))
+    order = sorted(terms, key=lambda t: len(model.library.needs[t.effect] & OF_OTHERS))
     for term in order:
         info, given = model.library.effects[term.effect], dict(terms[term])
         if any(p.name not in given for p in info.parameters if p.role != "given"):
