@@ -33,7 +33,7 @@ codegen.firmware
 codegen.verify
 codegen.prepare
 
-runtime.files runtime.plain_json runtime.wording
+runtime.files runtime.plain_json runtime.wording runtime.setting
 runtime.model
 runtime.recordings
 runtime.motion
@@ -59,9 +59,9 @@ side and may lean on those left of them."""
 ORDER = [room for line in ROOMS.splitlines() for room in line.split()]
 BOTH_ENDS = {"runtime.workspace", "runtime.notebook", "runtime.import_name", "runtime.cli"}
 """They alone may see the equations and the generators from the side of the recordings."""
-PLAIN = {"symbolic.model_file.checks", "symbolic.described"}
-"""How a user's file is checked and what an error says, and what a declaration says without equations: for every
-package, and without SymPy."""
+PLAIN = {"symbolic.model_file.checks", "symbolic.model_file.fields", "symbolic.described"}
+"""How a user's file is read and checked and what an error says, and what a declaration says without equations: for
+every package, and without SymPy."""
 
 
 def modules() -> dict[str, Path]:
@@ -183,7 +183,7 @@ def test_packages_of_others_stay_where_they_belong(package: str) -> None:
 
 
 def test_loading_compiled_code_imports_no_sympy() -> None:
-    imported = "import runtime.model.loader, runtime.planning.scenario_file, sys"
+    imported = f"import runtime.model.loader, runtime.planning.scenario_file, {', '.join(sorted(PLAIN))}, sys"
     script = f"{imported}; print(sorted({{m.split('.')[0] for m in sys.modules}} & {{'sympy', 'codegen'}}))"
     run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"

@@ -146,7 +146,7 @@ class Subject:
         return {rule: (Reference(self.function, rule), Tape.of(self.function, rule)) for rule in lowerings}
 
 
-def verify(arm: Arm, samples: int = 20, seed: int = 0, effects: Iterable[Effect] | None = None) -> VerifyReport:
+def verify(arm: Arm, samples: int, seed: int, effects: Iterable[Effect] | None = None) -> VerifyReport:
     """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each.
 
     Compiles what is not in the cache. ValueError or BuildError where the code cannot be made at all.

@@ -14,6 +14,8 @@ import typer
 
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
 from runtime.cli.output import NO, emit
+from runtime.cli.setting_options import with_settings
+from runtime.execution.options import ExecutionSettings
 from runtime.plain_json import plain
 from runtime.workspace import Source, UsageError
 
@@ -30,23 +32,21 @@ app = typer.Typer()
 
 @dataclass(frozen=True)
 class _Asked:
-    """What the command line says of an execution."""
+    """What the command line says of an execution.
+
+    hide, change   of the simulated arm      arm   whether a real one moves      talks   to a person
+    """
 
     on: str
-    trials: int | None
-    cycles: int
-    seed: int
-    noise: float
+    settings: ExecutionSettings
     hide: Sequence[str]
     change: Sequence[str]
-    friction: bool | None
-    tracking_limit: float | None
     arm: bool
-    approach: bool
     talks: bool
 
 
 @app.command(epilog="Example: tendon execute vishard4.toml case1D.json --on simulation --out run.csv.gz")
+@with_settings
 def execute(
     model: ModelFile,
     trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="JSON of tendon optimize --out.")],
@@ -58,17 +58,7 @@ def execute(
             help="The simulated arm: simulation, unicorn, qemu; a real one: serial:///dev/ttyACM0, canopen://can0.",
         ),
     ],
-    trials: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=100, help="Each from rest. 3 on the simulated arm, 1 on a real one.", show_default=False
-        ),
-    ] = None,
-    cycles: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Of a periodic motion, after one that runs it in.")
-    ] = 3,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed is other noise.")] = 0,
-    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Of the torque sensor, part of the rms.")] = 0.03,
+    settings: ExecutionSettings = ExecutionSettings(),
     hide: Annotated[
         list[str] | None,
         typer.Option(
@@ -79,23 +69,8 @@ def execute(
         list[str] | None,
         typer.Option("--set", metavar="EFFECT@JOINT:KEY=VALUE,...", help="It has other values than MODEL."),
     ] = None,
-    friction_compensation: Annotated[
-        bool | None,
-        typer.Option(
-            "--friction-compensation/--no-friction-compensation",
-            help="By the controller; if not given, where the motion was planned with friction.",
-            show_default=False,
-        ),
-    ] = None,
-    tracking_limit: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="rad or m; a larger error is a safe stop. 0.5 rad, 0.1 m.", show_default=False),
-    ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Move a real arm; without it, only what it would do is shown.")
-    ] = False,
-    approach: Annotated[
-        bool, typer.Option("--approach", help="Drive a real arm slowly to the trajectory's start first.")
     ] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording; compressed if it ends in .gz.")] = None,
     model_out: Annotated[
@@ -110,20 +85,7 @@ def execute(
     from runtime.recordings import recording
     from runtime.report.terminal import execution_pages
 
-    asked = _Asked(
-        on,
-        trials,
-        cycles,
-        seed,
-        noise,
-        hide or (),
-        change or (),
-        friction_compensation,
-        tracking_limit,
-        arm,
-        approach,
-        json != "-",
-    )
+    asked = _Asked(on, settings, hide or (), change or (), arm, json != "-")
     is_real = _is_real(asked)
     check_writable(json, out, model_out)
     for path in (out, model_out):
@@ -153,7 +115,7 @@ def _is_real(asked: _Asked) -> bool:
     from runtime.execution import targets
 
     if asked.on in targets.SIMULATED:
-        if asked.arm or asked.approach:
+        if asked.arm or asked.settings.approach:
             raise UsageError(f"--{'arm' if asked.arm else 'approach'} is for a real arm, and --on {asked.on} is none")
         return False
     line = targets.LINES.get(targets.scheme(asked.on))
@@ -189,7 +151,7 @@ def _image(controller: Path) -> dict[str, Any] | None:
     return {"target": facts["target"], "compiler": facts["toolchain"]["version"], "text": facts["text"]}
 
 
-def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board: Any, trials: int = 3) -> Execution:
+def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board: Any) -> Execution:
     from runtime.execution.execute import execute as executed
     from runtime.execution.interrupt import listening
     from runtime.report.terminal import pages
@@ -198,21 +160,7 @@ def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board:
     hidden = [simulate.parse_hidden(item, model) for item in asked.hide]
     changed = [simulate.parse_hidden(item, model, "--set") for item in asked.change]
     with pages.working(f"executing {plan.scenario} on the simulated arm"), listening() as stop:
-        return executed(
-            model,
-            controller,
-            plan,
-            asked.trials or trials,
-            asked.cycles,
-            hidden,
-            changed,
-            asked.friction,
-            asked.tracking_limit,
-            asked.seed,
-            asked.noise,
-            board,
-            stop,
-        )
+        return executed(model, controller, plan, asked.settings, hidden, changed, board, stop)
 
 
 def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:
@@ -228,13 +176,14 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     line = targets.LINES[targets.scheme(asked.on)]
     line.check(asked.on, model)
     plan = read(path, model)
-    simulated = _run(model, controller, plan, replace(asked, trials=1), targets.SIMULATED["simulation"].board)
+    once = replace(asked, settings=replace(asked.settings, trials=1))
+    simulated = _run(model, controller, plan, once, targets.SIMULATED["simulation"].board)
     nothing = replace(simulated, trials=())
     if not simulated.completed:
         reason = f"the simulated arm did not get through it: {simulated.to_json()['reason']}"
         return nothing, {"status": "refused", "reason": reason}
     found = {"prediction": expected.ExpectedRun.of(simulated).to_json(model)}
-    connect = partial(_connect, line, controller, plan, simulated, asked)
+    connect = partial(_connect, line, controller, model, plan, asked)
     if not asked.arm:
         reason = "a real arm moves only with --arm, and nobody in its reach"
         return nothing, {**found, "board": _look(connect), "status": "refused", "reason": reason}
@@ -251,25 +200,18 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}
 
 
-def _connect(
-    line: ArmLine, controller: Path, plan: Trajectory, simulated: Execution, asked: _Asked
-) -> tuple[BoardLink, Setup]:
+def _connect(line: ArmLine, controller: Path, model: Model, plan: Trajectory, asked: _Asked) -> tuple[BoardLink, Setup]:
     """The line opened, and what is asked of the board behind it. Raises LinkError."""
     from runtime.execution import real
 
-    model = simulated.plan.model
     link = line.open(asked.on, model, controller)
     return link, real.Setup(
         directory=controller,
         model=model,
         trajectory=plan,
-        trials=asked.trials or 1,
-        cycles=asked.cycles,
-        compensated=simulated.compensated,
-        tracking_limit=asked.tracking_limit,
+        settings=asked.settings,
         every=real.decimation(controller, model, link.baud),
         late=link.late,
-        approach=asked.approach,
     )
 
 

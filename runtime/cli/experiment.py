@@ -9,12 +9,15 @@ import typer
 
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
 from runtime.cli.output import NO, emit
+from runtime.cli.setting_options import with_settings
+from runtime.experiments.options import ExperimentSettings
 from runtime.workspace import Source
 
 app = typer.Typer()
 
 
 @app.command(epilog="Example: tendon experiment drive.toml --between linear_spring@1,gravity --out motion.csv")
+@with_settings
 def experiment(
     model: ModelFile,
     between: Annotated[
@@ -25,8 +28,7 @@ def experiment(
         ),
     ],
     out: Annotated[Path | None, typer.Option(metavar="MOTION.csv", help="For your arm, or simulate --motion.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed is other noise in what is simulated.")] = 0,
-    noise: Annotated[float, typer.Option(min=0.0, max=10.0, help="Torque noise, part of the torque's rms.")] = 0.03,
+    settings: ExperimentSettings = ExperimentSettings(),
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -43,7 +45,7 @@ def experiment(
 
     rivals = experiments.parse_rivals(between, loaded)
     with pages.working("looking for a motion") as tell:
-        proposal = experiments.propose(loaded, rivals, seed, noise, tell)
+        proposal = experiments.propose(loaded, rivals, settings, tell)
     document = proposal.to_json()
     if out and proposal.separated:
         experiments.write_motion(out, loaded, proposal.motion)

@@ -9,12 +9,15 @@ import typer
 
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import NO, emit
+from runtime.cli.setting_options import with_settings
+from runtime.planning.options import PlanningSettings
 from runtime.workspace import UsageError, scenario_source
 
 app = typer.Typer()
 
 
 @app.command(epilog="Example: tendon optimize runtime/study/scenario1.toml --out plan.json --plot plan.png")
+@with_settings
 def optimize(
     scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML).")],
     cycle_time: Annotated[float | None, typer.Option(min=0.01, help="s, in place of the file's.")] = None,
@@ -22,8 +25,7 @@ def optimize(
         bool | None, typer.Option("--friction/--no-friction", help="In place of the file's.", show_default=False)
     ] = None,
     springs: Annotated[bool, typer.Option("--springs/--no-springs", help="With the file's springs, or bare.")] = True,
-    starts: Annotated[int | None, typer.Option(min=1, max=10_000, help="Random first guesses; few by default.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed is other guesses.")] = 0,
+    settings: PlanningSettings = PlanningSettings(),
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The trajectory, for tendon execute.")] = None,
     model_out: Annotated[
         Path | None, typer.Option("--model-out", metavar="FILE", help="The model with the plan's springs and contact.")
@@ -60,7 +62,7 @@ def optimize(
 
     try:
         with pages.working(f"optimizing {case.name}"):
-            plan = optimizer.optimize(model, case, starts, seed)
+            plan = optimizer.optimize(model, case, settings)
     except optimizer.Infeasible as error:
         emit(json, results.refusal(model, case, error), plan_pages.plan)
         raise typer.Exit(NO) from error

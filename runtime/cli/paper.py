@@ -9,6 +9,8 @@ import typer
 
 from runtime.cli.options import Json, check_directory, check_writable
 from runtime.cli.output import NO, emit
+from runtime.cli.setting_options import with_settings
+from runtime.study.options import TRIALS, Trials
 from runtime.workspace import Source, UsageError
 
 app = typer.Typer()
@@ -16,12 +18,11 @@ ARM = "vishard4"
 
 
 @app.command(epilog="Example: tendon paper table2 --trials 0")
+@with_settings
 def paper(
     what: Annotated[str | None, typer.Argument(metavar="WHAT", help="table1 to table3, figure4 to figure8.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")] = Path("paper-study"),
-    trials: Annotated[
-        int, typer.Option(min=0, max=20, help="Of each case on the simulated arm; 0: only the optimizations.")
-    ] = 3,  # experiment.TRIALS, whose import takes a second
+    trials: Trials = TRIALS,
     keep: Annotated[
         bool, typer.Option("--keep", help="Leave trajectories, recordings and models there, for tendon diagnose.")
     ] = False,

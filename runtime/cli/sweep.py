@@ -14,6 +14,8 @@ import typer
 
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import NO, emit
+from runtime.cli.setting_options import with_settings
+from runtime.planning.options import Starts
 from runtime.workspace import UsageError, effects_library, scenario_source
 
 if TYPE_CHECKING:
@@ -44,13 +46,12 @@ Dask workers (--scheduler) need tendon installed and the same kind of machine; t
     help=_HELP,
     epilog="Example: tendon sweep scenario1.toml --over cycle_time=1.0:3.0:0.2 --over case=A,B,C,D --table sweep.csv",
 )
+@with_settings
 def sweep(
     scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="As for tendon optimize (TOML).")],
     over: Annotated[list[str], typer.Option("--over", metavar="NAME=VALUES", help="What varies; see above.")],
     table: Annotated[Path, typer.Option(metavar="FILE", help="One row a job: .csv, or .parquet (needs pyarrow).")],
-    starts: Annotated[
-        int | None, typer.Option(min=1, max=10_000, help="Random first guesses in one job; few by default.")
-    ] = None,
+    starts: Starts = None,
     workers: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes here; by default one a processor.")
     ] = None,

@@ -12,6 +12,7 @@ import numpy as np
 
 from runtime.execution import results
 from runtime.execution.demand import Excess, PlannedCycle
+from runtime.execution.options import TRIALS, ExecutionSettings
 from runtime.execution.simulated import SimulatedArm
 from runtime.execution.trial import RUN_IN, Trial, length, recorded, run
 from runtime.hardware.frames import Codec
@@ -24,7 +25,7 @@ from runtime.model.terms import Structure, Term
 from runtime.planning.trajectory import Trajectory
 from runtime.recordings.recording import Recording
 from runtime.simulation.plant import Plant
-from runtime.simulation.settings import NOISE, RATE
+from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import Hidden, complete
 from runtime.simulation.true_effects import actual
 
@@ -100,61 +101,53 @@ def execute(
     model: Model,
     controller: Path,
     trajectory: Trajectory,
-    trials: int = 3,
-    cycles: int = 3,
+    settings: ExecutionSettings = ExecutionSettings(),
     hidden: Sequence[Hidden] = (),
     changed: Sequence[Hidden] = (),
-    friction: bool | None = None,
-    tracking_limit: float | None = None,
-    seed: int = 0,
-    noise: float = NOISE,
     board: Callable[[Path, str, int], Board] = HostBoard,
     asked: Callable[[], int] = lambda: 0,
 ) -> Execution:
     """The trajectory on a simulated arm, from rest, until all trials are done or one is stopped.
 
     controller       directory of the arm's compiled controller, for this kind of board
-    cycles           of a periodic trajectory, besides the one that runs it in
     hidden, changed  effects of the arm that the model has not, or with other values
-    friction         whether it is compensated; None: if the trajectory was planned with it
-    tracking_limit   rad (m) that stop the arm; None: by the joints' types
-    noise            of the torque sensor, part of each joint's root mean square
     board            what drives the arm: made from directory, name and number of joints
     asked            whether the user wants to stop; see Session.run
     Raises ControllerError, PlantError, SimulationError, LinkError, LinkLost.
     """
-    compensated = trajectory.friction if friction is None else friction
-    settings = Settings.of(controller, model, trajectory, compensated, tracking_limit)
+    compensated = settings.compensates(trajectory)
+    told = Settings.of(controller, model, trajectory, compensated, settings.tracking_limit)
     plan = PlannedCycle(model, trajectory)
-    seconds = length(trajectory, cycles)
+    seconds = length(trajectory, settings.cycles)
+    trials = TRIALS if settings.trials is None else settings.trials
     values = actual(model, plan.terms, changed, hidden)
     if hidden or changed:
         t = np.arange(round(seconds * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
     excess = tuple(plan.exceeded())
-    arm = SimulatedArm(Plant(model, values, settings.dt), settings)
+    arm = SimulatedArm(Plant(model, values, told.dt), told)
     done: list[Trial] = []
     if not excess:
-        line = Lockstep(board(controller, model.name, model.n), arm, settings.dt)
+        line = Lockstep(board(controller, model.name, model.n), arm, told.dt)
         session = Session(line, Codec.from_json(controller / "protocol.json"))
         try:
-            line.start(plan.motion.q[:, 0], np.random.default_rng([seed, 0]))
+            line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, 0]))
             session.identify()
-            session.upload(settings)
+            session.upload(told)
             while len(done) < trials and not (done and done[-1].stop):
-                line.start(plan.motion.q[:, 0], np.random.default_rng([seed, len(done)]))
-                done.append(run(session, settings, seconds, asked=asked))
+                line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, len(done)]))
+                done.append(run(session, told, seconds, asked=asked))
         finally:
             session.close()
     return Execution(
         plan=plan,
-        dt=settings.dt,
+        dt=told.dt,
         compensated=compensated,
-        uncompensated=settings.uncompensated,
+        uncompensated=told.uncompensated,
         arm=values,
         hidden=frozenset(item.term for item in hidden),
-        seed=seed,
-        noise=noise,
+        seed=settings.seed,
+        noise=settings.noise,
         excess=excess,
         trials=tuple(done),
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from runtime.execution.demand import PlannedCycle
 from runtime.execution.execute import Execution
+from runtime.execution.options import TRIALS_ON_A_REAL_ARM, ExecutionSettings
 from runtime.execution.trial import Trial, length, run
 from runtime.hardware.frames import Codec
 from runtime.hardware.link import BoardLink, LinkError, LinkLost
@@ -49,26 +50,30 @@ def decimation(directory: Path, model: Model, baud: int | None) -> int:
 class Setup:
     """What is executed, and how.
 
-    directory   of the arm's compiled controller      cycles   of a periodic trajectory, besides its run-in
-    compensated   whether friction is compensated     tracking_limit   rad (m); None: by the joints' types
+    directory   of the arm's compiled controller
     every       control periods from one record to the next
     late        see BoardLink
-    approach    drive to the trajectory's start first, wherever the arm stands
     """
 
     directory: Path
     model: Model
     trajectory: Trajectory
-    trials: int
-    cycles: int
-    compensated: bool
-    tracking_limit: float | None
+    settings: ExecutionSettings
     every: int
     late: float | None
-    approach: bool
 
-    def settings(self, trajectory: Trajectory) -> Settings:
-        found = Settings.of(self.directory, self.model, trajectory, self.compensated, self.tracking_limit)
+    @property
+    def compensated(self) -> bool:
+        """Whether friction is, on the way to the start, too."""
+        return self.settings.compensates(self.trajectory)
+
+    @property
+    def trials(self) -> int:
+        return TRIALS_ON_A_REAL_ARM if self.settings.trials is None else self.settings.trials
+
+    def told(self, trajectory: Trajectory) -> Settings:
+        """What the board is told before it drives a trajectory."""
+        found = Settings.of(self.directory, self.model, trajectory, self.compensated, self.settings.tracking_limit)
         return found if self.late is None else found.tolerating(self.late)
 
 
@@ -98,7 +103,7 @@ def standing(link: BoardLink, setup: Setup) -> list[dict[str, Any]]:
     session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
     try:
         session.identify()
-        settings = setup.settings(setup.trajectory)
+        settings = setup.told(setup.trajectory)
         session.upload(settings)
         here, start = _here(session, settings), PlannedCycle(setup.model, setup.trajectory).motion.q[:, 0]
     finally:
@@ -124,9 +129,9 @@ class _Executing:
     def all(self) -> Execution:
         setup = self.setup
         self.session.identify()
-        settings, plan = setup.settings(setup.trajectory), PlannedCycle(setup.model, setup.trajectory)
+        settings, plan = setup.told(setup.trajectory), PlannedCycle(setup.model, setup.trajectory)
         start, done = plan.motion.q[:, 0], list[Trial]()
-        seconds = length(setup.trajectory, setup.cycles)
+        seconds = length(setup.trajectory, setup.settings.cycles)
         self.session.upload(settings)
         self.ready()
         while len(done) < setup.trials and not (done and done[-1].stop):
@@ -164,13 +169,13 @@ class _Executing:
         apart = np.abs(here - start)
         if (apart <= np.array(settings.safety["start"])).all():
             return None
-        if not self.setup.approach:
+        if not self.setup.settings.approach:
             raise ControllerError(_elsewhere(self.setup.model, here, start))
         way = self._way(here, start)
         outside = [str(excess) for excess in PlannedCycle(self.setup.model, way).exceeded()]
         if outside:
             raise ControllerError(f"there is no straight way to the start: {outside[0]}")
-        settings = self.setup.settings(way)
+        settings = self.setup.told(way)
         self.session.upload(settings)
         return run(self.session, settings, length(way, 1), self.setup.every, self.asked)
 

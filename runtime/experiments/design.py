@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from runtime import files
 from runtime.diagnosis.diagnose import diagnose
+from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, Repertoire, TorqueLimit, peaks, plans
 from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
 from runtime.experiments.settings import TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
-from runtime.simulation.settings import MARGIN, NOISE, RATE
+from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
 
 Array = NDArray[np.float64]
@@ -114,15 +115,6 @@ class Confirmation:
     @property
     def problem(self) -> str | None:
         return next((trial.problem for trial in self.trials if trial.problem), None)
-
-
-def separates(model: Model, motion: Array, a: Hidden, b: Hidden, seed: int = 0, noise: float = NOISE) -> Confirmation:
-    """Whether a diagnosis of the motion (n, N; rad, m; at 1 kHz) names a and b, each without the other as a rival.
-
-    Each is hidden in a recording of `model` with noise as a part of the ordinary excitation's torque; parameters
-    without a value get a moderate one. Raises SimulationError.
-    """
-    return confirm(TrialArm.of(model, [a, b], seed, noise), motion, [seed])
 
 
 def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
@@ -263,23 +255,25 @@ def _place(term: Term) -> dict[str, Any]:
 
 
 def propose(
-    model: Model, rivals: Sequence[Hidden], seed: int = 0, noise: float = NOISE, tell: Tell | None = None
+    model: Model,
+    rivals: Sequence[Hidden],
+    settings: ExperimentSettings = ExperimentSettings(),
+    tell: Tell | None = None,
 ) -> Proposal:
     """The motion within the model file's limits that separates the rivals, or comes nearest to it.
 
     rivals   one (against the base model) or more; parameters without a value get a moderate one
-    noise    standard deviation of the torque's noise as a part of the ordinary excitation's torque
     tell     hears what is going on
     Raises SimulationError, ExperimentError.
     """
     say = tell or (lambda _: None)
-    if noise <= 0:
+    if settings.noise <= 0:
         raise ExperimentError("without noise every difference would count; give a noise above 0")
-    bench = TrialArm.of(model, rivals, seed, noise)
+    bench = TrialArm.of(model, rivals, settings)
     limit = TorqueLimit.of(bench)
     say("judging the pieces of motion")
     repertoire = Repertoire.of(bench, limit, Freedom())
-    seeds = [seed + s for s in TRIAL_SEEDS]
+    seeds = [settings.seed + s for s in TRIAL_SEEDS]
     choices = repertoire.choices()
     for choice in plans(choices):
         motion = repertoire.motion(choice)

@@ -22,16 +22,19 @@ from runtime.estimation.identify import prepared
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
 from runtime.estimation.regressors import Regressors
+from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
-from runtime.simulation.settings import NOISE
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, simulate
 
 Array = NDArray[np.float64]
+
+_SILENT = SimulationSettings(noise=0.0)
 
 
 Pair = tuple[int, int | None]
@@ -59,14 +62,15 @@ class TrialArm:
     quiet: float = 1.0
 
     @classmethod
-    def of(cls, model: Model, rivals: Sequence[Hidden], seed: int = 0, noise: float = NOISE) -> TrialArm:
-        """`noise` as simulate() takes it, of the ordinary excitation's torque. Raises SimulationError."""
-        path = excitation(model, np.random.default_rng(seed), ORDINARY_SECONDS / ORDINARY_REPEATS, ORDINARY_REPEATS)
-        plain, base = simulate(model, motion=path, noise=0.0)
+    def of(cls, model: Model, rivals: Sequence[Hidden], settings: ExperimentSettings) -> TrialArm:
+        """Raises SimulationError."""
+        part = ORDINARY_SECONDS / ORDINARY_REPEATS
+        path = excitation(model, np.random.default_rng(settings.seed), part, ORDINARY_REPEATS)
+        plain, base = simulate(model, settings=_SILENT, motion=path)
         known = stated(model, base)
-        complete = tuple(Hidden(r.term, simulate(known, [r], motion=path, noise=0.0)[1][r.term]) for r in rivals)
-        level = noise * np.sqrt(np.mean(plain.tau**2, axis=1))
-        ordinary = noisy(plain, level, seed)
+        complete = tuple(Hidden(r.term, simulate(known, [r], _SILENT, path)[1][r.term]) for r in rivals)
+        level = settings.noise * np.sqrt(np.mean(plain.tau**2, axis=1))
+        ordinary = noisy(plain, level, settings.seed)
         return cls(model, known, base, complete, level, prepared(model, [ordinary]).band, path)
 
     @cached_property
@@ -78,7 +82,7 @@ class TrialArm:
 
     def record(self, path: Array, rival: Hidden | None, seed: int | None) -> Recording:
         """A recording of this motion (n, N) with the rival hidden in it; no noise without a seed."""
-        made, _ = simulate(self.known, [] if rival is None else [rival], motion=path, noise=0.0)
+        made, _ = simulate(self.known, [] if rival is None else [rival], _SILENT, path)
         return made if seed is None else noisy(made, self.noise, seed)
 
     @property

@@ -24,10 +24,12 @@ from runtime.notebook.results import (
 )
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
+from runtime.planning.options import PlanningSettings
 from runtime.recordings.recording import Recording
 from runtime.report.follow_up import Invocation, about
 from runtime.report.summary import ResultSummary
 from runtime.simulation import simulate as simulation
+from runtime.simulation.options import SimulationSettings
 from runtime.workspace import scenario_source
 
 Recordings = Recorded | Sequence[Recorded]
@@ -74,12 +76,12 @@ def add(arm: LoadedArm, effect: str, joint: int | None = None) -> LoadedArm:
 def simulate(
     arm: LoadedArm,
     hide: str | Sequence[str] = (),
-    seed: int = 0,
-    seconds: float = 40.0,
+    seed: int = SimulationSettings.seed,
+    seconds: float = SimulationSettings.seconds,
     motion: PathOrText | NDArray[np.float64] | None = None,
-    repeats: int = 2,
-    noise: float = simulation.NOISE,
-    signals: str = "",
+    repeats: int = SimulationSettings.repeats,
+    noise: float = SimulationSettings.noise,
+    signals: str = SimulationSettings.signals,
 ) -> Recording:
     """A recording of the model itself, at 1 kHz, to try a diagnosis on.
 
@@ -94,8 +96,8 @@ def simulate(
         if motion is None or isinstance(motion, np.ndarray)
         else simulation.read_motion(Path(motion), arm.model.n)
     )
-    extra = simulation.parse_extra(signals)
-    made, _ = simulation.simulate(arm.model, hidden, seed, path, seconds, repeats, noise, extra)
+    settings = SimulationSettings(seed, seconds, repeats, noise, signals)
+    made, _ = simulation.simulate(arm.model, hidden, settings, path)
     return made
 
 
@@ -104,8 +106,8 @@ def optimize(
     cycle_time: float | None = None,
     friction: bool | None = None,
     springs: bool = True,
-    starts: int | None = None,
-    seed: int = 0,
+    starts: int | None = PlanningSettings.starts,
+    seed: int = PlanningSettings.seed,
     effects: PathOrText | None = None,
 ) -> PlanResult:
     """Plan motion and springs of a scenario file together; the arm is the one that the file names.
@@ -124,7 +126,7 @@ def optimize(
         cycle_time=case.cycle_time if cycle_time is None else cycle_time,
         friction=case.friction if friction is None else friction,
     )
-    plan = optimizer.optimize(arm.model, case, starts, seed)
+    plan = optimizer.optimize(arm.model, case, PlanningSettings(starts, seed))
     mounted = source.mounted(plan.trajectory)
     return PlanResult(plan, arm.with_text(mounted))
 

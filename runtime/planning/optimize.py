@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import Effort, at_times, effort, objective
+from runtime.planning.options import PlanningSettings
 from runtime.planning.program import Program
 from runtime.planning.scenario import Scenario
 from runtime.planning.solve import Attempt, Miss, Solver
@@ -87,15 +88,14 @@ class Infeasible(Exception):
         super().__init__(f"{scenario.name}: no motion meets all constraints; in the best of {len(attempts)}, {missed}")
 
 
-def optimize(model: Model, scenario: Scenario, starts: int | None = None, seed: int = 0) -> Plan:
+def optimize(model: Model, scenario: Scenario, settings: PlanningSettings = PlanningSettings()) -> Plan:
     """The best of several random starts, with the springs of the catalogues if there are some.
 
-    starts   None: one, or several where postures are free because points ask for the end-effector only
     Raises Infeasible if no start meets all constraints, StartError if no posture meets a point.
     """
     free = any(point.tip is not None for point in scenario.points.values())
-    count = (_STARTS if free else 1) if starts is None else starts
-    return Planner(model, scenario).plan(count, np.random.default_rng(seed))
+    count = (_STARTS if free else 1) if settings.starts is None else settings.starts
+    return Planner(model, scenario).plan(count, np.random.default_rng(settings.seed))
 
 
 class Planner:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,19 +11,33 @@ from typing import Any, get_args
 
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, giver
-from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan, Values
+from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan
 from runtime.planning.springs import springs, usual
-from symbolic.model_file.checks import (
-    Place,
-    did_you_mean,
-    found,
-    identifier,
-    keys,
-    number,
-    pair,
-    printable,
-    quote,
-    table_at,
+from symbolic.model_file.checks import Place, did_you_mean, number, printable, quote, table_at, unknown
+from symbolic.model_file.fields import (
+    Bounds,
+    Choice,
+    FieldRow,
+    Flag,
+    Inner,
+    Interval,
+    JointNumbers,
+    Name,
+    Named,
+    Number,
+    Numbers,
+    OpenTable,
+    Others,
+    Pair,
+    PerJoint,
+    Several,
+    Text,
+    Whole,
+    WholeNumber,
+    rows,
+)
+from symbolic.model_file.fields import (
+    read as read_fields,
 )
 
 MAX_DEGREE = 20
@@ -47,102 +60,118 @@ def read(path: Path) -> Scenario:
     return parse(table, top)
 
 
-def parse(table: Mapping[str, Any], top: Place) -> Scenario:
-    """The scenario that a TOML document describes. Raises ModelError."""
-    optional = ("periodic", "friction", "elbow", "moving", "posture", "objective", "spring", "contact", "ranges")
-    keys(top, table, ("name", "model", "cycle_time", "points", "phase"), optional)
-    points = {
-        identifier(top.inside("points"), "name", name): _point(top.inside(f"points.{name}"), value)
-        for name, value in table_at(top.inside("points"), table["points"], "[points.NAME], one a point").items()
-    }
-    elbow = number(top, "elbow", table.get("elbow", 1), "")
-    if elbow not in (1.0, -1.0):
-        top.fail(f"elbow is {elbow:g}; expected 1 or -1, the sign of sin q_2 in contact")
-    scenario = Scenario(
-        name=identifier(top, "name", table["name"]),
-        model=_text(top, "model", table["model"]),
-        cycle_time=number(top, "cycle_time", table["cycle_time"], "s", positive=True),
-        periodic=_flag(top, "periodic", table.get("periodic", True)),
-        friction=_flag(top, "friction", table.get("friction", True)),
-        moving=_joints(top, "moving", table.get("moving", [])),
-        posture=tuple(number(top, "posture", q, "rad or m") for q in _list(top, "posture", table.get("posture", []))),
-        objective=_objective(top.inside("objective"), table.get("objective", {})),
-        points=points,
-        phases=tuple(
-            _phase(top.inside(f"phase {k}"), value, points)
-            for k, value in enumerate(_list(top, "phase", table["phase"]), 1)
-        ),
-        springs=tuple(
-            _spring(top.inside(f"spring {k}"), value)
-            for k, value in enumerate(_list(top, "spring", table.get("spring", [])), 1)
-        ),
-        contact={
-            name: _values(top.inside(f"contact.{name}"), values)
-            for name, values in table_at(top.inside("contact"), table.get("contact", {}), "[contact.plate]").items()
-        },
-        elbow=elbow,
-        ranges=_ranges(top.inside("ranges"), table.get("ranges", {})),
-    )
-    _check_order(top, scenario)
-    return scenario
+# --- keys ---
+
+_GOALS, _KINDS = get_args(Goal), get_args(Kind)
+_MANY = 10_000
+
+POINT = (
+    PerJoint("q1", "position of joint 1, likewise q2, ...; without it free", Number, unit="rad or m", default=None),
+    Pair("tip", "of the end-effector, base x and y; without it free", unit="m", default=None),
+    Flag("rest", "whether all joints stand still", default=False),
+    Flag("tip_rest", "whether the end-effector stands still; joints may move", default=False),
+)
+PHASE = (
+    Text("from", "the point where the phase begins"),
+    Text("to", "the point where it ends"),
+    Choice("kind", "free: joint coordinates; contact: those of (13)", _KINDS, '"free" or "contact"', default="free"),
+    Number("part", "of the cycle; all parts add up to 1", unit="of the cycle time", high=1.0, positive=True),
+    WholeNumber("degree", "of the polynomials, M of (9)", low=3, high=MAX_DEGREE),
+    Flag("monotone", "whether no joint turns back between two stated positions", default=False),
+)
+SPRING = (
+    Whole("joint", "where it is mounted, counted from 1; one spring a joint", 1, _MANY, "a joint, counted from 1"),
+    Text("effect", "which spring, where effects of one's own add others", default=""),
+    Numbers("catalogue", "sizes (stiffnesses) that can be bought; without it any", positive=True, default=()),
+    Others(
+        "PARAMETER",
+        "of the spring, as its effect declares it: one number, or two bounds within which it is sought",
+        Bounds,
+        _OF_A_SPRING,
+        unit="SI units",
+        default=None,
+    ),
+)
+OBJECTIVE = (
+    Choice("goal", ", ".join(_GOALS), _GOALS, f"one of {', '.join(_GOALS)}", default=_GOALS[0]),
+    JointNumbers("joints", "whose torque counts; without it those that move", default=()),
+    Numbers("resistance", "of the motors, one a joint, for electrical_energy", unit="Ohm", positive=True, default=()),
+)
+RANGES = (PerJoint("q1", "of joint 1, likewise q2, ...: where it stays", Interval, unit="rad or m", default=None),)
+SCENARIO = (
+    Name("name", "of the scenario: a C identifier"),
+    Text("model", "model file beside this one, or the name of an arm of the toolkit"),
+    Number("cycle_time", "from the first point back to it, or to the last one", unit="s", positive=True),
+    Flag("periodic", "whether the last point is the first", default=True),
+    Flag("friction", "whether the motion is planned with the model's friction", default=True),
+    JointNumbers("moving", "joints that move, counted from 1; without it all", default=()),
+    Numbers("posture", "of all joints, for those that do not move; without it 0", unit="rad or m", default=()),
+    Inner("objective", "what is least", OBJECTIVE, default={}),
+    Named("points", "instants between two phases", POINT),
+    Several("phase", "one after another", PHASE),
+    Several("spring", "parallel springs that are sought together with the motion", SPRING, default=()),
+    OpenTable(
+        "contact",
+        "parameters of the contact's effects in place of the model file's",
+        "EFFECT.PARAMETER",
+        "[contact.plate]",
+        unit="SI units",
+        default={},
+    ),
+    Choice("elbow", "sign of sin q_2 in contact", (1.0, -1.0), "1 or -1, the sign of sin q_2 in contact", default=1.0),
+    Inner("ranges", "narrower than the joints' limits", RANGES, default={}),
+)
+
+
+def scenario_file_rows() -> list[FieldRow]:
+    """Every key of the scenario file, with unit, meaning and default, for a guide."""
+    return rows(SCENARIO)
 
 
 # --- parts ---
 
 
-def _point(place: Place, value: Any) -> Point:
-    table = table_at(place, value, "with q1, q2, ... or tip, and rest or tip_rest")
-    joints = {key: int(key[1:]) for key in table if re.fullmatch(r"q[1-9]\d?", key)}
-    keys(place, {k: v for k, v in table.items() if k not in joints}, (), ("tip", "rest", "tip_rest"))
-    return Point(
-        q={joint: number(place, key, table[key], "rad or m") for key, joint in joints.items()},
-        tip=pair(place, "tip", table["tip"], "m") if "tip" in table else None,
-        rest=_flag(place, "rest", table.get("rest", False)),
-        tip_rest=_flag(place, "tip_rest", table.get("tip_rest", False)),
+def parse(table: Mapping[str, Any], top: Place) -> Scenario:
+    """The scenario that a TOML document describes. Raises ModelError."""
+    said = read_fields(top, table, SCENARIO)
+    objective = said["objective"]
+    scenario = Scenario(
+        name=said["name"],
+        model=said["model"],
+        cycle_time=said["cycle_time"],
+        periodic=said["periodic"],
+        friction=said["friction"],
+        moving=said["moving"],
+        posture=said["posture"],
+        objective=Objective(**{**objective, "resistance": dict(enumerate(objective["resistance"], 1))}),
+        points={name: _point(point) for name, point in said["points"].items()},
+        phases=tuple(_phase(top.inside(f"phase {k}"), p, said["points"]) for k, p in enumerate(said["phase"], 1)),
+        springs=tuple(_spring(spring) for spring in said["spring"]),
+        contact={name: _values(top.inside(f"contact.{name}"), values) for name, values in said["contact"].items()},
+        elbow=said["elbow"],
+        ranges=said["ranges"]["q1"],
     )
+    _check_order(top, scenario)
+    return scenario
 
 
-def _phase(place: Place, value: Any, points: Mapping[str, Point]) -> PhasePlan:
-    table = table_at(place, value, "with from, to, part and degree")
-    keys(place, table, ("from", "to", "part", "degree"), ("kind", "monotone"))
+def _point(said: Mapping[str, Any]) -> Point:
+    return Point(said["q1"], said["tip"], said["rest"], said["tip_rest"])
+
+
+def _phase(place: Place, said: Mapping[str, Any], points: Mapping[str, Any]) -> PhasePlan:
     for key in ("from", "to"):
-        name = _text(place, key, table[key])
-        if name not in points:
-            place.fail(f"{key} is the unknown point {quote(name)}; {did_you_mean(name, tuple(points))}")
-    kind = table.get("kind", "free")
-    if kind not in get_args(Kind):
-        place.fail(f'kind is {found(kind)}; expected "free" or "contact"')
-    degree = number(place, "degree", table["degree"], "", 3, MAX_DEGREE)
-    if degree != int(degree):
-        place.fail(f"degree is {degree:g}; expected a whole number")
-    part = number(place, "part", table["part"], "of the cycle time", 0.0, 1.0, positive=True)
-    monotone = _flag(place, "monotone", table.get("monotone", False))
-    return PhasePlan(table["from"], table["to"], kind, part, int(degree), monotone)
+        if said[key] not in points:
+            place.fail(f"{key} is the unknown point {quote(said[key])}; {did_you_mean(said[key], tuple(points))}")
+    return PhasePlan(said["from"], said["to"], said["kind"], said["part"], said["degree"], said["monotone"])
 
 
-def _spring(place: Place, value: Any) -> SpringPlan:
-    table = table_at(place, value, "with a joint and the spring's parameters")
-    if "joint" not in table:
-        place.fail("joint is missing")
-    (joint,) = _joints(place, "joint", [table["joint"]])
-    items = _list(place, "catalogue", table.get("catalogue", []))
-    catalogue = tuple(sorted(number(place, "catalogue", k, "SI units", positive=True) for k in items))
-    stated = {key: _range(place, key, x, "SI units") for key, x in table.items() if key not in _OF_A_SPRING}
-    return SpringPlan(joint, stated, {}, catalogue, _text(place, "effect", table.get("effect", "")))
+def _spring(said: Mapping[str, Any]) -> SpringPlan:
+    return SpringPlan(said["joint"], said["PARAMETER"], {}, tuple(sorted(said["catalogue"])), said["effect"])
 
 
-def _objective(place: Place, value: Any) -> Objective:
-    table = table_at(place, value, "with goal")
-    keys(place, table, (), ("goal", "joints", "resistance"))
-    goal = table.get("goal", "torque_squared")
-    if goal not in get_args(Goal):
-        place.fail(f"goal is {found(goal)}; expected one of {', '.join(get_args(Goal))}")
-    resistance = _list(place, "resistance", table.get("resistance", []))
-    return Objective(
-        goal=goal,
-        joints=_joints(place, "joints", table.get("joints", [])),
-        resistance={i: number(place, "resistance", r, "Ohm", positive=True) for i, r in enumerate(resistance, 1)},
-    )
+def _values(place: Place, value: Any) -> dict[str, float]:
+    return {key: number(place, key, x, "SI units") for key, x in table_at(place, value, "of parameters").items()}
 
 
 def _check_order(top: Place, scenario: Scenario) -> None:
@@ -157,19 +186,6 @@ def _check_order(top: Place, scenario: Scenario) -> None:
             top.inside(f"phase {k}").fail(f'ends at "{phase.end}", and the next one begins at "{following.start}"')
     if len({s.joint for s in scenario.springs}) < len(scenario.springs):
         top.fail("two [[spring]] tables for one joint; expected at most one")
-
-
-def _ranges(place: Place, value: Any) -> dict[int, tuple[float, float]]:
-    table = table_at(place, value, "with q1 = [from, to], q2, ... of joints that stay within less than their limits")
-    found = {}
-    for key, ends in table.items():
-        if not re.fullmatch(r"q[1-9]\d?", key):
-            place.fail(f"unknown key {quote(key)}; expected q1, q2, ...")
-        low, high = pair(place, key, ends, "rad or m")
-        if low >= high:
-            place.fail(f"{key} is [{low:g}, {high:g}]; expected the smaller end first")
-        found[int(key[1:])] = (low, high)
-    return found
 
 
 # --- with the arm ---
@@ -219,8 +235,14 @@ def _declared(place: Place, spring: SpringPlan, model: Model) -> SpringPlan:
     info = known[spring.effect or usual(known)]
     kind = model.joints[spring.joint - 1].type
     optional = tuple(p.name for p in info.linear if not p.planned)
+    needed = tuple(p.name for p in info.parameters if p.name not in optional)
     written = {**{name: (x, x) for name, x in spring.stated.items()}, **spring.sought}
-    keys(place, written, tuple(p.name for p in info.parameters if p.name not in optional), optional)
+    for key in written:
+        if key not in (*needed, *optional):
+            unknown(place, "key", key, (*_OF_A_SPRING, *needed, *optional))
+    for key in needed:
+        if key not in written:
+            place.fail(f'missing key "{key}"; needed are {", ".join(needed)}')
     sought, stated = {}, {}
     for p in info.parameters:
         low, high = written.get(p.name, (p.neutral, p.neutral))
@@ -272,7 +294,7 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
         parameters = tuple(p.name for p in info.parameters)
         for key in values:
             if key not in parameters:
-                place.fail(f"unknown parameter {quote(key)}; {did_you_mean(key, parameters)}")
+                unknown(place, "parameter", key, parameters)
     touching = [(k, p) for k, p in enumerate(scenario.phases, 1) if p.kind == "contact"]
     if not touching:
         return
@@ -291,48 +313,3 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
                 top.inside(f"points.{name}").fail(f"contact phase {k} begins or ends here; expected a tip")
             if abs(tip[0] - x) > CLOSE:
                 top.inside(f"points.{name}").fail(f"tip has x = {tip[0]:g} m; in contact it is the plate's, {x:g} m")
-
-
-# --- values ---
-
-
-def _text(place: Place, key: str, value: Any) -> str:
-    if not isinstance(value, str):
-        place.fail(f"{key} is {found(value)}; expected a text")
-    return value
-
-
-def _flag(place: Place, key: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        place.fail(f"{key} is {found(value)}; expected true or false")
-    return value
-
-
-def _list(place: Place, key: str, value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        place.fail(f"{key} is {found(value)}; expected a list")
-    return value
-
-
-def _joints(place: Place, key: str, value: Any) -> tuple[int, ...]:
-    items = _list(place, key, value)
-    for item in items:
-        if isinstance(item, bool) or not isinstance(item, int) or item < 1:
-            place.fail(f"{key} holds {found(item)}; expected joints, counted from 1")
-    if len(set(items)) < len(items):
-        place.fail(f"{key} names a joint twice")
-    return tuple(sorted(items))
-
-
-def _range(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
-    """Two bounds, or one number that is both."""
-    if not isinstance(value, list):
-        return (number(place, key, value, unit),) * 2
-    low, high = pair(place, key, value, unit)
-    if low > high:
-        place.fail(f"{key} is [{low:g}, {high:g}]; expected the smaller bound first")
-    return low, high
-
-
-def _values(place: Place, value: Any) -> Values:
-    return {key: number(place, key, x, "SI units") for key, x in table_at(place, value, "of parameters").items()}

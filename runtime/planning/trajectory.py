@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,11 +18,32 @@ from runtime import files
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Term
 from runtime.planning.springs import springs, usual
+from symbolic.model_file.checks import ModelError, Place, printable, quote, real, table_at
+from symbolic.model_file.fields import (
+    REQUIRED,
+    Choice,
+    Field,
+    Flag,
+    JointType,
+    OpenTable,
+    Others,
+    Real,
+    Several,
+    Text,
+    Whole,
+)
+from symbolic.model_file.fields import (
+    read as read_fields,
+)
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
 
 FORMAT = "tendon trajectory 1"
+_OF_A_SPRING = ("joint", "effect")
+"""Keys of a spring beside its parameters."""
+MAX_POINTS = 30
+"""Of a coordinate in a phase: a polynomial of higher degree loses its digits."""
 
 
 class TrajectoryError(ValueError):
@@ -160,131 +180,140 @@ def read(path: Path, model: Model) -> Trajectory:
         raise TrajectoryError(f"{path}: cannot be read: {error}") from error
     except (json.JSONDecodeError, RecursionError) as error:
         raise TrajectoryError(f"{path}: not valid JSON ({error}); expected a trajectory of tendon optimize") from error
-    return _Reader(str(path), model).trajectory(data)
+    try:
+        return _parsed(Place(printable(str(path))), data, model)
+    except ModelError as error:
+        raise TrajectoryError(str(error)) from None
+
+
+# --- the file ---
 
 
 @dataclass(frozen=True)
-class _Reader:
-    """Checks everything that a person or a program can have written."""
+class _ControlPoints(Field):
+    """Rows of equal length, one a coordinate, of finite numbers."""
 
-    where: str
-    model: Model
+    count: int
 
-    def fail(self, what: str) -> TrajectoryError:
-        return TrajectoryError(f"{self.where}: {what}")
+    def read(self, place: Place, value: Any, _: JointType) -> Array:
+        rows = value if isinstance(value, list) else []
+        if len(rows) != self.count or not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
+            place.fail(f"points: expected {self.count} rows of equal length, one a coordinate")
+        if not 2 <= len(rows[0]) <= MAX_POINTS:
+            place.fail(f"points: found {len(rows[0])} a row, expected 2 to {MAX_POINTS}")
+        return np.array([[real(place, "points", x, "rad or m") for x in row] for row in rows])
 
-    def trajectory(self, data: Any) -> Trajectory:
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise self.fail(f'not a trajectory; expected an object with "format": "{FORMAT}" (tendon optimize --out)')
-        missing = [key for key in ("arm", "scenario", "periodic", "phases") if key not in data]
-        if missing:
-            raise self.fail(f"has no {missing[0]}")
-        if data["arm"] != self.model.name:
-            raise self.fail(f'is for the arm "{data["arm"]}", and the model file is of "{self.model.name}"')
-        phases = self._list(data["phases"], "phases")
-        if not phases:
-            raise self.fail("phases: expected at least one")
-        found = Trajectory(
-            arm=self.model.name,
-            scenario=str(data["scenario"]),
-            phases=tuple(self._phase(item, f"phase {k}") for k, item in enumerate(phases, 1)),
-            periodic=self._flag(data["periodic"], "periodic"),
-            elbow=self._number(data.get("elbow", 1.0), "elbow"),
-            friction=self._flag(data.get("friction", True), "friction"),
-            springs=self._springs(self._list(data.get("springs", []), "springs")),
-            contact=self._contact(data.get("contact", {})),
-            effects={item["joint"]: item["effect"] for item in data.get("springs", []) if "effect" in item},
+
+def _fields(model: Model) -> tuple[Field, ...]:
+    """Every key of a trajectory of this arm."""
+    n = model.n
+    phase = (
+        Choice("coordinates", "q: joint positions; w: those of the contact", ("q", "w"), '"q" or "w"'),
+        Real("duration", "of the phase", unit="s", positive=True),
+        _ControlPoints("points", "of the polynomials, a row a coordinate", n, unit="rad or m"),
+    )
+    spring = (
+        Whole("joint", "where it is mounted, counted from 1", 1, n, f"a joint, 1 to {n}"),
+        Text("effect", "which spring, where effects of one's own add others", default=""),
+        Others("PARAMETER", "of the spring, as its effect declares it", Real, _OF_A_SPRING, unit="SI", default=None),
+    )
+    return (
+        Text("format", "of this file"),
+        Text("arm", "name of the arm's model"),
+        Text("scenario", "name of the scenario that it answers"),
+        Flag("periodic", "whether the end is the beginning"),
+        Choice("elbow", "sign of sin q_2 in contact", (1.0, -1.0), "1 or -1, the sign of sin q_2", default=1.0),
+        Flag("friction", "whether it was planned with friction", default=True),
+        Several("springs", "parallel springs; the arm has no others", spring, default=(), one="spring"),
+        OpenTable("contact", "parameters of the contact's effects", "EFFECT.PARAMETER", "of effects", default={}),
+        Several("phases", "one after another", phase, one="phase"),
+    )
+
+
+def _parameters(model: Model, effect: str) -> tuple[Field, ...]:
+    return tuple(
+        Real(
+            p.name,
+            p.meaning,
+            *p.bounds,
+            unit=p.unit.text("revolute"),
+            default=REQUIRED if p.default is None else p.default,
         )
-        if found.elbow not in (-1.0, 1.0):
-            raise self.fail(f"elbow is {found.elbow:g}; expected 1 or -1, the sign of sin q_2")
-        self._check_joins(found)
-        return found
+        for p in model.library[effect].parameters
+    )
 
-    def _phase(self, item: Any, name: str) -> Phase:
-        if not isinstance(item, dict) or item.get("coordinates") not in ("q", "w"):
-            raise self.fail(f'{name}: expected an object with "coordinates": "q" or "w"')
-        if item["coordinates"] == "w" and "contact_inverse" not in self.model.functions:
-            raise self.fail(f'{name}: the arm "{self.model.name}" has no contact coordinates w')
-        duration = self._number(item.get("duration"), f"{name}: duration")
-        if duration <= 0:
-            raise self.fail(f"{name}: duration is {duration:g}; expected more than 0 s")
-        rows = self._list(item.get("points"), f"{name}: points")
-        if len(rows) != self.model.n or len({len(self._list(row, f"{name}: points")) for row in rows}) != 1:
-            raise self.fail(f"{name}: points: expected {self.model.n} rows of equal length, one a coordinate")
-        if not 2 <= len(rows[0]) <= 30:
-            raise self.fail(f"{name}: points: found {len(rows[0])} a row, expected 2 to 30")
-        points = np.array([[self._number(x, f"{name}: points") for x in row] for row in rows])
-        if item["coordinates"] == "w" and np.ptp(points[0]) > 0:
-            raise self.fail(f"{name}: the first coordinate is that of the plate and must be constant")
-        return Phase(item["coordinates"], duration, points)
 
-    def _springs(self, items: list[Any]) -> dict[int, Values]:
-        found: dict[int, Values] = {}
-        for item in items:
-            joint = item.get("joint") if isinstance(item, dict) else None
-            if not isinstance(joint, int) or not 1 <= joint <= self.model.n or joint in found:
-                raise self.fail(f'springs: expected objects with "joint": 1 to {self.model.n}, each once')
-            name = f"spring at joint {joint}"
-            known = springs(self.model.library.effects)
-            effect = item.get("effect", next(iter(known)))
-            if not isinstance(effect, str) or effect not in known:
-                raise self.fail(f"{name}: effect is {json.dumps(effect)}; expected one of {', '.join(known)}")
-            values = {k: v for k, v in item.items() if k not in ("joint", "effect")}
-            found[joint] = self._values(effect, values, name)
-        return found
+def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        top.fail(f'not a trajectory; expected an object with "format": "{FORMAT}" (tendon optimize --out)')
+    said = read_fields(top, data, _fields(model))
+    if said["arm"] != model.name:
+        top.fail(f'is for the arm {quote(said["arm"])}, and the model file is of "{model.name}"')
+    if not said["phases"]:
+        top.fail("phases: expected at least one")
+    found = Trajectory(
+        arm=model.name,
+        scenario=said["scenario"],
+        phases=tuple(_phase(top.inside(f"phase {k}"), phase, model) for k, phase in enumerate(said["phases"], 1)),
+        periodic=said["periodic"],
+        elbow=said["elbow"],
+        friction=said["friction"],
+        springs=_springs(top, said["springs"], model),
+        effects={spring["joint"]: spring["effect"] for spring in said["springs"] if spring["effect"]},
+        contact=_contact(top.inside("contact"), said["contact"], model),
+    )
+    _check_joins(top, found, model)
+    return found
 
-    def _contact(self, data: Any) -> dict[str, Values]:
-        if not isinstance(data, dict):
-            raise self.fail("contact: expected an object of effects")
-        for name in data:
-            info = self.model.library.effects.get(name)
-            if info is None or info.scope != "contact":
-                raise self.fail(f'contact: "{name}" is no effect of the contact')
-        return {name: self._values(name, values, f"contact: {name}") for name, values in data.items()}
 
-    def _values(self, effect: str, values: Any, name: str) -> Values:
-        known = {p.name: p for p in self.model.library[effect].parameters}
-        if not isinstance(values, dict) or not values.keys() <= known.keys():
-            raise self.fail(f"{name}: expected some of {', '.join(known)}")
-        found = {key: self._number(value, f"{name}: {key}") for key, value in values.items()}
-        for key, parameter in known.items():
-            if key not in found:
-                if parameter.default is None:
-                    raise self.fail(f"{name}: has no {key}")
-                found[key] = parameter.default
-            low, high = parameter.bounds
-            if not low <= found[key] <= high:
-                raise self.fail(f"{name}: {key} is {found[key]:g}; expected {low:g} to {high:g}")
-        return found
+def _phase(place: Place, said: Mapping[str, Any], model: Model) -> Phase:
+    if said["coordinates"] == "w":
+        if "contact_inverse" not in model.functions:
+            place.fail(f'the arm "{model.name}" has no contact coordinates w')
+        if np.ptp(said["points"][0]) > 0:
+            place.fail("the first coordinate is that of the plate and must be constant")
+    return Phase(**said)
 
-    def _check_joins(self, found: Trajectory) -> None:
-        """A jump of the position is a broken file; no controller should see it."""
-        ends = np.array([self._end(found, phase, phase.duration) for phase in found.phases])
-        begins = np.array([self._end(found, phase, 0.0) for phase in found.phases])
-        joins = list(pairwise(range(len(found.phases)))) + ([(-1, 0)] if found.periodic else [])
-        for before, after in joins:
-            jump = np.abs(ends[before] - begins[after])
-            if not jump.max() < 1e-4:
-                joint, last = int(np.argmax(jump)) + 1, before % len(found.phases) + 1
-                raise self.fail(
-                    f"q{joint} jumps by {jump.max():.3g} from phase {last} to phase {after + 1}; "
-                    "expected continuous positions"
-                )
 
-    def _end(self, found: Trajectory, phase: Phase, t: float) -> Array:
-        return found._joints(self.model, phase, np.array([t]))[0][:, 0]
+def _springs(top: Place, said: Sequence[Mapping[str, Any]], model: Model) -> dict[int, Values]:
+    known, found = springs(model.library.effects), {}
+    for k, item in enumerate(said, 1):
+        place = top.inside(f"spring {k}")
+        effect = item["effect"] or usual(known)
+        if effect not in known:
+            place.fail(f"effect is {quote(effect)}; expected one of {', '.join(known)}")
+        if item["joint"] in found:
+            place.fail(f"joint {item['joint']} has a spring already; expected at most one")
+        found[item["joint"]] = read_fields(place, item["PARAMETER"], _parameters(model, effect))
+    return found
 
-    def _list(self, value: Any, name: str) -> list[Any]:
-        if not isinstance(value, list):
-            raise self.fail(f"{name}: expected a list")
-        return value
 
-    def _flag(self, value: Any, name: str) -> bool:
-        if not isinstance(value, bool):
-            raise self.fail(f"{name}: expected true or false")
-        return value
+def _contact(place: Place, said: Mapping[str, Any], model: Model) -> dict[str, Values]:
+    for name in said:
+        info = model.library.effects.get(name)
+        if info is None or info.scope != "contact":
+            place.fail(f"{quote(name)} is no effect of the contact")
+    found = {}
+    for name, values in said.items():
+        here = place.inside(name)
+        found[name] = read_fields(here, table_at(here, values, "of parameters"), _parameters(model, name))
+    return found
 
-    def _number(self, value: Any, name: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-            raise self.fail(f"{name}: expected a finite number")
-        return float(value)
+
+def _check_joins(top: Place, found: Trajectory, model: Model) -> None:
+    """A jump of the position is a broken file; no controller should see it."""
+
+    def end(phase: Phase, t: float) -> Array:
+        return found._joints(model, phase, np.array([t]))[0][:, 0]
+
+    ends = np.array([end(phase, phase.duration) for phase in found.phases])
+    begins = np.array([end(phase, 0.0) for phase in found.phases])
+    joins = list(pairwise(range(len(found.phases)))) + ([(-1, 0)] if found.periodic else [])
+    for before, after in joins:
+        jump = np.abs(ends[before] - begins[after])
+        if not jump.max() < 1e-4:
+            joint, last = int(np.argmax(jump)) + 1, before % len(found.phases) + 1
+            top.fail(
+                f"q{joint} jumps by {jump.max():.3g} from phase {last} to phase {after + 1}; "
+                "expected continuous positions"
+            )

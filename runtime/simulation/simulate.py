@@ -27,11 +27,11 @@ from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import Motion, Piece
 from runtime.recordings.recording import MIN_SAMPLES, Recording
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import (
     AT_REST,
     COUNT,
     MARGIN,
-    NOISE,
     RANGE,
     RATE,
     RISE,
@@ -45,8 +45,6 @@ from runtime.simulation.settings import (
 from symbolic.described import DescribedParameter
 
 Array = NDArray[np.float64]
-
-EXTRA = ("q_link", "tau_link", "temperature")
 
 
 class SimulationError(ValueError):
@@ -101,22 +99,18 @@ def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
 def simulate(
     model: Model,
     hidden: Sequence[Hidden] = (),
-    seed: int = 0,
+    settings: SimulationSettings = SimulationSettings(),
     motion: Array | None = None,
-    seconds: float = 40.0,
-    repeats: int = 2,
-    noise: float = NOISE,
-    extra: Sequence[str] = (),
 ) -> tuple[Recording, Structure]:
     """A recording at 1 kHz, and all effects in it with the values that they had.
 
-    motion (n, N) positions at 1 kHz in place of the excitation of `seconds` in `repeats` equal parts;
-    noise: standard deviation of the torque's noise as a part of its root mean square; extra: further signals that
-    are recorded, of EXTRA.
+    motion   (n, N) positions at 1 kHz in place of the excitation that the settings ask for
     Raises SimulationError.
     """
-    rng = np.random.default_rng(seed)
-    path = excitation(model, rng, seconds / repeats, repeats) if motion is None else motion
+    extra, noise = settings.extra, settings.noise
+    rng = np.random.default_rng(settings.seed)
+    part = settings.seconds / settings.repeats
+    path = excitation(model, rng, part, settings.repeats) if motion is None else motion
     if path.shape[0] != model.n or path.shape[1] < MIN_SAMPLES:
         raise SimulationError(
             f"the motion has {path.shape[0]} joints and {path.shape[1]} samples; "
@@ -161,15 +155,6 @@ def _torque(signals: Signals, values: Structure) -> Array:
         for joint in joints_of(signals.model, term):
             tau[joint] += signals.torque(term, joint)
     return tau
-
-
-def parse_extra(text: str) -> tuple[str, ...]:
-    """Names of EXTRA, separated by commas. Raises SimulationError."""
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
-    for name in names:
-        if name not in EXTRA:
-            raise SimulationError(f'--signals: found "{name}", expected some of {", ".join(EXTRA)}')
-    return names
 
 
 def _link(signals: Signals, values: Structure) -> Array:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from runtime.execution.execute import Execution, execute
+from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
 from runtime.planning.optimize import Plan
 from runtime.simulation.simulate import Hidden, parse_hidden
 from runtime.study.cases import StudyCase
 
-TRIALS = 3
 """Of each case, in the paper."""
 _CYCLES = 2
 HIDDEN: Sequence[str] = ("plate_damping:coefficient=40",)
@@ -59,9 +59,8 @@ class StudyBench:
     def run(self, case: StudyCase, plan: Plan) -> CaseRun:
         """Friction compensation is off in cases A and B; the plate's damper is there where the plate is."""
         hidden = self._hidden() if case.plate is not None else []
-        execution = execute(
-            self.model, self.controller, plan.trajectory, self.trials, _CYCLES, hidden=hidden, friction=case.friction
-        )
+        settings = ExecutionSettings(self.trials, _CYCLES, friction_compensation=case.friction)
+        execution = execute(self.model, self.controller, plan.trajectory, settings, hidden)
         self.done(case)
         joints = plan.scenario.objective.joints or plan.scenario.moving
         return CaseRun(execution, execution.to_json(), tuple(joints))

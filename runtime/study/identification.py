@@ -22,6 +22,7 @@ from runtime.estimation.covariance import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
 from runtime.estimation.settings import NOMINAL_SKEW
 from runtime.execution.execute import execute
+from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term
 from runtime.motion.band import choose_band
@@ -30,7 +31,7 @@ from runtime.planning.trajectory import Phase, Trajectory
 from runtime.recordings.recording import Recording
 from runtime.simulation.plant_equations import PlantError
 from runtime.simulation.simulate import Hidden
-from runtime.study.experiment import TRIALS
+from runtime.study.options import TRIALS
 from runtime.study.published import PRECISION, TABLE_1
 
 Array = NDArray[np.float64]
@@ -120,7 +121,8 @@ def record(
     for seed, cosine in enumerate(cosines):
         trajectory = cosine.trajectory(model)
         cycles = ceil(seconds / trajectory.duration)
-        made = execute(model, controller, trajectory, trials, cycles, changed=printed(), friction=False, seed=seed)
+        settings = ExecutionSettings(trials, cycles, seed, friction_compensation=False)
+        made = execute(model, controller, trajectory, settings, changed=printed())
         if made.recording is None or not made.completed:
             raise PlantError(f"{trajectory.scenario}: {made.to_json()['reason']}")
         found[cosine] = made.recording

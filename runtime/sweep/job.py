@@ -14,6 +14,7 @@ from typing import Any
 
 from runtime.model.loader import Model, load_library, load_model
 from runtime.planning.optimize import Infeasible, optimize
+from runtime.planning.options import PlanningSettings
 from runtime.planning.scenario import Scenario
 from runtime.planning.starts import StartError
 
@@ -95,7 +96,7 @@ def _loaded(code: Code) -> Model:
 
 
 def _planned(model: Model, job: Job) -> Result:
-    plan = optimize(model, job.scenario, job.starts, job.seed)
+    plan = optimize(model, job.scenario, PlanningSettings(job.starts, job.seed))
     springs = plan.trajectory.springs
     return {
         "feasible": True,

@@ -10,7 +10,7 @@ import json
 import keyword
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -80,14 +80,9 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return close[0] if close else None
 
 
-def keys(place: Place, table: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...] = ()) -> None:
-    known = required + optional
-    for key in table:
-        if key not in known:
-            place.fail(f"unknown key {quote(key)}; {did_you_mean(key, known)}")
-    for key in required:
-        if key not in table:
-            place.fail(f'missing key "{key}"; needed are {", ".join(required)}')
+def unknown(place: Place, what: str, key: str, known: tuple[str, ...]) -> NoReturn:
+    """Fail for a key (or whatever else it is) that is none of the known ones."""
+    place.fail(f"unknown {what} {quote(key)}; {did_you_mean(key, known) if known else 'there is none here'}")
 
 
 def did_you_mean(key: str, known: tuple[str, ...]) -> str:
@@ -104,7 +99,7 @@ def table_at(place: Place, value: Any, example: str) -> dict[str, Any]:
     return value
 
 
-def number(
+def real(
     place: Place,
     key: str,
     value: Any,
@@ -113,7 +108,7 @@ def number(
     high: float = math.inf,
     positive: bool = False,
 ) -> float:
-    """A finite number within [low, high] (above 0 if `positive`) that a float in the controller can hold."""
+    """A finite number within [low, high] (above 0 if `positive`)."""
     expected = f"a number{f' in {unit}' if unit not in ('', '1') else ''}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         place.fail(f"{key} is {found(value)}; expected {expected}")
@@ -129,6 +124,20 @@ def number(
         place.fail(f"{key} is {x:.6g}; expected {expected} >= {low:g}")
     if x > high:
         place.fail(f"{key} is {x:.6g}; expected {expected} <= {high:g}")
+    return x
+
+
+def number(
+    place: Place,
+    key: str,
+    value: Any,
+    unit: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    positive: bool = False,
+) -> float:
+    """The same of a magnitude that a float in the controller can hold."""
+    x = real(place, key, value, unit, low, high, positive)
     if abs(x) > LARGEST or 0 < abs(x) < SMALLEST:
         place.fail(f"{key} is {x:.6g}; expected 0 or a magnitude between {SMALLEST:g} and {LARGEST:g}")
     return x

@@ -8,35 +8,21 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
+from symbolic.model_file import fields
 from symbolic.model_file.arm import Arm, Contact, Control, Drive, Gains, Joint, Limits, Link, Values
-from symbolic.model_file.checks import (
-    ModelError,
-    Place,
-    did_you_mean,
-    found,
-    identifier,
-    keys,
-    nearest,
-    number,
-    pair,
-    printable,
-    quote,
-    table_at,
-)
+from symbolic.model_file.checks import ModelError, Place, nearest, number, printable, quote, table_at, unknown
+from symbolic.model_file.keys import MODEL
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
 
 __all__ = ["ModelError", "check_effect", "load", "parse", "read_text"]
 
-MAX_JOINTS = 7
 MAX_BYTES = 1_000_000
-MAX_NODE = 126
-"""Node ids on a CAN bus end at 127, which is left to the computer."""
 
 
 def load(path: Path | str, effects: Mapping[str, Effect] | None = None) -> Arm:
@@ -81,19 +67,15 @@ def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) ->
 
         effects = LIBRARY
     top = Place(printable(where))
-    table = _toml(text, top)
-    keys(top, table, ("name", "gravity", "joint"), ("effects", "contact", "inertial", "controller"))
-    name = _name(top, table["name"])
-    gravity = pair(top, "gravity", table["gravity"], "m/s^2")
-    joints = _joints(top, table["joint"], effects)
+    said = fields.read(top, _toml(text, top), MODEL)
     arm = Arm(
-        name=name,
-        gravity=gravity,
-        joints=joints,
-        effects=_effects(top, table.get("effects", {}), "arm", effects),
-        contact=_contact(top, table["contact"], effects) if "contact" in table else None,
-        inertial=_inertial(top, table.get("inertial", {})),
-        controller=_control(top.inside("controller"), table["controller"]) if "controller" in table else None,
+        name=_name(top, said["name"]),
+        gravity=said["gravity"],
+        joints=_joints(top, said["joint"], effects),
+        effects=_effects(top, said["effects"], "arm", effects),
+        contact=_contact(top, said["contact"], effects),
+        inertial=said["inertial"],
+        controller=_control(top, said["controller"]),
     )
     _check_inertia_seen(top, arm)
     return arm
@@ -119,8 +101,7 @@ def _toml(text: str, top: Place) -> dict[str, Any]:
         top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")
 
 
-def _name(top: Place, value: Any) -> str:
-    name = identifier(top, "name", value)
+def _name(top: Place, name: str) -> str:
     if name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_"):
         top.fail(f"name {quote(name)} is taken by the generated files of the toolkit; choose another name")
     return name
@@ -129,103 +110,27 @@ def _name(top: Place, value: Any) -> str:
 # --- the arm ---
 
 
-def _joints(top: Place, value: Any, effects: Mapping[str, Effect]) -> tuple[Joint, ...]:
-    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
-        top.fail(f"joint is {found(value)}; expected one [[joint]] table a joint, from the base outwards")
-    if not 1 <= len(value) <= MAX_JOINTS:
-        top.fail(f"found {len(value)} joints; expected 1 to {MAX_JOINTS} [[joint]] tables")
-    joints = tuple(
-        _joint(top.inside(f"joint {i}"), table, effects, last=i == len(value)) for i, table in enumerate(value, 1)
-    )
+def _joints(top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, Effect]) -> tuple[Joint, ...]:
+    joints = tuple(_joint(top.inside(f"joint {k}"), one, effects, k == len(said)) for k, one in enumerate(said, 1))
     _check_nodes(top, joints)
     return joints
 
 
-def _joint(place: Place, table: dict[str, Any], effects: Mapping[str, Effect], last: bool) -> Joint:
-    optional = ("effects", "torque_constant", "limits", "controller", "encoder", "drive")
-    keys(place, table, ("type", "rotor_inertia", "gear_ratio", "link"), optional)
-    kind: Literal["revolute", "prismatic"]
-    if table["type"] == "revolute":
-        kind, force, inertia = "revolute", "N m", "kg m^2"
-    elif table["type"] == "prismatic":
-        kind, force, inertia = "prismatic", "N", "kg"
-    else:
-        place.fail(f'type is {found(table["type"])}; expected "revolute" or "prismatic"')
-    constant = table.get("torque_constant")
-    if constant is not None:
-        constant = number(place, "torque_constant", constant, f"{force}/A at the joint's output", positive=True)
+def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, Effect], last: bool) -> Joint:
+    encoder = said["encoder"] or {"counts": None, "zero": 0}
     return Joint(
-        type=kind,
-        rotor_inertia=number(place, "rotor_inertia", table["rotor_inertia"], inertia, low=0.0),
-        gear_ratio=number(place, "gear_ratio", table["gear_ratio"], "", positive=True),
-        link=_link(place.inside("link"), table["link"]),
-        effects=_effects(place, table.get("effects", {}), "joint", effects, kind, last),
-        torque_constant=constant,
-        limits=_limits(place.inside("limits"), table.get("limits", {}), kind),
-        gains=_gains(place.inside("controller"), table["controller"], kind) if "controller" in table else None,
-        **(_encoder(place.inside("encoder"), table["encoder"]) if "encoder" in table else {}),
-        drive=_drive(place.inside("drive"), table["drive"]) if "drive" in table else None,
+        type=said["type"],
+        rotor_inertia=said["rotor_inertia"],
+        gear_ratio=said["gear_ratio"],
+        link=Link(**said["link"]),
+        effects=_effects(place, said["effects"], "joint", effects, said["type"], last),
+        torque_constant=said["torque_constant"],
+        limits=Limits(**said["limits"]),
+        gains=said["controller"] and Gains(**said["controller"]),
+        encoder_counts=encoder["counts"],
+        encoder_zero=encoder["zero"],
+        drive=said["drive"] and Drive(**said["drive"]),
     )
-
-
-def _link(place: Place, value: Any) -> Link:
-    table = table_at(place, value, "[joint.link] with length, mass, com and inertia")
-    keys(place, table, ("length", "mass", "com", "inertia"))
-    return Link(
-        length=number(place, "length", table["length"], "m", low=0.0),
-        mass=number(place, "mass", table["mass"], "kg", low=0.0),
-        com=pair(place, "com", table["com"], "m"),
-        inertia=number(place, "inertia", table["inertia"], "kg m^2", low=0.0),
-    )
-
-
-def _limits(place: Place, value: Any, kind: str) -> Limits:
-    table = table_at(place, value, "[joint.limits] with position, speed or torque")
-    keys(place, table, (), ("position", "speed", "torque"))
-    unit, force = ("rad", "N m") if kind == "revolute" else ("m", "N")
-    position = None
-    if "position" in table:
-        position = pair(place, "position", table["position"], unit)
-        if position[0] >= position[1]:
-            place.fail(f"position is [{position[0]:g}, {position[1]:g}]; expected the smaller end first")
-    speed, torque = (
-        number(place, key, table[key], key_unit, positive=True) if key in table else None
-        for key, key_unit in (("speed", f"{unit}/s"), ("torque", force))
-    )
-    return Limits(position, speed, torque)
-
-
-def _gains(place: Place, value: Any, kind: str) -> Gains:
-    table = table_at(place, value, "[joint.controller] with kp and kd")
-    keys(place, table, ("kp", "kd"))
-    kp, kd = ("N m/rad", "N m s/rad") if kind == "revolute" else ("N/m", "N s/m")
-    return Gains(number(place, "kp", table["kp"], kp, low=0.0), number(place, "kd", table["kd"], kd, low=0.0))
-
-
-def _encoder(place: Place, value: Any) -> dict[str, int]:
-    table = table_at(place, value, "[joint.encoder] with counts")
-    keys(place, table, ("counts",), ("zero",))
-    counts = number(place, "counts", table["counts"], "counts per turn of the motor", positive=True)
-    if counts != int(counts):
-        place.fail(f"counts is {counts:.6g}; expected a whole number, counts per turn of the motor")
-    zero = table.get("zero", 0)
-    if not isinstance(zero, int) or isinstance(zero, bool) or not -(2**31) <= zero < 2**31:
-        place.fail(f"zero is {found(zero)}; expected a whole number of 32 bits, what the encoder counts at position 0")
-    return {"encoder_counts": int(counts), "encoder_zero": zero}
-
-
-def _drive(place: Place, value: Any) -> Drive:
-    table = table_at(place, value, "[joint.drive] with node")
-    keys(place, table, ("node",), ("direction", "rated_torque"))
-    node, direction = table["node"], table.get("direction", 1)
-    if not isinstance(node, int) or isinstance(node, bool) or not 1 <= node <= MAX_NODE:
-        place.fail(f"node is {found(node)}; expected the drive's CANopen node id, a whole number from 1 to {MAX_NODE}")
-    if isinstance(direction, bool) or direction not in (1, -1):
-        place.fail(f"direction is {found(direction)}; expected 1, or -1 where the motor counts against the joint")
-    rated = table.get("rated_torque")
-    if rated is not None:
-        rated = number(place, "rated_torque", rated, "N m at the motor", positive=True)
-    return Drive(node, int(direction), rated)
 
 
 def _check_nodes(top: Place, joints: tuple[Joint, ...]) -> None:
@@ -239,32 +144,18 @@ def _check_nodes(top: Place, joints: tuple[Joint, ...]) -> None:
             )
 
 
-def _control(place: Place, value: Any) -> Control:
-    table = table_at(place, value, "[controller] with rate, velocity_cutoff, friction_scale and friction_slope")
-    keys(place, table, ("rate", "velocity_cutoff", "friction_scale", "friction_slope"))
-    rate = number(place, "rate", table["rate"], "Hz", positive=True)
-    return Control(
-        rate=rate,
-        velocity_cutoff=number(place, "velocity_cutoff", table["velocity_cutoff"], "Hz", high=rate / 2, positive=True),
-        friction_scale=number(place, "friction_scale", table["friction_scale"], "", low=0.0, high=1.0),
-        friction_slope=number(place, "friction_slope", table["friction_slope"], "s/rad (s/m)", positive=True),
-    )
+def _control(top: Place, said: Mapping[str, float] | None) -> Control | None:
+    if said is None:
+        return None
+    made = Control(**said)
+    number(top.inside("controller"), "velocity_cutoff", made.velocity_cutoff, "Hz", high=made.rate / 2)
+    return made
 
 
-def _contact(top: Place, value: Any, effects: Mapping[str, Effect]) -> Contact:
-    place = top.inside("contact")
-    table = table_at(place, value, "[contact] with x and [contact.effects.…]")
-    keys(place, table, ("x",), ("effects",))
-    return Contact(
-        number(place, "x", table["x"], "m"),
-        _effects(place, table.get("effects", {}), "contact", effects),
-    )
-
-
-def _inertial(top: Place, value: Any) -> Values:
-    place = top.inside("inertial")
-    table = table_at(place, value, "[inertial] with base inertial parameters as identify --write puts them there")
-    return {identifier(place, "key", key): number(place, key, entry, "SI units") for key, entry in table.items()}
+def _contact(top: Place, said: Mapping[str, Any] | None, effects: Mapping[str, Effect]) -> Contact | None:
+    if said is None:
+        return None
+    return Contact(said["x"], _effects(top.inside("contact"), said["effects"], "contact", effects))
 
 
 # --- effects ---
@@ -275,19 +166,17 @@ _HOME = {
     "arm": "acts on the whole arm; put it under [effects.{}]",
     "contact": "acts at the end-effector; put it under [contact.effects.{}]",
 }
-_TABLE = {"joint": "[joint.effects.…]", "arm": "[effects.…]", "contact": "[contact.effects.…]"}
 
 
 def _effects(
     place: Place,
-    value: Any,
+    table: Mapping[str, Any],
     scope: str,
     library: Mapping[str, Effect],
     kind: str = "revolute",
     last: bool = False,
 ) -> dict[str, Values]:
     """The active effects under `place`, in the file's order; `last`: the joint has none after it."""
-    table = table_at(place.inside("effects"), value, f"{_TABLE[scope]}, one an effect")
     return {name: _effect(place, name, values, scope, library, kind, last) for name, values in table.items()}
 
 
@@ -301,8 +190,7 @@ def _effect(
     table = table_at(place, value, f"with {', '.join(known) or 'nothing in it'}, or an empty one: values unknown")
     for key in table:
         if key not in known:
-            hint = did_you_mean(key, tuple(known)) if known else "it has none"
-            place.fail(f"unknown parameter {quote(key)}; {hint}")
+            unknown(place, "parameter", key, tuple(known))
     return {
         key: number(place, key, entry, known[key].unit.text(kind), *known[key].bounds) for key, entry in table.items()
     }

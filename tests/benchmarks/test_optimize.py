@@ -23,6 +23,7 @@ from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import effort, objective
 from runtime.planning.optimize import WIDTH, Infeasible, Planner, optimize
+from runtime.planning.options import PlanningSettings
 from runtime.planning.program import Program
 from runtime.planning.scenario import Scenario
 from runtime.planning.solve import MET
@@ -205,7 +206,10 @@ def _random(model: Model, scenario: Scenario, said: Counter[str]) -> tuple[list[
     single = [
         _cost(lambda seed=seed: planner.plan(1, np.random.default_rng(seed)).cost, said) for seed in range(STARTS)
     ]
-    return single, [_cost(lambda seed=seed: optimize(model, scenario, seed=seed).cost, said) for seed in range(STARTS)]
+    return single, [
+        _cost(lambda seed=seed: optimize(model, scenario, PlanningSettings(seed=seed)).cost, said)
+        for seed in range(STARTS)
+    ]
 
 
 def _cost(work: Callable[[], float], said: Counter[str]) -> float:

@@ -21,6 +21,7 @@ from runtime.model.terms import structure
 from runtime.recordings import recording
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
+from runtime.simulation.options import SimulationSettings
 from symbolic.model_file import reader
 
 Array = NDArray[np.float64]
@@ -37,7 +38,7 @@ def test_library(name: str) -> None:
     from runtime.workspace import open_model
 
     model = open_model(ARMS / f"{name}.toml")
-    simulated, _ = simulate.simulate(model, seconds=LONG if model.n == 1 else SECONDS)
+    simulated, _ = simulate.simulate(model, settings=SimulationSettings(seconds=LONG if model.n == 1 else SECONDS))
     start = process_time()
     search = diagnose.begin(model, [simulated])
     fitted = process_time()
@@ -64,7 +65,7 @@ def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     from runtime.workspace import open_model
 
     model = open_model(ARMS / f"{name}.toml")
-    simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], seconds=SECONDS)
+    simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
     path = tmp_path / f"{name}.csv"
     recording.write(path, simulated)
     joints = {"joints": [{"type": joint.type} for joint in model.joints]}

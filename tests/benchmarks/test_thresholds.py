@@ -26,6 +26,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import parse_hidden, simulate
 from tests.judge import cases
 from tests.judge.line import code, opened
@@ -110,7 +111,9 @@ def judged(joints: int, name: str, size: float) -> Asked:
 
 def sensed(hidden: str) -> Asked:
     model = opened((Path(__file__).parents[2] / "symbolic/arms/drive.toml").read_text(encoding="utf-8")).model()
-    made, _ = simulate(model, [parse_hidden(hidden, model)], SEED, seconds=10.0, extra=("q_link", "tau_link"))
+    made, _ = simulate(
+        model, [parse_hidden(hidden, model)], SimulationSettings(SEED, seconds=10.0, signals="q_link,tau_link")
+    )
     return Asked(f"{hidden.partition('@')[0]} sensed", model, (made,))
 
 

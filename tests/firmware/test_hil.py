@@ -16,9 +16,11 @@ import pytest
 from runtime.cli import output
 from runtime.cli.main import app
 from runtime.execution.execute import Execution, execute
+from runtime.execution.options import ExecutionSettings
 from runtime.execution.targets import SIMULATED
 from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
+from runtime.planning.options import PlanningSettings
 from runtime.planning.trajectory import Trajectory
 from runtime.study.cases import StudyCase
 from runtime.study.experiment import HIDDEN
@@ -50,7 +52,9 @@ def arm(source: Source) -> Model:
 
 @pytest.fixture(scope="module")
 def plans(arm: Model) -> dict[str, Trajectory]:
-    return {name: optimize(arm, case.scenario(arm), starts=1).trajectory for name, case in CASES.items()}
+    return {
+        name: optimize(arm, case.scenario(arm), PlanningSettings(starts=1)).trajectory for name, case in CASES.items()
+    }
 
 
 Run = Callable[[str, str], Execution]
@@ -65,7 +69,11 @@ def run(source: Source, arm: Model, plans: dict[str, Trajectory]) -> Run:
         if (name, target) not in made:
             board = SIMULATED[target]
             made[name, target] = execute(
-                arm, source.controller(board.build), plans[name], trials=1, cycles=1, board=board.board
+                arm,
+                source.controller(board.build),
+                plans[name],
+                ExecutionSettings(trials=1, cycles=1),
+                board=board.board,
             )
         return made[name, target]
 

@@ -23,6 +23,7 @@ from codegen.firmware import source_tree
 from codegen.toolchain import build, cross
 from codegen.toolchain.elf import Elf
 from runtime.execution.execute import execute
+from runtime.execution.options import ExecutionSettings
 from runtime.hardware import qemu_board
 from runtime.hardware.frames import Codec, Decoder
 from runtime.hardware.link import LinkLost
@@ -200,7 +201,7 @@ def test_the_stack_is_never_deeper_than_the_compiler_says(vishard4: Arm, model: 
         boards.append(Painted(*arguments))
         return boards[-1]
 
-    assert execute(model, directory, trajectory, trials=1, cycles=1, board=board).completed
+    assert execute(model, directory, trajectory, ExecutionSettings(trials=1, cycles=1), board=board).completed
     assert 0.8 * report["stack"]["main"] < boards[0].used <= report["stack"]["main"]
 
 

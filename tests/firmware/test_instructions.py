@@ -19,6 +19,7 @@ from emulation import Meter, Processor, places
 from codegen import prepare
 from codegen.toolchain import cross
 from runtime.execution.execute import execute
+from runtime.execution.options import ExecutionSettings
 from runtime.hardware.unicorn_board import UnicornBoard
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
@@ -110,7 +111,7 @@ def test_a_step_of_the_machine(vishard4: Arm, model: Model, kind: str, degree: i
         meters.append(Meter(made.cpu, places(made.image.with_suffix(".elf")), STEP, "tendon_machine_step"))
         return made
 
-    done = execute(model, directory, plan, trials=1, cycles=1, board=board)
+    done = execute(model, directory, plan, ExecutionSettings(trials=1, cycles=1), board=board)
     assert done.to_json()["status"] == "done", json.dumps(done.to_json())[:500]
     counts = meters[0].counts
     running = [count for count in counts["tendon_machine_step"] if count > min(counts[STEP])]

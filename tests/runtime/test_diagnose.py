@@ -16,6 +16,7 @@ from runtime.motion import repeats
 from runtime.recordings import recording
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
+from runtime.simulation.options import SimulationSettings
 from runtime.workspace import Source, open_model
 from tests.runtime.conftest import ROOT, SHARED, recorded
 from tests.variants import slow
@@ -75,7 +76,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
     """A gap with a spring behind it, seen on the link: elasticity is found first, and backlash takes its place."""
     drive = Source.shipped("drive").model()
     hidden = [simulate.parse_hidden("backlash@1", drive)]
-    made, present = simulate.simulate(drive, hidden, seconds=20, extra=("q_link",))
+    made, present = simulate.simulate(drive, hidden, SimulationSettings(seconds=20.0, signals="q_link"))
     recording.write(tmp_path / "run.csv", made)
     found = diagnose(drive, [recording.read(tmp_path / "run.csv", drive.n)])
     assert named(found) == ["backlash@1"]

@@ -13,6 +13,7 @@ from bench_arm import BENCH, SPRING, THERE_AND_BACK, motion, trajectory
 from runtime.cli import output
 from runtime.cli.main import app
 from runtime.execution.execute import Execution, execute
+from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
 from runtime.recordings import recording
@@ -40,7 +41,7 @@ def executed(bench: Source, arm: Model) -> Executed:
     def run(plan: Trajectory, hide: Sequence[str] = (), change: Sequence[str] = (), **others: object) -> Execution:
         hidden = [parse_hidden(text, arm) for text in hide]
         changed = [parse_hidden(text, arm) for text in change]
-        return execute(arm, bench.controller(), plan, hidden=hidden, changed=changed, **others)  # type: ignore[arg-type]
+        return execute(arm, bench.controller(), plan, ExecutionSettings(**others), hidden, changed)  # type: ignore[arg-type]
 
     return run
 
@@ -68,7 +69,7 @@ def test_without_compensation_it_lags_and_costs_more_than_a_plan_without_frictio
     # At the turn it stays behind by more than what Coulomb friction alone opens against the position gain.
     assert -1.2 + 1.05 / 40 < mean["q_min"][0] < -1.1
     assert mean["tracking_max"][0] > 0.05
-    compensated = executed(trajectory(THERE_AND_BACK, friction=False), trials=1, friction=True).to_json()
+    compensated = executed(trajectory(THERE_AND_BACK, friction=False), trials=1, friction_compensation=True).to_json()
     assert compensated["mean"]["tracking_max"][0] < 0.2 * mean["tracking_max"][0]
 
 

@@ -14,12 +14,14 @@ from hypothesis import strategies as st
 from runtime.cli import output
 from runtime.cli.main import app
 from runtime.experiments import design
-from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, parse_rivals, propose, separates
+from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, confirm, parse_rivals, propose
+from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope, in_sequence, pieces
 from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks
 from runtime.experiments.separation import MotionGround, TrialArm, stated
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, read_motion, simulate
 from runtime.workspace import open_model
@@ -30,7 +32,7 @@ SMALL = "linear_spring@1:stiffness=0.4,rest=0,gravity:gx=1,gy=0"
 
 
 def _bench(model: Model, between: str) -> TrialArm:
-    return TrialArm.of(model, parse_rivals(between, model))
+    return TrialArm.of(model, parse_rivals(between, model), ExperimentSettings())
 
 
 def _sine(hertz: float, size: float, seconds: float = 10.0) -> np.ndarray:
@@ -85,7 +87,7 @@ def test_the_verb_has_help_and_refuses_in_one_line(tmp_path: Path, capsys: pytes
 
 def test_without_noise_nothing_is_proposed(drive: Model) -> None:
     with pytest.raises(ExperimentError, match="give a noise above 0"):
-        propose(drive, parse_rivals("stribeck@1", drive), noise=0.0)
+        propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(noise=0.0))
 
 
 # --- pieces of motion ---
@@ -131,7 +133,7 @@ def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
 
 
 def test_known_values_are_stated_in_a_copy(drive: Model) -> None:
-    _, values = simulate(drive, seconds=10.0)
+    _, values = simulate(drive, settings=SimulationSettings(seconds=10.0))
     known = stated(drive, values)
     assert structure(known) == values
     assert structure(drive) == {term: {} for term in values}
@@ -205,7 +207,7 @@ def test_an_answer_is_right_if_it_rules_the_rival_out(
 
 def test_one_oscillation_does_not_separate_what_two_radians_would(drive: Model) -> None:
     a, b = parse_rivals(SMALL, drive)
-    answer = separates(drive, _two_sines(0.3), a, b, seed=3)
+    answer = confirm(TrialArm.of(drive, [a, b], ExperimentSettings(seed=3)), _two_sines(0.3), [3])
     assert not answer
     assert answer.problem
 

@@ -12,6 +12,7 @@ from runtime.estimation.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from tests.runtime.conftest import recorded
 
@@ -101,7 +102,7 @@ def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
     t = np.arange(20_000) / 1000.0
     swing = -0.8 + 0.7 * np.sin(2 * np.pi * 0.31 * t) * np.cos(2 * np.pi * 0.9 * t)
     held = [2e-4 * np.sin(2 * np.pi * f * t) for f in (1.1, 1.7, 2.3)]
-    made, _ = simulate(model, motion=np.array([*held, swing]), seed=3)
+    made, _ = simulate(model, settings=SimulationSettings(seed=3), motion=np.array([*held, swing]))
     found = identify(model, [made])
     fit = found.fit.prediction
     for number, (lump, value) in enumerate(zip(model.lumps, fit.lumps, strict=True)):

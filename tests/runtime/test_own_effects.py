@@ -19,6 +19,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate as simulation
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import Plant
 from runtime.simulation.plant_equations import PlantError
 from runtime.workspace import Source
@@ -125,8 +126,9 @@ def opened(folder: Path, name: str) -> Model:
     return Source.read(folder / f"{name}.toml", folder / "own.py").model()
 
 
-def recorded(model: Model, hidden: str, **options: object) -> Recording:
-    return simulation.simulate(model, [simulation.parse_hidden(hidden, model)], **options)[0]  # type: ignore[arg-type]
+def recorded(model: Model, hidden: str, signals: str = "") -> Recording:
+    settings = SimulationSettings(signals=signals)
+    return simulation.simulate(model, [simulation.parse_hidden(hidden, model)], settings)[0]
 
 
 BRISTLE = "lugre@1:stiffness=200,damping=1"
@@ -165,7 +167,7 @@ def test_a_gap_of_ones_own_is_witnessed_by_a_link_encoder(folder: Path) -> None:
     source = Source.read(folder / "plain.toml", folder / "own.py")
     model = replace(source, library={k: e for k, e in source.library.items() if k != "backlash"}).model()
     values = "gap=0.01,stiffness=3000,damping=3"
-    seen = recorded(model, f"loose_key@1:{values}", extra=("q_link",))
+    seen = recorded(model, f"loose_key@1:{values}", signals="q_link")
     assert seen.q_link is not None
     assert np.ptp(seen.q - seen.q_link) > 0.01
     (finding,) = diagnose(model, [seen]).findings

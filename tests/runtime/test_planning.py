@@ -16,6 +16,7 @@ from runtime.model.loader import Library, Model
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
 from runtime.planning.optimize import Infeasible, Plan, optimize
+from runtime.planning.options import PlanningSettings
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.starts import StartError
 from symbolic.model_file.arm import Limits
@@ -267,6 +268,6 @@ def test_too_far_is_said_with_the_point(two: Model) -> None:
 
 def test_one_seed_gives_one_plan(two: Model) -> None:
     scenario = there(two, 0.8, {"tip": [0.4, 0.1]}, {"tip": [0.1, 0.4]})
-    a, b = (optimize(two, scenario, seed=3) for _ in range(2))
+    a, b = (optimize(two, scenario, PlanningSettings(seed=3)) for _ in range(2))
     assert a.trajectory.to_json() == b.trajectory.to_json()
     np.testing.assert_allclose(two.tip(a.trajectory.at(two, [0.0, 0.8]).q)[:2].T, [[0.4, 0.1], [0.1, 0.4]], atol=1e-6)

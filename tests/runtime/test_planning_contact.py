@@ -10,6 +10,7 @@ import pytest
 from runtime.model.loader import Model
 from runtime.planning.evaluate import Effort, at_times
 from runtime.planning.optimize import Plan, optimize
+from runtime.planning.options import PlanningSettings
 from runtime.planning.scenario import Scenario
 from runtime.planning.trajectory import Trajectory
 
@@ -19,7 +20,7 @@ COUNT = 1500
 
 @pytest.fixture(scope="module")
 def plan(model: Model, pressing: Scenario) -> Plan:
-    return optimize(model, pressing.without_springs(), starts=1)
+    return optimize(model, pressing.without_springs(), PlanningSettings(starts=1))
 
 
 def phase(model: Model, plan: Plan, number: int) -> Effort:
@@ -72,7 +73,7 @@ def test_free_phases_stay_above_the_plate(model: Model, plan: Plan, number: int)
 
 
 def test_speed_limits_hold_between_the_nodes(model: Model, pressing: Scenario) -> None:
-    quick = optimize(model, pressing.without_springs().at(1.2), starts=1)
+    quick = optimize(model, pressing.without_springs().at(1.2), PlanningSettings(starts=1))
     limits = np.array([joint.speed_limit for joint in model.joints])
     peaks = np.max([np.abs(phase(model, quick, k).motion.qd).max(axis=1) for k in range(4)], axis=0)
     assert (peaks / limits < 1.005).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -170,6 +171,31 @@ def test_a_mistake_in_a_scenario_is_named(model: Model, what: str) -> None:
     assert "\n" not in str(told.value)
 
 
+def test_every_key_of_a_scenario_is_listed_with_what_it_means() -> None:
+    rows = {row.key: row for row in scenario_file.scenario_file_rows()}
+    named = {"points": "NAME", "contact": "EFFECT.PARAMETER"}
+
+    def keys(document: Any, prefix: str = "") -> list[str]:
+        if isinstance(document, list) and document and isinstance(document[0], dict):
+            return [key for item in document for key in keys(item, prefix)]
+        if not isinstance(document, dict):
+            own = re.sub(r"^spring\.(?!joint$|effect$|catalogue$).*", "spring.PARAMETER", prefix)
+            return [re.sub(r"\bq\d$", "q1", own)]
+        if prefix in named:
+            inner = f"{prefix}.{named[prefix]}"
+            return [inner] if "." in named[prefix] else [k for item in document.values() for k in keys(item, inner)]
+        return [k for name, item in document.items() for k in keys(item, f"{prefix}.{name}".lstrip("."))]
+
+    assert {key for name in ("scenario1", "scenario2") for key in keys(table(name))} <= rows.keys()
+    assert all(row.meaning for row in rows.values())
+    assert (rows["cycle_time"].unit, rows["cycle_time"].default) == ("s", "required")
+    assert (rows["phase.kind"].default, rows["periodic"].default, rows["spring.catalogue"].default) == (
+        "free",
+        "true",
+        "",
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -227,16 +253,16 @@ def test_what_is_written_is_read(tmp_path: Path, model: Model, motion: Trajector
 
 TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
     "format": (lambda d: d.update(format="2"), "not a trajectory; expected an object with"),
-    "missing": (lambda d: d.pop("phases"), "has no phases"),
+    "missing": (lambda d: d.pop("phases"), 'missing key "phases"; needed are format, arm, scenario, periodic, phases'),
     "arm": (lambda d: d.update(arm="emps"), 'is for the arm "emps", and the model file is of "vishard4"'),
     "none": (lambda d: d.update(phases=[]), "phases: expected at least one"),
-    "flag": (lambda d: d.update(periodic=1), "periodic: expected true or false"),
+    "flag": (lambda d: d.update(periodic=1), "periodic is 1; expected true or false"),
     "elbow": (lambda d: d.update(elbow=0.5), "elbow is 0.5; expected 1 or -1, the sign of sin q_2"),
     "coordinates": (
         lambda d: d["phases"][0].update(coordinates="x"),
-        'phase 1: expected an object with "coordinates": "q" or "w"',
+        'phase 1: coordinates is the text "x"; expected "q" or "w"',
     ),
-    "duration": (lambda d: d["phases"][0].update(duration=0), "phase 1: duration is 0; expected more than 0 s"),
+    "duration": (lambda d: d["phases"][0].update(duration=0), "phase 1: duration is 0; expected a number in s > 0"),
     "rows": (lambda d: d["phases"][0]["points"].pop(), "phase 1: points: expected 4 rows of equal length"),
     "ragged": (lambda d: d["phases"][0]["points"][0].pop(), "phase 1: points: expected 4 rows of equal length"),
     "one point": (
@@ -245,9 +271,12 @@ TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
     ),
     "infinite": (
         lambda d: d["phases"][0]["points"][0].__setitem__(0, float("inf")),
-        "phase 1: points: expected a finite number",
+        "phase 1: points is inf; expected a number in rad or m that is finite",
     ),
-    "text": (lambda d: d["phases"][0]["points"][0].__setitem__(0, "1"), "phase 1: points: expected a finite number"),
+    "text": (
+        lambda d: d["phases"][0]["points"][0].__setitem__(0, "1"),
+        'phase 1: points is the text "1"; expected a number in rad or m',
+    ),
     "off the plate": (
         lambda d: d["phases"][1]["points"][0].__setitem__(1, 0.1),
         "phase 2: the first coordinate is that of the plate and must be constant",
@@ -256,13 +285,30 @@ TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
         lambda d: d["phases"][0]["points"][2].__setitem__(0, 0.8),
         "q3 jumps by 0.5 from phase 3 to phase 1; expected continuous positions",
     ),
-    "spring's joint": (lambda d: d["springs"][0].update(joint=5), 'springs: expected objects with "joint": 1 to 4'),
+    "spring's joint": (lambda d: d["springs"][0].update(joint=5), "spring 1: joint is 5; expected a joint, 1 to 4"),
     "spring's value": (
         lambda d: d["springs"][0].update(stiffness=-1.0),
-        "spring at joint 4: stiffness is -1; expected 0 to",
+        "spring 1: stiffness is -1; expected a number in N/m >= 0",
     ),
-    "spring's key": (lambda d: d["springs"][0].update(force=1.0), "spring at joint 4: expected some of stiffness"),
-    "less of a spring": (lambda d: d["springs"][0].pop("stiffness"), "spring at joint 4: has no stiffness"),
+    "spring's key": (
+        lambda d: d["springs"][0].update(force=1.0),
+        'spring 1: unknown key "force"; the nearest known one is "',
+    ),
+    "less of a spring": (lambda d: d["springs"][0].pop("stiffness"), 'spring 1: missing key "stiffness"'),
+    "two springs": (
+        lambda d: d["springs"].append(copy.deepcopy(d["springs"][0])),
+        "spring 2: joint 4 has a spring already; expected at most one",
+    ),
+    "unknown key": (lambda d: d.update(elbw=1.0), 'unknown key "elbw"; did you mean "elbow"?'),
+    "phase's key": (
+        lambda d: d["phases"][1].update(duratoin=1.0),
+        'phase 2: unknown key "duratoin"; did you mean "dur',
+    ),
+    "plate's key": (
+        lambda d: d["contact"]["plate"].update(stifness=1.0),
+        'contact: plate: unknown key "stifness"; did',
+    ),
+    "no table": (lambda d: d["contact"].update(plate=3), "contact: plate: found 3; expected a table of parameters"),
     "no contact": (lambda d: d["contact"].update(viscous={}), 'contact: "viscous" is no effect of the contact'),
 }
 

@@ -19,7 +19,9 @@ from runtime.estimation.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording, RecordingError
+from runtime.setting import SettingError
 from runtime.simulation import simulate as simulation
+from runtime.simulation.options import EXTRA, SimulationSettings
 from runtime.workspace import open_model
 from tests.judge import sensors
 from tests.judge.bench import Hiding
@@ -197,7 +199,7 @@ def test_signals_that_would_tell_rivals_apart(arm: dict[int, Model]) -> None:
 def test_what_a_simulation_records_is_what_it_hides(drive: Model) -> None:
     """The deflection carries the torque of the output sensor: T = k delta + d delta_d."""
     hidden = simulation.parse_hidden("elasticity@1:stiffness=1500,damping=1", drive)
-    made, _ = simulation.simulate(drive, [hidden], noise=0.0, extra=("q_link", "tau_link", "temperature"))
+    made, _ = simulation.simulate(drive, [hidden], SimulationSettings(noise=0.0, signals=",".join(EXTRA)))
     assert made.q_link is not None
     assert made.tau_link is not None
     assert made.temperature[0] is not None
@@ -207,8 +209,8 @@ def test_what_a_simulation_records_is_what_it_hides(drive: Model) -> None:
     step = simulation.COUNT["revolute"]
     # The link's count makes 1500 and, through the damping, a thousand times half a count.
     assert np.abs(carried - made.tau_link).max() < 0.01 * np.abs(made.tau_link).max() + 2500 * step
-    with pytest.raises(simulation.SimulationError, match='found "q1_link", expected some of q_link'):
-        simulation.parse_extra("q1_link")
+    with pytest.raises(SettingError, match='found "q1_link", expected some of q_link'):
+        SimulationSettings(signals="q1_link")
 
 
 @given(part=st.floats(-2.0, 2.0), seed=st.integers(0, 2**16))

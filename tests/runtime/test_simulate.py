@@ -12,6 +12,7 @@ from runtime.model.loader import Model, load_library, load_model
 from runtime.model.terms import Term
 from runtime.recordings import recording
 from runtime.simulation import demo_plant
+from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import NOISE
 from runtime.simulation.simulate import SimulationError, parse_hidden, read_motion, simulate
 from symbolic.model_file import reader
@@ -33,7 +34,7 @@ def arm() -> Model:
 
 def test_noise_free_recording_is_the_inverse_dynamics(drive: Model) -> None:
     angle = 0.4 * np.sin(2 * np.pi * 1.5 * np.arange(3000) / 1000)[None]
-    made, values = simulate(drive, motion=angle, noise=0.0)
+    made, values = simulate(drive, settings=SimulationSettings(noise=0.0), motion=angle)
     omega = 2 * np.pi * 1.5
     rate, acceleration = 0.4 * omega * np.cos(omega * made.t), -(omega**2) * angle[0]
     friction = values[Term("coulomb_asymmetric", 1)]
@@ -48,9 +49,9 @@ def test_noise_free_recording_is_the_inverse_dynamics(drive: Model) -> None:
 
 @pytest.mark.parametrize("name", [*MEMORYLESS_AT_A_JOINT, "lugre", "elasticity"])
 def test_hidden_effect_is_added_and_its_values_are_told(drive: Model, name: str) -> None:
-    plain, _ = simulate(drive, seconds=20.0, noise=0.0)
+    plain, _ = simulate(drive, settings=SimulationSettings(seconds=20.0, noise=0.0))
     hidden = parse_hidden(f"{name}@1", drive)
-    made, values = simulate(drive, [hidden], seconds=20.0, noise=0.0)
+    made, values = simulate(drive, [hidden], SimulationSettings(seconds=20.0, noise=0.0))
     assert set(values[hidden.term]) == {p.name for p in drive.library[name].parameters}
     added = np.std(made.tau - plain.tau) / np.std(plain.tau)
     assert 0.005 < added < 0.5
@@ -59,18 +60,18 @@ def test_hidden_effect_is_added_and_its_values_are_told(drive: Model, name: str)
 
 def test_stated_values_are_used(drive: Model) -> None:
     hidden = parse_hidden("stribeck@1:torque=0.6,speed=0.15", drive)
-    _, values = simulate(drive, [hidden], seconds=20.0)
+    _, values = simulate(drive, [hidden], SimulationSettings(seconds=20.0))
     assert values[Term("stribeck", 1)] == {"torque": 0.6, "speed": 0.15}
 
 
 def test_seed_decides_motion_and_noise(arm: Model) -> None:
-    first, second, other = (simulate(arm, seconds=10.0, seed=s)[0] for s in (1, 1, 2))
+    first, second, other = (simulate(arm, settings=SimulationSettings(s, 10.0))[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(first.tau, second.tau)
     assert np.abs(first.q - other.q).max() > 0.1
 
 
 def test_repeats_repeat_and_noise_is_as_stated(arm: Model) -> None:
-    made, _ = simulate(arm, seconds=20.0, repeats=2)
+    made, _ = simulate(arm, settings=SimulationSettings(seconds=20.0, repeats=2))
     half = made.q.shape[1] // 2
     np.testing.assert_array_equal(made.q[:, :half], made.q[:, half : 2 * half])
     difference = (made.tau[:, 2000 : half - 2000] - made.tau[:, half + 2000 : 2 * half - 2000]) / np.sqrt(2)
@@ -80,7 +81,7 @@ def test_repeats_repeat_and_noise_is_as_stated(arm: Model) -> None:
 
 
 def test_motion_stays_within_the_limits(arm: Model) -> None:
-    made, _ = simulate(arm, seconds=20.0, seed=5)
+    made, _ = simulate(arm, settings=SimulationSettings(5, 20.0))
     for q, joint in zip(made.q, arm.joints, strict=True):
         if joint.speed_limit is not None:
             assert np.abs(np.gradient(made.q_desired, made.t, axis=1)).max(axis=1)[0] <= 1.05 * joint.speed_limit
@@ -111,15 +112,15 @@ def test_what_cannot_be_hidden_is_one_line(drive: Model, text: str, message: str
 
 def test_values_out_of_bounds_and_effects_twice_are_refused(drive: Model) -> None:
     with pytest.raises(SimulationError, match=r"stribeck@1: torque = -1.0, expected a value from 0 to inf"):
-        simulate(drive, [parse_hidden("stribeck@1:torque=-1,speed=0.1", drive)], seconds=10.0)
+        simulate(drive, [parse_hidden("stribeck@1:torque=-1,speed=0.1", drive)], SimulationSettings(seconds=10.0))
     with pytest.raises(SimulationError, match="has this effect already"):
-        simulate(drive, [parse_hidden("viscous@1", drive)], seconds=10.0)
+        simulate(drive, [parse_hidden("viscous@1", drive)], SimulationSettings(seconds=10.0))
     with pytest.raises(SimulationError, match="expected 1 joints of drive"):
         simulate(drive, motion=np.zeros((2, 1000)))
 
 
 def test_written_recording_reads_back(arm: Model, tmp_path: Path) -> None:
-    made, _ = simulate(arm, seconds=4.0)
+    made, _ = simulate(arm, settings=SimulationSettings(seconds=4.0))
     for name in ("made.csv", "made.csv.gz"):
         recording.write(tmp_path / name, made)
         back = recording.read(tmp_path / name, arm.metadata)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 
 from runtime.execution.execute import execute
+from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
 from runtime.plain_json import plain
 from runtime.recordings.recording import Recording
@@ -67,7 +68,8 @@ def test_the_speeds_are_those_of_table_1() -> None:
 
 def test_the_arm_has_the_printed_friction_and_the_controller_compensates_none(model: Model, controller: Path) -> None:
     cosine = MOVED[-1]
-    done = execute(model, controller, cosine.trajectory(model), 1, 1, changed=printed(), friction=False).to_json()
+    settings = ExecutionSettings(1, 1, friction_compensation=False)
+    done = execute(model, controller, cosine.trajectory(model), settings, changed=printed()).to_json()
     effects = {(e["effect"], e["joint"]): e for e in done["effects"]}
     # Friction at four joints, three terms each: no spring, no contact.
     assert len(effects) == 12

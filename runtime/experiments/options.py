@@ -1,0 +1,18 @@
+"""What one may choose of a search for a motion. Nothing slow is imported here: --help reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from runtime.setting import Checked, Setting
+from runtime.simulation.options import Noise
+from runtime.simulation.settings import NOISE
+
+
+@dataclass(frozen=True)
+class ExperimentSettings(Checked):
+    """Of the recordings that are simulated on the way; noise as a part of the ordinary excitation's torque."""
+
+    seed: Annotated[int, Setting("Another seed is other noise in what is simulated.", low=0)] = 0
+    noise: Noise = NOISE

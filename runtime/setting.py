@@ -1,0 +1,89 @@
+"""Settings that a person may choose: declared once, as the fields of a dataclass, with range and help text.
+
+    @dataclass(frozen=True)
+    class NoiseSettings(Checked):
+        seed: Annotated[int, Setting("Another seed is other noise.", low=0)] = 0
+
+The command line makes its options of these fields (runtime/cli/setting_options.py), functions take the dataclass, and
+what is out of range is refused whoever says it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+
+class SettingError(ValueError):
+    """A setting that is out of range; the message says which, and what was expected."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a person is told of a setting.
+
+    help      a sentence or two for --help
+    low, high of a number, both included; None: no limit
+    metavar   what stands for the value in --help; None: the type's
+    """
+
+    help: str
+    low: float | None = None
+    high: float | None = None
+    metavar: str | None = None
+
+    @property
+    def range(self) -> str:
+        """In words; empty where there is none."""
+        if self.low is None:
+            return "" if self.high is None else f"at most {self.high:g}"
+        return f"at least {self.low:g}" if self.high is None else f"{self.low:g} to {self.high:g}"
+
+    def allows(self, value: Any) -> bool:
+        """Whether a value lies in the range; where there is one, it must be a finite number."""
+        if not self.range:
+            return True
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            return False
+        return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
+
+
+@dataclass(frozen=True)
+class DeclaredSetting:
+    """A field of a dataclass of settings: its name, its type, its default and what is said of it."""
+
+    name: str
+    type: Any
+    default: Any
+    setting: Setting
+
+
+def split(hint: Any) -> tuple[Any, Setting | None]:
+    """The type and the setting of `Annotated[type, Setting(...)]`; None where there is none."""
+    if get_origin(hint) is not Annotated:
+        return hint, None
+    kind, *notes = get_args(hint)
+    return kind, next((note for note in notes if isinstance(note, Setting)), None)
+
+
+def declared(settings: type[Checked]) -> Iterator[DeclaredSetting]:
+    """All settings of a class, in its order."""
+    hints = get_type_hints(settings, include_extras=True)
+    for field in fields(settings):
+        kind, setting = split(hints[field.name])
+        if setting is None:
+            raise TypeError(f"{settings.__name__}.{field.name}: expected Annotated[type, Setting(...)]")
+        yield DeclaredSetting(field.name, kind, field.default, setting)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Settings whose ranges hold. Raises SettingError; None means that nothing is asked for."""
+
+    def __post_init__(self) -> None:
+        for item in declared(type(self)):
+            value = getattr(self, item.name)
+            if value is not None and not item.setting.allows(value):
+                raise SettingError(f"{item.name} is {value!r}; expected {item.setting.range}")

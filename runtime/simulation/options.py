@@ -1,0 +1,35 @@
+"""What one may choose of a simulated recording. Nothing slow is imported here: --help reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from runtime.setting import Checked, Setting, SettingError
+from runtime.simulation.settings import NOISE
+
+Noise = Annotated[float, Setting("Torque noise, part of the torque's rms.", 0.0, 10.0)]
+EXTRA = ("q_link", "tau_link", "temperature")
+"""Signals that are recorded where they are asked for."""
+
+
+@dataclass(frozen=True)
+class SimulationSettings(Checked):
+    """Of a recording that a model makes itself; seconds and repeats are those of its ordinary excitation."""
+
+    seed: Annotated[int, Setting("Another seed is another motion and other noise.", low=0)] = 0
+    seconds: Annotated[float, Setting("Length of the motion, s.", 2.0, 3600.0)] = 40.0
+    repeats: Annotated[int, Setting("Equal parts that it consists of.", 1, 100)] = 2
+    noise: Noise = NOISE
+    signals: Annotated[str, Setting(f"Also record these: {', '.join(EXTRA)}.", metavar="NAME,...")] = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.extra:
+            if name not in EXTRA:
+                raise SettingError(f'signals: found "{name}", expected some of {", ".join(EXTRA)}')
+
+    @property
+    def extra(self) -> tuple[str, ...]:
+        """The signals, of EXTRA."""
+        return tuple(name.strip() for name in self.signals.split(",") if name.strip())

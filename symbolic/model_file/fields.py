@@ -1,0 +1,380 @@
+"""Keys of a user's file, declared: what stands under each, its unit and range, its meaning, what holds without it.
+
+A file's reader declares its tables as tuples of fields and reads them with `read`, strictly: what is not declared is
+an error. The same declarations are listed by `rows`, for guides. Model, scenario and trajectory files are read so.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Literal
+
+from symbolic.model_file.checks import (
+    Place,
+    found,
+    identifier,
+    number,
+    pair,
+    quote,
+    real,
+    table_at,
+    unknown,
+)
+
+JointType = Literal["revolute", "prismatic"]
+Table = Mapping[str, Any]
+
+
+class _Required:
+    """Of a key that must be there."""
+
+    def __repr__(self) -> str:
+        return "required"
+
+
+REQUIRED = _Required()
+
+
+@dataclass(frozen=True)
+class FieldRow:
+    """A key as a guide shows it: `joint.link.mass`; unit, of a revolute (prismatic) joint; default as text."""
+
+    key: str
+    unit: str
+    meaning: str
+    default: str
+
+
+@dataclass(frozen=True)
+class Field:
+    """One key of a table.
+
+    meaning   for a person, with the side of the gear where there are two
+    unit      as text, or of a revolute and of a prismatic joint
+    default   of a key that may be left out
+    """
+
+    key: str
+    meaning: str
+    _: KW_ONLY
+    unit: str | tuple[str, str] = ""
+    default: Any = REQUIRED
+
+    def unit_of(self, joint: JointType) -> str:
+        return self.unit if isinstance(self.unit, str) else self.unit[joint == "prismatic"]
+
+    def takes(self, key: str) -> bool:
+        return key == self.key
+
+    def of(self, place: Place, table: Table, joint: JointType) -> Any:
+        """What the table says under this key, or the default."""
+        return self.read(place, table[self.key], joint) if self.key in table else self.default
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        """The value checked. Raises ModelError."""
+        raise NotImplementedError
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield self._row(prefix + self.key)
+
+    def _row(self, key: str) -> FieldRow:
+        unit = self.unit if isinstance(self.unit, str) else f"{self.unit[0]} ({self.unit[1]})"
+        return FieldRow(key, unit, self.meaning, _default(self.default))
+
+
+def _default(value: Any) -> str:
+    """As it would stand in the file; empty for nothing."""
+    if value is None or value in ({}, ()):
+        return ""
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def read(place: Place, table: Table, fields: Sequence[Field], joint: JointType = "revolute") -> dict[str, Any]:
+    """Every field of the table by its key, those left out by default.
+
+    joint   type of the joint that the table is about, for units
+    Raises ModelError: an unknown key, a missing one, or the first value that is none.
+    """
+    known = tuple(field.key for field in fields)
+    for key in table:
+        if not any(field.takes(key) for field in fields):
+            unknown(place, "key", key, known)
+    needed = [field.key for field in fields if field.default is REQUIRED]
+    for key in needed:
+        if key not in table:
+            place.fail(f'missing key "{key}"; needed are {", ".join(needed)}')
+    return {field.key: field.of(place, table, joint) for field in fields}
+
+
+def rows(fields: Sequence[Field], prefix: str = "") -> list[FieldRow]:
+    """All keys, those of tables within tables included, in the order of declaration."""
+    return [row for field in fields for row in field.rows(prefix)]
+
+
+# --- single values ---
+
+
+@dataclass(frozen=True)
+class Real(Field):
+    """A finite number within [low, high], above 0 if `positive`."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    positive: bool = False
+
+    def read(self, place: Place, value: Any, joint: JointType) -> float:
+        return real(place, self.key, value, self.unit_of(joint), self.low, self.high, self.positive)
+
+
+@dataclass(frozen=True)
+class Number(Real):
+    """The same of a magnitude that a float in the controller can hold."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> float:
+        return number(place, self.key, value, self.unit_of(joint), self.low, self.high, self.positive)
+
+
+@dataclass(frozen=True)
+class WholeNumber(Number):
+    """A number that is whole, as 7 or 7.0."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> int:
+        x = super().read(place, value, joint)
+        if x != int(x):
+            unit = self.unit_of(joint)
+            place.fail(f"{self.key} is {x:.6g}; expected a whole number{f', {unit}' if unit else ''}")
+        return int(x)
+
+
+@dataclass(frozen=True)
+class Whole(Field):
+    """A whole number from low to high, which is no float; expected: in words, for messages."""
+
+    low: int
+    high: int
+    expected: str
+
+    def read(self, place: Place, value: Any, _: JointType) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not self.low <= value <= self.high:
+            place.fail(f"{self.key} is {found(value)}; expected {self.expected}")
+        return value
+
+
+@dataclass(frozen=True)
+class Choice(Field):
+    """One of some values; expected: in words, for messages."""
+
+    values: tuple[Any, ...]
+    expected: str
+
+    def read(self, place: Place, value: Any, _: JointType) -> Any:
+        if isinstance(value, bool) or value not in self.values:
+            place.fail(f"{self.key} is {found(value)}; expected {self.expected}")
+        return self.values[self.values.index(value)]
+
+
+@dataclass(frozen=True)
+class Flag(Field):
+    def read(self, place: Place, value: Any, _: JointType) -> bool:
+        if not isinstance(value, bool):
+            place.fail(f"{self.key} is {found(value)}; expected true or false")
+        return value
+
+
+@dataclass(frozen=True)
+class Text(Field):
+    def read(self, place: Place, value: Any, _: JointType) -> str:
+        if not isinstance(value, str):
+            place.fail(f"{self.key} is {found(value)}; expected a text")
+        return value
+
+
+@dataclass(frozen=True)
+class Name(Field):
+    """A name that C, C++ and Python accept."""
+
+    def read(self, place: Place, value: Any, _: JointType) -> str:
+        return identifier(place, self.key, value)
+
+
+# --- several numbers ---
+
+
+@dataclass(frozen=True)
+class Pair(Field):
+    """Two numbers."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
+        return pair(place, self.key, value, self.unit_of(joint))
+
+
+@dataclass(frozen=True)
+class Interval(Pair):
+    """Two numbers, the smaller first."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
+        low, high = super().read(place, value, joint)
+        if low >= high:
+            place.fail(f"{self.key} is [{low:g}, {high:g}]; expected the smaller end first")
+        return low, high
+
+
+@dataclass(frozen=True)
+class Bounds(Pair):
+    """Two bounds from `low` on, or one number that is both."""
+
+    low: float = -math.inf
+
+    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
+        unit = self.unit_of(joint)
+        if not isinstance(value, list):
+            value = [number(place, self.key, value, unit)] * 2
+        low, high = pair(place, self.key, value, unit)
+        if low > high:
+            place.fail(f"{self.key} is [{low:g}, {high:g}]; expected the smaller bound first")
+        if low < self.low:
+            place.fail(f"{self.key} is {low:g}; expected {self.low:g} {unit} or more")
+        return low, high
+
+
+@dataclass(frozen=True)
+class Numbers(Number):
+    """A list of numbers."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        read_one = super().read
+        return tuple(read_one(place, item, joint) for item in _list(place, self.key, value))
+
+
+@dataclass(frozen=True)
+class JointNumbers(Field):
+    """Joints, counted from 1, each once; sorted."""
+
+    def read(self, place: Place, value: Any, _: JointType) -> tuple[int, ...]:
+        items = _list(place, self.key, value)
+        for item in items:
+            if isinstance(item, bool) or not isinstance(item, int) or item < 1:
+                place.fail(f"{self.key} holds {found(item)}; expected joints, counted from 1")
+        if len(set(items)) < len(items):
+            place.fail(f"{self.key} names a joint twice")
+        return tuple(sorted(items))
+
+
+def _list(place: Place, key: str, value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        place.fail(f"{key} is {found(value)}; expected a list")
+    return value
+
+
+# --- tables ---
+
+
+@dataclass(frozen=True)
+class OpenTable(Field):
+    """A table into which its reader looks; inside: what a guide calls its keys; example: for messages."""
+
+    inside: str
+    example: str
+
+    def read(self, place: Place, value: Any, _: JointType) -> dict[str, Any]:
+        return table_at(place.inside(self.key), value, self.example)
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield self._row(f"{prefix}{self.key}.{self.inside}")
+
+
+@dataclass(frozen=True)
+class NamedNumbers(Field):
+    """A table of numbers under names that are not known here; each a C identifier."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> dict[str, float]:
+        place, unit = place.inside(self.key), self.unit_of(joint)
+        table = table_at(place, value, f"[{self.key}] of numbers")
+        return {identifier(place, "key", key): number(place, key, entry, unit) for key, entry in table.items()}
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield self._row(f"{prefix}{self.key}.NAME")
+
+
+@dataclass(frozen=True)
+class PerJoint(Field):
+    """Keys of joints, `q1`, `q2`, ...: what each says, read as a field of that kind, by joint, counted from 1."""
+
+    kind: type[Field]
+
+    def takes(self, key: str) -> bool:
+        return re.fullmatch(r"q[1-9]\d?", key) is not None
+
+    def of(self, place: Place, table: Table, joint: JointType) -> dict[int, Any]:
+        own = [self.kind(key, self.meaning, unit=self.unit) for key in table if self.takes(key)]
+        return {int(field.key[1:]): field.of(place, table, joint) for field in own}
+
+
+@dataclass(frozen=True)
+class Others(Field):
+    """All keys beside the declared ones, parameters whose names a library gives: what each says, read as a field of
+    that kind, by its name."""
+
+    kind: type[Field]
+    besides: tuple[str, ...]
+
+    def takes(self, key: str) -> bool:
+        return key not in self.besides
+
+    def of(self, place: Place, table: Table, joint: JointType) -> dict[str, Any]:
+        own = [self.kind(key, self.meaning, unit=self.unit) for key in table if self.takes(key)]
+        return {field.key: field.of(place, table, joint) for field in own}
+
+
+@dataclass(frozen=True)
+class Inner(Field):
+    """A table within this one; where it is left out and the default is {}, as if it were there and empty."""
+
+    fields: tuple[Field, ...]
+
+    def of(self, place: Place, table: Table, joint: JointType) -> Any:
+        return super().of(place, {self.key: {}, **table} if self.default == {} else table, joint)
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        place = place.inside(self.key)
+        return read(place, table_at(place, value, _with(self.key, self.fields)), self.fields, joint)
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield from rows(self.fields, f"{prefix}{self.key}.")
+
+
+@dataclass(frozen=True)
+class Named(Inner):
+    """Tables within this one under names of the user's, each a C identifier."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> dict[str, Any]:
+        made = {}
+        for name, item in table_at(place.inside(self.key), value, f"[{self.key}.NAME], one each").items():
+            identifier(place.inside(self.key), "name", name)
+            here = place.inside(f"{self.key}.{name}")
+            made[name] = read(here, table_at(here, item, _with(name, self.fields)), self.fields, joint)
+        return made
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield from rows(self.fields, f"{prefix}{self.key}.NAME.")
+
+
+@dataclass(frozen=True)
+class Several(Inner):
+    """[[key]] tables, one after another; one: what each is called in messages, the key if not said."""
+
+    one: str = ""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        made = []
+        for k, item in enumerate(_list(place, self.key, value), 1):
+            here = place.inside(f"{self.one or self.key} {k}")
+            made.append(read(here, table_at(here, item, _with(self.key, self.fields)), self.fields, joint))
+        return tuple(made)
+
+
+def _with(key: str, fields: Sequence[Field]) -> str:
+    return f"{quote(key)} with {', '.join(field.key for field in fields)}"
