@@ -107,11 +107,6 @@ class Turn:
     def __rsub__(self, _zero: int) -> Turn:
         return -self
 
-    @staticmethod
-    def half_tangent(t: Any, one: Any = 1) -> Turn:
-        """The angle 2 atan(t), rational for rational t."""
-        return Turn((one - t * t) / (one + t * t), (t + t) / (one + t * t))
-
 
 class Exact:
     """Any ring with +, − and *; angles are Turns."""

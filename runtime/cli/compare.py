@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from runtime.cli.loop import inputs, name_page, origin_of, write_page
+from runtime.cli.loop import inputs, invocation_of, name_page, write_page
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -43,7 +43,7 @@ def compare(
         result = compared(loaded, data)
     from runtime.report.summary import ResultSummary
 
-    story = ResultSummary(result, origin_of(source, model, recordings, effects, maps, allow_gaps))
-    page = write_page(report, story)
-    emit(json, story.document, loop_pages.compare)
+    summary = ResultSummary(result, invocation_of(source, model, recordings, effects, maps, allow_gaps))
+    page = write_page(report, summary)
+    emit(json, summary.document, loop_pages.compare)
     name_page(page, json)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.loop import improved_model, name_page, origin_of, write_page
+from runtime.cli.loop import improved_model, invocation_of, name_page, write_page
 from runtime.cli.options import Json, check_directory, check_writable, nearby
 from runtime.cli.output import emit
 from runtime.workspace import Source
@@ -35,9 +35,10 @@ def demo(
         paths = record_files(out)
     source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
     data = source.recordings(paths)
-    origin = origin_of(source, nearby(shipped.path), paths[:1], None, None, False, tuple(paths[1:]), source.path)
-    result, story = improved_model(source, data[:1], data[1:], origin)
-    page = write_page(out, story)
+    fitted, held_out = paths[:1], tuple(paths[1:])
+    invocation = invocation_of(source, nearby(shipped.path), fitted, None, None, False, held_out, source.path)
+    result, summary = improved_model(source, data[:1], data[1:], invocation)
+    page = write_page(out, summary)
     files.replace(source.path, result.model_text.encode())
-    emit(json, story.document, loop_pages.improvement)
+    emit(json, summary.document, loop_pages.improvement)
     name_page(page, json)

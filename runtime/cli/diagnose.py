@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime.cli.loop import inputs, name_page, origin_of, write_page
+from runtime.cli.loop import inputs, invocation_of, name_page, write_page
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -57,11 +57,11 @@ def diagnose(
         result = diagnosed(loaded, data, wider=source.guesses)
     from runtime.report.summary import ResultSummary
 
-    story = ResultSummary(
-        result, origin_of(source, model, recordings, effects, maps, allow_gaps), drafted=draft is not None
+    summary = ResultSummary(
+        result, invocation_of(source, model, recordings, effects, maps, allow_gaps), drafted=draft is not None
     )
-    page = write_page(report, story)
-    document = story.document
+    page = write_page(report, summary)
+    document = summary.document
     if draft is not None:
         reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
         document = document | _drafted(source, result, draft, effects, recordings, reading)

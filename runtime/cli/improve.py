@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.loop import improved_model, inputs, name_page, origin_of, write_page
+from runtime.cli.loop import improved_model, inputs, invocation_of, name_page, write_page
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -52,14 +52,14 @@ def improve(
             raise UsageError(f"{path}: is fitted and held out; give it once")
     source, data, _ = inputs(model, [*recordings, *(held_out or ())], effects, maps, allow_gaps)
     improved = model if write else out
-    origin = origin_of(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
-    result, story = improved_model(source, data[: len(recordings)], data[len(recordings) :], origin)
-    page = write_page(report, story)
+    invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
+    result, summary = improved_model(source, data[: len(recordings)], data[len(recordings) :], invocation)
+    page = write_page(report, summary)
     if write:
         source.replace(result.model_text)
     elif out:
         from runtime import files
 
         files.replace(out, result.model_text.encode())
-    emit(json, story.document, loop_pages.improvement)
+    emit(json, summary.document, loop_pages.improvement)
     name_page(page, json)

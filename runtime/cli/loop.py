@@ -1,4 +1,4 @@
-"""What the verbs on recordings share: their inputs read and checked, the origin of a result, its page."""
+"""What the verbs on recordings share: their inputs read and checked, the invocation of a result, its page."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def inputs(
 
 
 def improved_model(
-    source: Source, fitted: list[Recording], held_out: list[Recording], origin: Invocation
+    source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation
 ) -> tuple[Improvement, ResultSummary]:
     from runtime.loop.held_out import floors
     from runtime.loop.improve import improve as improved
@@ -39,10 +39,10 @@ def improved_model(
 
     with pages.working("fitting and looking for missing effects") as tell:
         result = improved(source.text, source.model, source.add, source.put, fitted, held_out, tell, source.guesses)
-        return result, ResultSummary(result, origin, floors(result.steps[-1].identification, held_out))
+        return result, ResultSummary(result, invocation, floors(result.steps[-1].identification, held_out))
 
 
-def origin_of(
+def invocation_of(
     source: Source,
     model: Path,
     recordings: list[Path],
@@ -59,7 +59,7 @@ def origin_of(
     return Invocation(model, *read, improved, about(source.text))
 
 
-def write_page(directory: Path | None, story: ResultSummary) -> str | None:
+def write_page(directory: Path | None, summary: ResultSummary) -> str | None:
     """The page's path, if one was asked for."""
     if directory is None:
         return None
@@ -67,7 +67,7 @@ def write_page(directory: Path | None, story: ResultSummary) -> str | None:
     from runtime.report.terminal.pages import working
 
     with working("drawing the report"):
-        return str(write_report(directory, story))
+        return str(write_report(directory, summary))
 
 
 def name_page(page: str | None, json: str | None) -> None:

@@ -16,7 +16,7 @@ from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared
 from runtime.model.loader import Model
-from runtime.model.terms import structure
+from runtime.model.terms import at, structure
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
 
@@ -219,9 +219,8 @@ def _explained(first: Step, last: Step, joint: int) -> float:
 
 def _sentence(finding: Finding) -> str:
     i = finding.joint_index
-    where = f" at joint {finding.term.joint}" if finding.term.joint is not None else ""
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
-    text = f"{finding.term.effect}{where} (error {100 * before:.2f} % to {100 * after:.2f} %)"
+    text = f"{finding.term.effect}{at(finding.term)} (error {100 * before:.2f} % to {100 * after:.2f} %)"
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text

@@ -336,7 +336,11 @@ class Ground:
 
 
 def _levinson(covariance: Array, count: int) -> Array:
-    """Autoregressive filter of the order that BIC chooses."""
+    """Autoregressive filter (order + 1,), 1 first, of the order that BIC chooses.
+
+    covariance   (orders + 1,) of the series by lag      count   of its samples
+    Source: the recursion of Levinson 1947 and Durbin 1960 on the Yule-Walker equations; BIC: Schwarz 1978.
+    """
     ar: Array = np.array([1.0])
     error = float(covariance[0])
     best, best_score = ar, count * np.log(max(error, 1e-300))

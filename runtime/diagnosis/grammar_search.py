@@ -13,9 +13,8 @@ from typing import Any
 
 from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank
-from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.diagnosis.search import Finding, Step
 from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
-from runtime.estimation.compare import series
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
 from runtime.model.loader import Model
@@ -115,7 +114,4 @@ def _added(step: Step, model: Model, evidence: Evidence) -> Step:
     known: Structure = {t: dict(shape) for t, shape in fit.shapes.items()}
     known[evidence.term] = dict(evidence.candidate.shape)
     found = identify_motion(model, step.identification.motion, known, start=fit)
-    joints = series(found)
-    return Step(
-        evidence.term, found, joints, Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints)), None
-    )
+    return Step.of(evidence.term, found)

@@ -53,6 +53,19 @@ class Step:
     fitted: Errors
     held_out: Errors | None
 
+    @classmethod
+    def of(
+        cls,
+        added: Term | None,
+        identification: Identification,
+        joints: tuple[JointSeries, ...] | None = None,
+        held_out: Errors | None = None,
+    ) -> Step:
+        """With the errors of its joints; joints: the series of the identification where they are there already."""
+        found = series(identification) if joints is None else joints
+        errors = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found))
+        return cls(added, identification, found, errors, held_out)
+
     @property
     def floors(self) -> list[float]:
         return [s.floor.value for s in self.joints]
@@ -129,10 +142,8 @@ class Search:
     def _step(self, added: Term | None, known: Structure, before: Step | None) -> Step:
         start = before.identification.fit if before else None
         identification = identify_motion(self.model, self.motion, known, start=start)
-        joints = series(identification)
-        fitted = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
         held = None if self.held_out is None else errors_elsewhere(identification, self.held_out)
-        return Step(added, identification, joints, fitted, held)
+        return Step.of(added, identification, held_out=held)
 
     def _structure(self, added: Sequence[tuple[Term, Values]]) -> Structure:
         """The structure as given with these terms in place of what they generalise, shapes as last found."""

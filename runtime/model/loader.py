@@ -145,10 +145,6 @@ class Model:
         """C(q, qd), (n, n, N)."""
         return self.call("coriolis", {"q": q, "qd": qd}, lumps)
 
-    def gravity_torque(self, q: ArrayLike, lumps: ArrayLike | None = None) -> Array:
-        """g(q), (n, N)."""
-        return self.call("gravity", {"q": q}, lumps)
-
     def tip(self, q: ArrayLike) -> Array:
         """End-effector's x, y and angle in the base frame, (3, N)."""
         return self.call("tip", {"q": q})

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
+from symbolic.model_file.checks import at_joint
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -90,4 +91,4 @@ class Prediction:
 
 def at(term: Term) -> str:
     """Where a term acts, after its name."""
-    return "" if term.joint is None else f" at joint {term.joint}"
+    return at_joint(term.joint)

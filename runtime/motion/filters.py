@@ -53,6 +53,10 @@ def differentiator(cutoff: float, rate: float) -> Differentiator:
     The derivatives are (jω)^k times the smoothing's own response, so they agree with it at every
     frequency; the moments are then made exact, so that constants, ramps and parabolas come out
     exactly (a droop at DC would be read as an offset or a spring).
+
+    Source: linear-phase differentiators by windowing, Oppenheim & Schafer, Discrete-Time Signal Processing; the
+    window and its length from ripple and transition, Kaiser 1974; moments as constraints, as in the filters of
+    Savitzky & Golay 1964.
     """
     cutoff = min(cutoff, SMOOTHING_OF_SAMPLING * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
     passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, STOPBAND_OF_SAMPLING * rate)

@@ -8,12 +8,13 @@ states the joint's torque constant.
 from __future__ import annotations
 
 import difflib
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
 from typing import Any, NoReturn
+
+from symbolic.model_file.checks import quote
 
 Fail = Callable[[str], NoReturn]
 
@@ -102,10 +103,6 @@ class Column:
     index: int
     factor: float
     offset: float
-
-
-def quote(text: str) -> str:
-    return json.dumps(text if len(text) <= 60 else text[:57] + "...", ensure_ascii=False)
 
 
 def columns(

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.recordings.columns import Column, columns, quote
+from runtime.recordings.columns import Column, columns
+from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from runtime.wording import number, percent, quantity, sentence
+from symbolic.model_file.checks import at_joint
 
 Document = Mapping[str, Any]
 _MOST = 6
@@ -40,10 +41,6 @@ def _spring(spring: Document) -> str:
     return f"spring at joint {spring['joint']}: {quantity(spring['stiffness'], 'N/m')}"
 
 
-def _place(joint: int | None) -> str:
-    return "" if joint is None else f" at joint {joint}"
-
-
 def _step(step: Document) -> str:
     def errors(values: Any) -> str:
         return ", ".join(percent(v) for v in values)
@@ -64,8 +61,8 @@ def _finding(finding: Document) -> str:
         for name, p in finding["parameters"].items()
         if p["value"] is not None
     )
-    rivals = ", ".join(f"{r['effect']}{_place(r['joint'])}" for r in finding["rivals"])
-    text = f"{finding['effect']}{_place(finding['joint'])}: {values}"
+    rivals = ", ".join(f"{r['effect']}{at_joint(r['joint'])}" for r in finding["rivals"])
+    text = f"{finding['effect']}{at_joint(finding['joint'])}: {values}"
     return text + (f"; not told from {rivals}" if rivals else "")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime.diagnosis.diagnose import Diagnosis
-from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.diagnosis.search import Finding, Step
 from runtime.estimation.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
@@ -64,9 +64,7 @@ class ResultSummary:
     def steps(self) -> tuple[Step, ...]:
         if not isinstance(self.result, Comparison):
             return self.result.steps
-        joints = self.result.joints
-        errors = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
-        return (Step(None, self.result.identification, joints, errors, None),)
+        return (Step.of(None, self.result.identification, self.result.joints),)
 
     @property
     def first(self) -> Step:
@@ -112,19 +110,19 @@ class ResultSummary:
     # --- what to type next
 
     @property
-    def origin(self) -> Invocation:
+    def invocation(self) -> Invocation:
         return self.given or unknown(self.first.identification.model.name)
 
     def adding(self) -> list[NextCommand]:
         """One command a finding, in their order."""
-        return [NextCommand(f"adds {f.term.effect}{at(f.term)}", self.origin.add(f.term)) for f in self.findings]
+        return [NextCommand(f"adds {f.term.effect}{at(f.term)}", self.invocation.add(f.term)) for f in self.findings]
 
     def separating(self) -> list[NextCommand]:
         """One command for every finding and rival of it."""
         return [
             NextCommand(
                 f"designs the motion that tells {f.term.effect} from {rival.effect}{at(rival)}",
-                self.origin.experiment((f.term, rival)),
+                self.invocation.experiment((f.term, rival)),
             )
             for f in self.findings
             for rival in f.rivals
@@ -135,20 +133,22 @@ class ResultSummary:
         if self.drafted or self.left is None or self.left.verdict != "unexplained":
             return []
         return [
-            NextCommand("drafts an effect for what is left, as a guess", self.origin.draft()),
-            NextCommand("adds the guess, if it lowers the error", self.origin.try_draft()),
+            NextCommand("drafts an effect for what is left, as a guess", self.invocation.draft()),
+            NextCommand("adds the guess, if it lowers the error", self.invocation.try_draft()),
         ]
 
     def refitting(self) -> list[NextCommand]:
         """What is to do once the findings are added."""
         return (
-            [NextCommand("fits the model again and writes its values", self.origin.identify())] if self.findings else []
+            [NextCommand("fits the model again and writes its values", self.invocation.identify())]
+            if self.findings
+            else []
         )
 
     @property
     def improved(self) -> Path | None:
         """The file in which every finding is already."""
-        return self.origin.improved if self.findings else None
+        return self.invocation.improved if self.findings else None
 
     @property
     def commands(self) -> list[NextCommand]:

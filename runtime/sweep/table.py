@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import sys
 from collections import Counter
@@ -19,7 +20,8 @@ from runtime.sweep.job import Job, Result
 
 CLOSE = 0.01
 """Of the best cost: starts that come this near have found the same."""
-_TYPES = {"case": "string", "seed": "int64", "feasible": "boolean", "iterations": "Int64", "message": "string"}
+_TYPES = {"case": "string", "seed": "int64", "feasible": "bool", "iterations": "int64", "message": "string"}
+"""Of columns that are no floats."""
 
 
 class TableError(ValueError):
@@ -49,17 +51,32 @@ def columns(scenario: Scenario, n: int, axes: Sequence[str]) -> list[str]:
 
 def write(path: Path, names: Sequence[str], jobs: Sequence[Job], results: Mapping[str, Result]) -> None:
     """One row a job, in their order; results: by key."""
-    import pandas as pd
-
     rows = [{**results[job.key], **job.columns, "seed": job.seed} for job in jobs]
-    frame = pd.DataFrame({name: [row.get(name) for row in rows] for name in names})
-    frame = frame.astype({name: _TYPES.get(name, "float64") for name in names})
-    if path.suffix == ".parquet":
-        buffer = io.BytesIO()
-        frame.to_parquet(buffer, engine="pyarrow", index=False)
-        files.replace(path, buffer.getvalue())
-    else:
-        files.replace(path, frame.to_csv(index=False, lineterminator="\n").encode())
+    found = {name: [_cell(name, row.get(name)) for row in rows] for name in names}
+    files.replace(path, _parquet(found) if path.suffix == ".parquet" else _csv(found))
+
+
+def _cell(name: str, value: Any) -> Any:
+    """A value as its column holds it: numbers are floats where it has no type of its own; None: nothing."""
+    return value if value is None or name in _TYPES else float(value)
+
+
+def _csv(found: Mapping[str, Sequence[Any]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(found)
+    writer.writerows(zip(*found.values(), strict=True))
+    return text.getvalue().encode()
+
+
+def _parquet(found: Mapping[str, Sequence[Any]]) -> bytes:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    schema = pa.schema([(name, _TYPES.get(name, "float64")) for name in found])
+    buffer = io.BytesIO()
+    parquet.write_table(pa.table(dict(found), schema=schema), buffer)
+    return buffer.getvalue()
 
 
 def summary(jobs: Sequence[Job], results: Mapping[str, Result], model: Model) -> list[dict[str, Any]]:

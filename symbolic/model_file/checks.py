@@ -28,6 +28,7 @@ reinterpret_cast requires static_assert static_cast template this thread_local t
 typeof typeof_unqual using virtual wchar_t xor xor_eq main NULL errno
 """
 _WORDS = frozenset(_RESERVED.split())
+_SIGNS = "°µ·²³"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
 
 
@@ -55,8 +56,14 @@ def printable(text: str) -> str:
 
 
 def quote(value: str) -> str:
-    """A user's text in ASCII and quotes, so that look-alike letters show."""
-    return json.dumps(value if len(value) <= 60 else value[:57] + "...")
+    """A user's text in ASCII and quotes, so that look-alike letters show; but the signs of units stand as they are."""
+    shown = value if len(value) <= 60 else value[:57] + "..."
+    return "".join(c if c in _SIGNS else json.dumps(c)[1:-1] for c in shown).join('""')
+
+
+def at_joint(joint: int | None) -> str:
+    """Where an effect acts, after its name; nothing for the whole arm or the contact."""
+    return "" if joint is None else f" at joint {joint}"
 
 
 def found(value: Any) -> str:

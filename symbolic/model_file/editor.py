@@ -19,7 +19,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symbolic.model_file.arm import Arm
-from symbolic.model_file.checks import SMALLEST, Place, identifier, printable
+from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
 if TYPE_CHECKING:
@@ -48,8 +48,7 @@ def add_effect(
     owner = _owner(place, arm, library, effect, joint)
     active = _active(arm, owner)
     if effect in active:
-        on = f" on joint {joint}" if joint else ""
-        place.fail(f'effect "{effect}" is already there{on}; nothing to add')
+        place.fail(f'effect "{effect}" is already there{at_joint(joint)}; nothing to add')
     replaced = [name for name in library[effect].generalises if name in active]
     new = {name: _rounded(value) for name, value in (values or {}).items()}
 
@@ -72,8 +71,7 @@ def remove_effect(text: str, where: str, library: Mapping[str, Effect], effect: 
     place = Place(printable(where))
     owner = _owner(place, arm, library, effect, joint)
     if effect not in _active(arm, owner):
-        on = f" on joint {joint}" if joint else ""
-        place.fail(f'effect "{effect}" is not there{on}; nothing to remove')
+        place.fail(f'effect "{effect}" is not there{at_joint(joint)}; nothing to remove')
 
     def change(document: Any, _: Callable[[dict[str, float]], Any] = dict) -> None:
         table = _effects_of(document, owner)

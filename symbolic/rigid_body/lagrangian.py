@@ -15,7 +15,6 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps
 from symbolic.straightline import Exact, Notes
@@ -79,22 +78,8 @@ def moved(point: Components, frame: int, along: Any, across: Any) -> Components:
     return {**point, frame: (x + along, y + across)}
 
 
-def physical_bodies(arm: Arm, chain: Chain, q: list[Any]) -> list[Body]:
-    """Masses at the centres of mass, as the model file states them, in exact numbers."""
-    bodies = []
-    points = distal_points(chain, q)
-    for i, joint in enumerate(arm.joints):
-        link = joint.link
-        along, across = rational(link.com[0]), rational(link.com[1])
-        if not chain.revolute[i]:
-            along = along + q[i]
-        centre = moved(points[i], chain.frames[i], along, across)
-        bodies.append(Body(rational(link.mass), centre, (0, 0), {}, rational(link.inertia)))
-    return bodies
-
-
 def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
-    """The same arm as newton_euler.Lumps describes it."""
+    """The arm's masses as newton_euler.Lumps describes them."""
     points = distal_points(chain, q)
     return [
         Body(

@@ -261,7 +261,7 @@ def test_joints_that_slide(library: Library) -> None:
     c = Controller(prepare_firmware(arm, LIBRARY), model, plan)
     assert c.dt == 5e-4
     torque = run(c, c.counts(q)[:, None])[:, 0]
-    assert torque == pytest.approx(model.gravity_torque(q) + 300.0 * (q - c.q), rel=1e-4)
+    assert torque == pytest.approx(model.inverse_dynamics(q, 0 * q, 0 * q) + 300.0 * (q - c.q), rel=1e-4)
 
 
 # --- limits and faults ---

@@ -199,7 +199,7 @@ def test_what_is_hidden_is_named_from_the_recording(here: Path, capsys: pytest.C
         capsys, *arguments, "--out", "run.csv.gz", "--model-out", "mounted.toml", "--json", "e.json"
     )
     assert status == 0
-    assert "hidden: stribeck on joint 1: torque 0.6, speed 0.15" in out
+    assert "hidden: stribeck at joint 1: torque 0.6, speed 0.15" in out
     assert "  tendon diagnose mounted.toml run.csv.gz" in out
     assert output.run(app, ["diagnose", "mounted.toml", "run.csv.gz", "--json", "d.json"]) == 0
     diagnosis = json.loads((here / "d.json").read_text())

@@ -35,7 +35,7 @@ def test_shapes(model: Model, motion: tuple[np.ndarray, ...]) -> None:
     assert model.inverse_dynamics(q, qd, qdd).shape == (n, samples)
     assert model.regressor(q, qd, qdd).shape == (n, p, samples)
     assert model.inertia(q).shape == model.coriolis(q, qd).shape == (n, n, samples)
-    assert model.gravity_torque(q).shape == model.tip_load(q, qd, qdd).shape == (n, samples)
+    assert model.call("gravity", {"q": q}).shape == model.tip_load(q, qd, qdd).shape == (n, samples)
     assert model.tip(q).shape == (3, samples)
     assert model.tip_jacobian(q).shape == (3, n, samples)
     assert model.moment_jacobian(q).shape == (2, n, samples)
@@ -48,7 +48,7 @@ def test_functions_agree_with_each_other(model: Model, motion: tuple[np.ndarray,
     q, qd, qdd = motion
     tau = model.inverse_dynamics(q, qd, qdd)
     parts = np.einsum("ijn,jn->in", model.inertia(q), qdd) + np.einsum("ijn,jn->in", model.coriolis(q, qd), qd)
-    np.testing.assert_allclose(parts + model.gravity_torque(q), tau, **CLOSE)
+    np.testing.assert_allclose(parts + model.call("gravity", {"q": q}), tau, **CLOSE)
     np.testing.assert_allclose(np.einsum("ipn,p->in", model.regressor(q, qd, qdd), model.lump_values), tau, **CLOSE)
     np.testing.assert_allclose(model.forward_dynamics(q, qd, tau), qdd, rtol=1e-9, atol=1e-9)
 

@@ -135,14 +135,14 @@ class Reader(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def story(improvement, one) -> ResultSummary:
+def summary(improvement, one) -> ResultSummary:
     """With the files that were named, and the floor of a recording that was held out."""
     return ResultSummary(improvement, ORIGIN, held_out.floors(improvement.steps[-1].identification, [one]))
 
 
 @pytest.fixture(scope="module")
-def story_text(story) -> str:
-    return Reader(html_page.render(story)).text
+def story_text(summary) -> str:
+    return Reader(html_page.render(summary)).text
 
 
 @pytest.fixture(scope="module")
@@ -254,12 +254,12 @@ def test_no_colour_of_a_figure_escapes_the_page(page):
         assert colour not in body
 
 
-def test_commands_can_be_copied(story, story_text):
+def test_commands_can_be_copied(summary, story_text):
     text = story_text
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in text
     assert "tendon identify 'my arms/drive.toml' 'run 1.csv' --write --effects own.py" in text
     assert "tendon experiment 'my arms/drive.toml' --between stribeck@1,elasticity@1 --effects own.py" in text
-    assert [c["command"] for c in story.document["commands"]] == [c.line for c in story.commands]
+    assert [c["command"] for c in summary.document["commands"]] == [c.line for c in summary.commands]
 
 
 def test_the_model_files_own_words_and_sources_are_cited():
@@ -268,8 +268,8 @@ def test_the_model_files_own_words_and_sources_are_cited():
     assert about('name = "rig"  # bare\n') == about("") == ""
 
 
-def test_what_is_done_already_is_not_asked_for(story):
-    done = replace(story, given=replace(ORIGIN, improved=Path("better.toml")))
+def test_what_is_done_already_is_not_asked_for(summary):
+    done = replace(summary, given=replace(ORIGIN, improved=Path("better.toml")))
     assert not any(c.line.startswith("tendon add") for c in done.commands)
     assert "The improved model is in better.toml" in Reader(html_page.render(done)).text.replace(" .", ".")
     assert not done.document["commands"][0]["command"].startswith("tendon identify")
@@ -277,23 +277,23 @@ def test_what_is_done_already_is_not_asked_for(story):
 
 @given(name=st.text(min_size=1).filter(lambda s: "\0" not in s), joint=st.none() | st.integers(1, 7))
 def test_a_shell_reads_a_command_as_it_was_meant(name, joint):
-    origin = Invocation(Path(name), (Path(name),), maps=(f"q1={name}",))
-    words = shlex.split(origin.add(Term("gravity", joint)))
+    invocation = Invocation(Path(name), (Path(name),), maps=(f"q1={name}",))
+    words = shlex.split(invocation.add(Term("gravity", joint)))
     assert words[:2] == ["tendon", "add"]
     assert Path(words[2]) == Path(name)
     assert words[3:] == ["gravity"] + ([] if joint is None else ["--joint", str(joint)])
-    assert not any(w.startswith("-") for w in shlex.split(origin.identify())[2:4])
-    assert shlex.split(origin.identify())[4:] == ["--map", f"q1={name}", "--write"]
+    assert not any(w.startswith("-") for w in shlex.split(invocation.identify())[2:4])
+    assert shlex.split(invocation.identify())[4:] == ["--map", f"q1={name}", "--write"]
 
 
-def test_floor_of_a_recording_is_the_same_held_out(improvement, story, story_text):
+def test_floor_of_a_recording_is_the_same_held_out(improvement, summary, story_text):
     """The fitted recording, held out, has the floor that it has as the fitted one."""
     fitted = improvement.steps[-1].joints[0].floor
-    assert story.held_out_floors[0].value == pytest.approx(fitted.value, rel=1e-9)
+    assert summary.held_out_floors[0].value == pytest.approx(fitted.value, rel=1e-9)
     # The fixture's held-out errors are 1.1 times the fitted ones in rms and relative: the same torque.
-    assert story.held_out_floor(0) == pytest.approx(story.floor(0), rel=1e-9)
-    assert f"noise floor, held out {wording.percent(story.floor(0))}" in story_text
-    assert story.document["held_out_floors"][0]["floor"] == story.held_out_floors[0].value
+    assert summary.held_out_floor(0) == pytest.approx(summary.floor(0), rel=1e-9)
+    assert f"noise floor, held out {wording.percent(summary.floor(0))}" in story_text
+    assert summary.document["held_out_floors"][0]["floor"] == summary.held_out_floors[0].value
     assert held_out.floors(improvement.steps[-1].identification, []) == ()
 
 
@@ -344,8 +344,8 @@ def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improve
 
 
 def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
-    story = ResultSummary(unexplained, ORIGIN)
-    text = Reader(html_page.render(story)).text
+    summary = ResultSummary(unexplained, ORIGIN)
+    text = Reader(html_page.render(summary)).text
     assert "What is left unexplained" in text
     assert "Signals that the residual follows, and how much of its variance each explains: velocity" in text
     assert "tendon diagnose 'my arms/drive.toml' 'run 1.csv' --draft guess.py --effects own.py" in text
@@ -395,10 +395,10 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
 
 
-def test_terminal_is_short_and_says_the_same(story, unexplained, capsys):
-    loop_pages.improvement(story.document)
+def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
+    loop_pages.improvement(summary.document)
     out = capsys.readouterr().out
-    assert "stribeck on joint 1" in out
+    assert "stribeck at joint 1" in out
     assert "What is left: CLEAN: the residual is noise" in out
     assert re.search(r"held out: joint 1 [\d.]+ \((repeats|spectrum)\)", out)
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out

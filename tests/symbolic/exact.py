@@ -15,10 +15,29 @@ from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
 from symbolic.model_file.arm import Arm, Joint, Link
 from symbolic.rigid_body.base_parameters import base_parameters, exact, exact_chain
-from symbolic.rigid_body.lagrangian import Mechanics, mechanics, physical_bodies, rational
+from symbolic.rigid_body.lagrangian import Body, Mechanics, distal_points, mechanics, moved, rational
 from symbolic.rigid_body.layout import RecursionLayout, choose_layout
 from symbolic.rigid_body.newton_euler import Chain, Gravity
 from symbolic.straightline import Turn
+
+
+def _half_tangent(t: Fraction) -> Turn:
+    """The angle 2 atan(t), rational for rational t."""
+    return Turn((1 - t * t) / (1 + t * t), (t + t) / (1 + t * t))
+
+
+def _physical_bodies(arm: Arm, chain: Chain, q: list[Any]) -> list[Body]:
+    """Masses at the centres of mass, as the model file states them, in exact numbers."""
+    bodies = []
+    points = distal_points(chain, q)
+    for i, joint in enumerate(arm.joints):
+        link = joint.link
+        along, across = rational(link.com[0]), rational(link.com[1])
+        if not chain.revolute[i]:
+            along = along + q[i]
+        centre = moved(points[i], chain.frames[i], along, across)
+        bodies.append(Body(rational(link.mass), centre, (0, 0), {}, rational(link.inertia)))
+    return bodies
 
 
 @dataclass(frozen=True)
@@ -120,7 +139,7 @@ class Case:
         def number() -> Fraction:
             return Fraction(rng.randint(-20, 20), rng.randint(1, 9))
 
-        q = [Turn.half_tangent(number()) if j.type == "revolute" else number() for j in self.arm.joints]
+        q = [_half_tangent(number()) if j.type == "revolute" else number() for j in self.arm.joints]
         return {"q": q, "qd": [number() for _ in q], "qdd": [number() for _ in q]}
 
     def values(self, **vectors: list[Any]) -> dict[sp.Symbol, Any]:
@@ -169,7 +188,7 @@ def case(arm: Arm) -> Case:
     q, qd = ([sp.Symbol(f"{x}{i + 1}", real=True) for i in range(chain.n)] for x in ("q", "qd"))
     metric = Chain(chain.revolute, tuple(rational(j.link.length) for j in arm.joints), gravity)
     rotors = [rational(j.rotor_inertia) for j in arm.joints]
-    truth = mechanics(metric, physical_bodies(arm, metric, q), rotors, q, qd)
+    truth = mechanics(metric, _physical_bodies(arm, metric, q), rotors, q, qd)
     constants |= dict(zip(model.struct.symbols, lumps, strict=False))
     return Case(arm, model, layout, truth, constants, lumps)
 

@@ -159,7 +159,7 @@ def test_inline_tables_and_dotted_keys_are_edited_too(text: str):
 @pytest.mark.parametrize(
     ("effect", "joint", "values", "expected"),
     [
-        ("viscous", 1, {}, 'arm.toml: effect "viscous" is already there on joint 1; nothing to add'),
+        ("viscous", 1, {}, 'arm.toml: effect "viscous" is already there at joint 1; nothing to add'),
         ("stribek", 1, {}, 'arm.toml: joint 1: unknown effect "stribek"; did you mean "stribeck"?'),
         ("stribek", None, {}, 'arm.toml: unknown effect "stribek"; did you mean "stribeck"?'),
         ("stribeck", None, {}, 'arm.toml: effect "stribeck" acts on a joint; say which with --joint 1 to 2'),
@@ -234,7 +234,7 @@ def test_an_inline_effect_is_removed_too():
 
 
 def test_removing_what_is_not_there_is_an_error():
-    with pytest.raises(ModelError, match='effect "stribeck" is not there on joint 2; nothing to remove'):
+    with pytest.raises(ModelError, match='effect "stribeck" is not there at joint 2; nothing to remove'):
         remove_effect(TEXT, "arm.toml", LIBRARY, "stribeck", 2)
 
 

@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from runtime import files
 from runtime.diagnosis.search import Step, seconds_moving
-from runtime.estimation.compare import JointSeries, as_written, structure_shares
+from runtime.estimation.compare import as_written, structure_shares
 from runtime.loop.improve import Improvement
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
@@ -45,38 +45,38 @@ def render(result: Result | ResultSummary) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    story = result if isinstance(result, ResultSummary) else ResultSummary(result)
-    return environment.get_template("report.html.j2").render(_holes(story))
+    summary = result if isinstance(result, ResultSummary) else ResultSummary(result)
+    return environment.get_template("report.html.j2").render(_holes(summary))
 
 
-def _holes(story: ResultSummary) -> dict[str, Any]:
-    first, last = story.first, story.last
+def _holes(summary: ResultSummary) -> dict[str, Any]:
+    first, last = summary.first, summary.last
     motion = last.identification.motion
     joints = range(len(first.joints))
     return {
         "model": first.identification.model.name,
-        "verdict": _verdict(story),
-        "short": _short(story),
+        "verdict": _verdict(summary),
+        "short": _short(summary),
         "held_out": first.held_out is not None,
-        "errors": [_error_block(story, i) for i in joints],
-        "joints": [_joint(story, i) for i in joints],
-        "findings": found.findings(story),
-        "ruled_out": found.ruled_out(story),
-        "left_over": found.left_over(story),
-        "to_record": found.to_record(story),
+        "errors": [_error_block(summary, i) for i in joints],
+        "joints": [_joint(summary, i) for i in joints],
+        "findings": found.findings(summary),
+        "ruled_out": found.ruled_out(summary),
+        "left_over": found.left_over(summary),
+        "to_record": found.to_record(summary),
         "parameters": parameters.tables(first.identification, last.identification),
         "inertial": parameters.inertial(last.identification),
-        "several": parameters.recordings(story.left.recordings) if story.left else None,
-        "experiments": found.experiments(story),
-        "limits": found.limits(story),
-        "commands": _commands(story),
-        "about": story.origin.about,
-        "recorded": [_recorded(story, i) for i in joints],
+        "several": parameters.recordings(summary.left.recordings) if summary.left else None,
+        "experiments": found.experiments(summary),
+        "limits": found.limits(summary),
+        "commands": _commands(summary),
+        "about": summary.invocation.about,
+        "recorded": [_recorded(summary, i) for i in joints],
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
         "skew": parameters.skew(last.identification.inference),
-        "warnings": story.document["warnings"],
+        "warnings": summary.document["warnings"],
         # "<" would let a text of the user's end the script element.
-        "document": json.dumps(story.document, indent=1, allow_nan=False).replace("<", "\\u003c"),
+        "document": json.dumps(summary.document, indent=1, allow_nan=False).replace("<", "\\u003c"),
     }
 
 
@@ -91,20 +91,20 @@ _TAGS = {
 }
 
 
-def _verdict(story: ResultSummary) -> Row:
-    diagnosis = story.diagnosis
+def _verdict(summary: ResultSummary) -> Row:
+    diagnosis = summary.diagnosis
     if diagnosis is None:
-        return {"kind": "comparison", "tag": _TAGS["comparison"], "sentence": _compared(story), "more": ""}
+        return {"kind": "comparison", "tag": _TAGS["comparison"], "sentence": _compared(summary), "more": ""}
     more = ""
-    if isinstance(story.result, Improvement) and story.findings:
-        more = f"With that added, what is left is {_TAGS[story.result.left.verdict]}: {story.result.left.reason}."
+    if isinstance(summary.result, Improvement) and summary.findings:
+        more = f"With that added, what is left is {_TAGS[summary.result.left.verdict]}: {summary.result.left.reason}."
     kind = diagnosis.verdict
     return {"kind": kind, "tag": _TAGS[kind], "sentence": sentence(diagnosis.reason), "more": more}
 
 
-def _compared(story: ResultSummary) -> str:
+def _compared(summary: ResultSummary) -> str:
     parts = []
-    for s in story.first.joints:
+    for s in summary.first.joints:
         shares = structure_shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
@@ -117,19 +117,19 @@ def _compared(story: ResultSummary) -> str:
     return sentence("; ".join(parts))
 
 
-def _short(story: ResultSummary) -> Row:
+def _short(summary: ResultSummary) -> Row:
     """Error before, after and floor of every joint, and what to type next."""
-    to_type = story.adding() or story.drafting()[:1]
+    to_type = summary.adding() or summary.drafting()[:1]
     return {
-        "changed": story.first is not story.last,
-        "rows": [_short_row(story, i) for i in range(len(story.first.joints))],
+        "changed": summary.first is not summary.last,
+        "rows": [_short_row(summary, i) for i in range(len(summary.first.joints))],
         "commands": to_type,
-        "improved": story.document.get("improved_model"),
+        "improved": summary.document.get("improved_model"),
     }
 
 
-def _short_row(story: ResultSummary, joint: int) -> Row:
-    first, last, floor = story.first, story.last, story.held_out_floor(joint)
+def _short_row(summary: ResultSummary, joint: int) -> Row:
+    first, last, floor = summary.first, summary.last, summary.held_out_floor(joint)
     held = None
     if first.held_out is not None and last.held_out is not None:
         held = {
@@ -141,19 +141,19 @@ def _short_row(story: ResultSummary, joint: int) -> Row:
         "joint": joint + 1,
         "before": percent(first.fitted.relative[joint]),
         "after": percent(last.fitted.relative[joint]),
-        "floor": percent(story.floor(joint)),
-        "instruments": _instruments(story, joint),
+        "floor": percent(summary.floor(joint)),
+        "instruments": _instruments(summary, joint),
         "held": held,
     }
 
 
-def _instruments(story: ResultSummary, joint: int) -> str | None:
+def _instruments(summary: ResultSummary, joint: int) -> str | None:
     """The instruments' own noise relative to the torque, where an unexplained floor holds more than that."""
-    floor = story.last.joints[joint].floor
-    explained = story.left is None or story.left.verdict != "unexplained"
+    floor = summary.last.joints[joint].floor
+    explained = summary.left is None or summary.left.verdict != "unexplained"
     if explained or floor.value < _MORE_THAN_NOISE * floor.spectrum:
         return None
-    return percent(story.floor(joint) * floor.spectrum / floor.value)
+    return percent(summary.floor(joint) * floor.spectrum / floor.value)
 
 
 # --- the error ---
@@ -161,31 +161,31 @@ def _instruments(story: ResultSummary, joint: int) -> str | None:
 _SOURCES = {"repeats": "repeated motion", "spectrum": "the spectra of torque and encoder"}
 
 
-def _error_block(story: ResultSummary, joint: int) -> Row:
-    first, series = story.first, story.last.joints[joint]
-    held_floor = story.held_out_floor(joint)
+def _error_block(summary: ResultSummary, joint: int) -> Row:
+    first, series = summary.first, summary.last.joints[joint]
+    held_floor = summary.held_out_floor(joint)
     written = as_written(first.identification)
     rows = [] if written is None else [_written_row(written[joint], series.floor.value, series.force_unit)]
-    rows += [_error_row(story, step, joint) for step in story.steps]
+    rows += [_error_row(summary, step, joint) for step in summary.steps]
     caption = f"Error of joint {joint + 1} after each step; the marks across the bars are the noise floor."
     return {
         "joint": joint + 1,
         "rows": rows,
         "floor": f"{quantity(series.floor.value, series.force_unit)} "
-        f"({percent(story.floor(joint))} of the torque), from {_SOURCES[series.floor.source]}; "
+        f"({percent(summary.floor(joint))} of the torque), from {_SOURCES[series.floor.source]}; "
         f"the instruments' own noise: {quantity(series.floor.spectrum, series.force_unit)}",
-        "held_floor": None if held_floor is None else _held_floor(story, joint, held_floor),
+        "held_floor": None if held_floor is None else _held_floor(summary, joint, held_floor),
         "repeatable": {True: "yes", False: "no", None: "unknown, no motion was repeated"}[
             series.floor.repeatable(series.rms)
         ],
-        "figure": figures.drawn(figures.error(story.steps, joint, held_floor), f"error{joint + 1}", caption),
-        "structure": figures.structure(first, story.last, joint),
+        "figure": figures.drawn(figures.error(summary.steps, joint, held_floor), f"error{joint + 1}", caption),
+        "structure": figures.structure(first, summary.last, joint),
     }
 
 
-def _held_floor(story: ResultSummary, joint: int, relative: float) -> str:
-    floor = story.held_out_floors[joint]
-    unit = story.last.joints[joint].force_unit
+def _held_floor(summary: ResultSummary, joint: int, relative: float) -> str:
+    floor = summary.held_out_floors[joint]
+    unit = summary.last.joints[joint].force_unit
     return f"{quantity(floor.value, unit)} ({percent(relative)}), from {_SOURCES[floor.source]}"
 
 
@@ -201,9 +201,9 @@ def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
     }
 
 
-def _error_row(story: ResultSummary, step: Step, joint: int) -> Row:
-    series = story.last.joints[joint]
-    held, held_floor = step.held_out, story.held_out_floor(joint)
+def _error_row(summary: ResultSummary, step: Step, joint: int) -> Row:
+    series = summary.last.joints[joint]
+    held, held_floor = step.held_out, summary.held_out_floor(joint)
     floors = None if held is None or held_floor is None else number(held.relative[joint] / held_floor, 3)
     return {
         "step": figures.label(step) + (", fitted" if step.added is None else ""),
@@ -216,9 +216,9 @@ def _error_row(story: ResultSummary, step: Step, joint: int) -> Row:
     }
 
 
-def _joint(story: ResultSummary, joint: int) -> Row:
-    first, last = story.first, story.last
-    findings = story.findings_at(joint)
+def _joint(summary: ResultSummary, joint: int) -> Row:
+    first, last = summary.first, summary.last
+    findings = summary.findings_at(joint)
     return {
         "number": joint + 1,
         "improved": last is not first,
@@ -230,18 +230,18 @@ def _joint(story: ResultSummary, joint: int) -> Row:
 # --- what to type, and what was recorded ---
 
 
-def _commands(story: ResultSummary) -> Row:
+def _commands(summary: ResultSummary) -> Row:
     return {
-        "known": story.given is not None,
-        "improved": story.document.get("improved_model"),
-        "adding": [*story.adding(), *story.refitting()],
-        "drafting": story.drafting(),
+        "known": summary.given is not None,
+        "improved": summary.document.get("improved_model"),
+        "adding": [*summary.adding(), *summary.refitting()],
+        "drafting": summary.drafting(),
     }
 
 
-def _recorded(story: ResultSummary, joint: int) -> Row:
+def _recorded(summary: ResultSummary, joint: int) -> Row:
     """The range of motion of a joint, on the rows that count."""
-    series, motion = story.first.joints[joint], story.first.identification.motion
+    series, motion = summary.first.joints[joint], summary.first.identification.motion
     unit = series.position_unit
     some = len(series.t) > 0
     return {
@@ -255,9 +255,3 @@ def _recorded(story: ResultSummary, joint: int) -> Row:
         else f"rises {number(float(np.ptp(series.warmth)), 2)} K",
         "repeated": "no" if series.floor.repeating is None else "yes",
     }
-
-
-def _warming(series: JointSeries) -> str:
-    if series.warmth is None or not len(series.warmth):
-        return "not measured"
-    return f"over {number(float(np.ptp(series.warmth)), 2)} K"

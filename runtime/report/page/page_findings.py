@@ -26,13 +26,13 @@ Row = dict[str, Any]
 _FOLLOWS = 0.02
 
 
-def findings(story: ResultSummary) -> list[Row]:
+def findings(summary: ResultSummary) -> list[Row]:
     """Every finding with its evidence, its rivals and the other candidates for its place."""
-    return [_finding(story, k) for k in range(len(story.findings))]
+    return [_finding(summary, k) for k in range(len(summary.findings))]
 
 
-def _finding(story: ResultSummary, number_: int) -> Row:
-    diagnosis, finding = story.diagnosis, story.findings[number_]
+def _finding(summary: ResultSummary, number_: int) -> Row:
+    diagnosis, finding = summary.diagnosis, summary.findings[number_]
     assert diagnosis is not None
     i = finding.joint_index
     series = finding.before.joints[i]
@@ -53,10 +53,10 @@ def _finding(story: ResultSummary, number_: int) -> Row:
         "parameters": parameters.estimates(values, info),
         "rivals": [name(t) for t in finding.rivals],
         "missing": [m.sentence() for m in absent(diagnosis, number_)],
-        "candidates": _candidates(story, finding),
+        "candidates": _candidates(summary, finding),
         "remainder": finding_json(diagnosis, number_)["remainder"],
-        "command": story.adding()[number_].line,
-        "figures": figures.of_finding(finding, info, f"finding{number_ + 1}", len(story.findings_at(i)) == 1),
+        "command": summary.adding()[number_].line,
+        "figures": figures.of_finding(finding, info, f"finding{number_ + 1}", len(summary.findings_at(i)) == 1),
     }
 
 
@@ -80,11 +80,11 @@ def _evidence(evidence: Evidence, floor: float, unit: str) -> Row:
     }
 
 
-def _candidates(story: ResultSummary, finding: Finding) -> Row:
+def _candidates(summary: ResultSummary, finding: Finding) -> Row:
     """All that were weighed for a finding's place, itself first, and why it was chosen and not they."""
     named = finding.evidence
     rows = [_weighed(finding, named, "named", "Named: it passes every gate, and the error falls as shown.")]
-    also = [f.term for f in story.findings if f is not finding]
+    also = [f.term for f in summary.findings if f is not finding]
     nothing = []
     for other in finding.verdict.ranked:
         floor = _shown_at(finding, other.term).floor.value
@@ -117,15 +117,15 @@ def _row(evidence: Evidence, kind: str, why: str, floor: float, unit: str) -> Ro
     return {"name": name(evidence.term), "kind": kind, "why": why} | _evidence(evidence, floor, unit)
 
 
-def ruled_out(story: ResultSummary) -> Row:
+def ruled_out(summary: ResultSummary) -> Row:
     """The strongest candidates at every joint once the search has ended, and what kept each from being named."""
     rows: list[Row] = []
     nothing: list[str] = []
-    if story.diagnosis is None:
+    if summary.diagnosis is None:
         return {"rows": rows, "nothing": nothing}
-    held_out = story.last.held_out is not None
-    for evidence in story.diagnosis.last.ranked:
-        series = story.last.joints[(evidence.term.joint or 1) - 1]
+    held_out = summary.last.held_out is not None
+    for evidence in summary.diagnosis.last.ranked:
+        series = summary.last.joints[(evidence.term.joint or 1) - 1]
         floor = series.floor.value
         if reasons.next_to_nothing(evidence, floor):
             nothing.append(name(evidence.term))
@@ -134,12 +134,12 @@ def ruled_out(story: ResultSummary) -> Row:
     return {"rows": rows, "nothing": list(dict.fromkeys(nothing))}
 
 
-def experiments(story: ResultSummary) -> list[Row]:
+def experiments(summary: ResultSummary) -> list[Row]:
     """For every finding: what brings it out and what brings out each of its rivals, and how to get the motion."""
-    effects = story.first.identification.model.library.effects
-    separating = iter(story.separating())
+    effects = summary.first.identification.model.library.effects
+    separating = iter(summary.separating())
     rows = []
-    for finding in story.findings:
+    for finding in summary.findings:
         terms = (finding.term, *finding.rivals)
         rows.append(
             {
@@ -155,17 +155,17 @@ def experiments(story: ResultSummary) -> list[Row]:
     return rows
 
 
-def limits(story: ResultSummary) -> list[Row]:
+def limits(summary: ResultSummary) -> list[Row]:
     """Per joint, then the whole arm: what would have been seen, sorted by family and name."""
-    if story.left is None:
+    if summary.left is None:
         return []
-    effects = story.left.model.library.effects
-    seen = sorted(story.left.seen, key=lambda limit: (effects[limit.term.effect].family, limit.term.effect))
+    effects = summary.left.model.library.effects
+    seen = sorted(summary.left.seen, key=lambda limit: (effects[limit.term.effect].family, limit.term.effect))
     places = sorted({limit.term.joint for limit in seen}, key=lambda joint: joint or math.inf)
     return [
         {
             "place": "whole arm" if place is None else f"joint {place}",
-            "rows": [_limit(limit, story.left.model) for limit in seen if limit.term.joint == place],
+            "rows": [_limit(limit, summary.left.model) for limit in seen if limit.term.joint == place],
         }
         for place in places
     ]
@@ -182,11 +182,11 @@ def _limit(limit: Limit, model: Model) -> Row:
     }
 
 
-def left_over(story: ResultSummary) -> list[Row]:
+def left_over(summary: ResultSummary) -> list[Row]:
     """Where the verdict at the end is "unexplained": what is known of every joint's residual."""
-    if story.left is None or story.left.verdict != "unexplained":
+    if summary.left is None or summary.left.verdict != "unexplained":
         return []
-    step = story.left.steps[-1]
+    step = summary.left.steps[-1]
     rows = []
     for i, series in enumerate(step.joints):
         what = remainder(step, i)
@@ -211,16 +211,16 @@ def follows(shares: dict[str, float]) -> str:
     return ", ".join(f"{signal} ({percent(share, 0)})" for share, signal in strong)
 
 
-def to_record(story: ResultSummary) -> list[Row]:
+def to_record(summary: ResultSummary) -> list[Row]:
     """Where the verdict is "refused": the motions that bring out what the data leave open."""
-    if story.left is None or story.left.verdict != "refused":
+    if summary.left is None or summary.left.verdict != "refused":
         return []
-    effects = story.left.model.library.effects
-    return [{"name": name(t), "experiment": effects[t.effect].experiment} for t in _open(story)]
+    effects = summary.left.model.library.effects
+    return [{"name": name(t), "experiment": effects[t.effect].experiment} for t in _open(summary)]
 
 
-def _open(story: ResultSummary) -> Sequence[Term]:
+def _open(summary: ResultSummary) -> Sequence[Term]:
     """Terms with a parameter that the data show only together with others; all active ones if there is none."""
-    values = story.last.identification.inference.values
+    values = summary.last.identification.inference.values
     tangled = [term for term, own in values.items() if any(e.with_others for e in own.values())]
     return tangled or list(values)

@@ -82,8 +82,3 @@ def joint_cell(joint: int | None) -> str:
 def place(joint: int | None) -> str:
     """As a heading."""
     return "arm" if joint is None else f"joint {joint}"
-
-
-def at(joint: int | None) -> str:
-    """After an effect's name."""
-    return "" if joint is None else f" on joint {joint}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from runtime.report.terminal.cells import Document, at, console, empty_table, figure, percent, say
+from runtime.report.terminal.cells import Document, console, empty_table, figure, percent, say
+from symbolic.model_file.checks import at_joint
 
 _SAME_RATE = 0.01
 
@@ -99,7 +100,7 @@ def _arm(document: Document) -> None:
     for entry in document["effects"]:
         if entry["hidden"] or entry["changed"]:
             values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
-            say(f"{'hidden' if entry['hidden'] else 'changed'}: {entry['effect']}{at(entry['joint'])}: {values}")
+            say(f"{'hidden' if entry['hidden'] else 'changed'}: {entry['effect']}{at_joint(entry['joint'])}: {values}")
 
 
 def _drives(document: Document) -> None:

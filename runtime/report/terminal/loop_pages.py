@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 from runtime.report.terminal.cells import (
     Document,
-    at,
     console,
     empty_table,
     figure,
@@ -19,6 +18,7 @@ from runtime.report.terminal.cells import (
     several,
     unit,
 )
+from symbolic.model_file.checks import at_joint
 
 _MOST_CLOSE = 3
 _WORTH_A_LINE = 0.05
@@ -67,7 +67,7 @@ def _not_named(document: Document) -> None:
     say("Closest to a name:")
     for e in entries[:_MOST_CLOSE]:
         why = e["evidence"]["failed_gates"] or ["passes every gate, but added, the error does not fall"]
-        say(f"  {e['effect']}{at(e['joint'])}: {'; '.join(why[:2])}")
+        say(f"  {e['effect']}{at_joint(e['joint'])}: {'; '.join(why[:2])}")
     say("")
 
 
@@ -107,7 +107,8 @@ def _seen(document: Document) -> None:
 
 def _sentence(seen: Document) -> str:
     side, value = ("less", seen["below"]) if "below" in seen else ("more", seen["above"])
-    text = f"{seen['effect']}{at(seen['joint'])} whose {seen['parameter']} is {side} than {value:.2g} {unit(seen)}"
+    where = f"{seen['effect']}{at_joint(seen['joint'])}"
+    text = f"{where} whose {seen['parameter']} is {side} than {value:.2g} {unit(seen)}"
     assumed = ", ".join(f"{name} {figure(x)}" for name, x in seen["with"].items())
     return text.rstrip() + (f" (with {assumed} in SI)" if assumed else "")
 
@@ -137,7 +138,7 @@ def _commands(document: Document) -> None:
 def _finding(finding: Document, document: Document) -> None:
     before, after = finding["rms_before"], finding["rms_after"]
     say(
-        f"{finding['effect']}{at(finding['joint'])}: residual {figure(before)} -> {figure(after)}, "
+        f"{finding['effect']}{at_joint(finding['joint'])}: residual {figure(before)} -> {figure(after)}, "
         f"{percent(finding['share'])} of what was missing."
     )
     if finding["held_out_before"] is not None:
@@ -154,10 +155,10 @@ def _finding(finding: Document, document: Document) -> None:
     behind = [e for e in behind if e["joint"] in (None, finding["joint"]) or finding["joint"] is None]
     behind = [e for e in behind if e["evidence"]["share_of_excess"] > _WORTH_A_LINE][:_MOST_CLOSE]
     if behind:
-        names = (f"{e['effect']}{at(e['joint'])} ({percent(e['evidence']['share_of_excess'])})" for e in behind)
+        names = (f"{e['effect']}{at_joint(e['joint'])} ({percent(e['evidence']['share_of_excess'])})" for e in behind)
         say(f"  ruled out, with what each would explain of that: {', '.join(names)}")
     if rivals:
-        say(f"  this data cannot tell it from {', '.join(f'{effect}{at(joint)}' for effect, joint in rivals)}")
+        say(f"  this data cannot tell it from {', '.join(f'{effect}{at_joint(joint)}' for effect, joint in rivals)}")
         say(f"  what would: {finding['experiment']}")
         signals = [f"{s['signal']} (from {', '.join(s['rivals'])})" for s in finding["missing_signals"]]
         say(*(["  so would, if it were recorded: " + ", ".join(signals)] if signals else []))
@@ -180,7 +181,7 @@ def _draft(document: Document) -> None:
         say(*filter(None, [document.get("draft_reason")]))
         return
     say(
-        f"A guess{at(draft['joint'])}, no law: {draft['effect']} = {draft['equation']}",
+        f"A guess{at_joint(draft['joint'])}, no law: {draft['effect']} = {draft['equation']}",
         f"  residual {figure(draft['rms_before'])} -> {figure(draft['rms_after'])} {draft['unit']} (noise floor "
         f"{figure(draft['floor'])}), {percent(draft['share'])} of what was missing.",
     )

@@ -10,7 +10,8 @@ from typing import Any
 
 from rich.console import Console
 
-from runtime.report.terminal.cells import Document, at, console, empty_table, figure, fit_table, interval, percent, say
+from runtime.report.terminal.cells import Document, console, empty_table, figure, fit_table, interval, percent, say
+from symbolic.model_file.checks import at_joint
 
 _PATIENCE = 2.0  # s
 
@@ -121,7 +122,7 @@ def simulation(document: Document) -> None:
     say(f"{document['out']}: {document['samples']} samples, {figure(document['seconds'])} s")
     for entry in hidden:
         values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
-        say(f"hidden: {entry['effect']}{at(entry['joint'])}: {values}")
+        say(f"hidden: {entry['effect']}{at_joint(entry['joint'])}: {values}")
 
 
 def _short(value: Any) -> str:
