@@ -246,9 +246,10 @@ def _parameters(model: Model, effect: str) -> tuple[Field, ...]:
 def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         top.fail(f'not a trajectory; expected an object with "format": "{FORMAT}" (tendon optimize --out)')
+    arm = data.get("arm", model.name)
+    if arm != model.name:
+        top.fail(f'is for the arm {quote(str(arm))}, and the model file is of "{model.name}"')
     said = read_fields(top, data, _fields(model))
-    if said["arm"] != model.name:
-        top.fail(f'is for the arm {quote(said["arm"])}, and the model file is of "{model.name}"')
     if not said["phases"]:
         top.fail("phases: expected at least one")
     found = Trajectory(
