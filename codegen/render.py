@@ -64,7 +64,13 @@ def arm_files(model: ArmModel) -> dict[str, str]:
             routines.append(c_code.call(name, function, tapes[function.name], precision))
             if precision is F64:
                 routines.append(c_code.batch(name, function, tapes[function.name], precision))
-        files |= _c_files(name, origin, precision, [c_code.struct_type(name, model.struct, precision)], routines)
+        files |= _c_files(
+            name,
+            origin,
+            precision,
+            [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)],
+            routines,
+        )
     builders = [casadi_code.builder(function, tape=tapes[function.name]) for function in model.functions]
     files[f"{name}_casadi.py"] = page(
         "casadi/casadi.py.j2",

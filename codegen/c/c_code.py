@@ -35,6 +35,13 @@ LOOP = "TENDON_INDEPENDENT"
 """Tells the compiler that a loop's iterations do not depend on each other."""
 
 
+HEAD = (
+    "Inputs come first and outputs last; an output may not overlap an input. Matrices stand row by row: element (i, j) "
+    "of one with n columns, both from 0, at [n i + j]. q, qd and qdd begin with joint 1."
+)
+"""What holds for all functions of an arm's header."""
+
+
 @dataclass(frozen=True)
 class Routine:
     """A generated function: comment, declaration without semicolon, and the body's lines.

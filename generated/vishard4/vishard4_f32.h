@@ -4,6 +4,9 @@
 
 #include <stddef.h>
 
+/* Inputs come first and outputs last; an output may not overlap an input. Matrices stand row by row: element (i,
+ *   j) of one with n columns, both from 0, at [n i + j]. q, qd and qdd begin with joint 1. */
+
 typedef struct {
     float J1; /* kg m^2: inertia that turns with link 1 about joint 1, beyond the point masses, rotor included */
     float J2; /* kg m^2: inertia that turns with link 2 about joint 2, beyond the point masses */
