@@ -16,8 +16,6 @@ from runtime.estimation.settings import (
     FRICTION_RANGE,
     FRICTION_SPEEDS,
     HARDLY_POSITIVE,
-    MOST_BY_CHANCE,
-    MOST_CORRELATION,
     STRUCTURE_BINS,
     STRUCTURE_LEAST_SHARE,
 )
@@ -180,7 +178,7 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
     for use in sides:
         part = r[use] - r[use].mean()
         weight = float(part @ part)
-        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, MOST_CORRELATION)) if weight else 0.0
+        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, 1.0)) if weight else 0.0
         independent = max(2.0, len(part) * (1 - lag) / (1 + lag))
         for name, values in series.signals().items():
             if name != "direction" and weight:
@@ -199,7 +197,7 @@ def _share(r: Array, total: float, values: Array, independent: float) -> float:
     explained = float(np.sum(np.bincount(index, weights=r) ** 2 / np.maximum(count, 1))) / total
     bins = int(np.count_nonzero(count))
     by_chance = (bins - 1) / max(independent - 1, bins)
-    return float(np.clip((explained - by_chance) / (1 - min(by_chance, MOST_BY_CHANCE)), 0.0, 1.0))
+    return float(np.clip((explained - by_chance) / (1 - by_chance), 0.0, 1.0))
 
 
 def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:

@@ -106,12 +106,6 @@ STRUCTURE_BINS: Final = 24
 STRUCTURE_LEAST_SHARE: Final = 0.02
 """part of the residual's variance; a signal that explains less is not named; development recordings."""
 
-MOST_CORRELATION: Final = 0.999
-"""part, the correlation from row to row; beyond it the count of independent rows would vanish; by construction."""
-
-MOST_BY_CHANCE: Final = 0.99
-"""part of the variance; what chance explains is taken off, and something must be left to divide by; by construction."""
-
 # friction outside the data ------------------------------------------------------------------------------------------
 
 FRICTION_RANGE: Final = 4
