@@ -13,6 +13,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.further_sensors import FurtherSensors
 from runtime.estimation.identify import identify
 from runtime.estimation.regressors import Signals
 from runtime.model.loader import Model
@@ -162,16 +163,39 @@ def test_a_bristle_needs_a_friction_that_says_that_it_is_dry(folder: Path) -> No
         Plant(slippery, {**structure(slippery), **held}, 1e-3)
 
 
-def test_a_gap_of_ones_own_is_witnessed_by_a_link_encoder(folder: Path) -> None:
-    """In a library that has no other gap: a spring alone is ruled out by the play that the encoder shows."""
+def loose(folder: Path, **declared: object) -> Model:
+    """The drive with a library that has no other gap than ours, which may declare something else of itself."""
     source = Source.shipped("drive", folder / "own.py")
-    model = replace(source, library={k: e for k, e in source.library.items() if k != "backlash"}).model()
-    seen = recorded(model, "loose_key@1", signals="q_link")
+    library = {name: effect for name, effect in source.library.items() if name != "backlash"}
+    library["loose_key"] = replace(library["loose_key"], **declared)  # type: ignore[arg-type]
+    return replace(source, library=library).model()
+
+
+def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> tuple[str, ...]:
+    """What a link-side encoder holds against the own gap, if it were this wide."""
+    fitted = identify(model, [made])
+    sensors = FurtherSensors(CandidateField(fitted.problem, fitted.fit))
+    return sensors._play(Candidate(Term("loose_key", 1), {**rest, "gap": gap}, 3, 0.0, False))
+
+
+def test_a_gap_of_ones_own_is_witnessed_by_a_link_encoder(folder: Path) -> None:
+    """It is found; were it wider than what the encoder shows, that would speak against it. Were it narrower, that is a
+    matter of its value, but for an effect that does not say that it has a gap."""
+    model = loose(folder)
+    hidden = simulation.parse_hidden("loose_key@1", model)
+    seen, values = simulation.simulate(model, [hidden], SimulationSettings(signals="q_link"))
     assert seen.q_link is not None
     assert seen.q_desired is not None
-    assert np.ptp(seen.q_desired - seen.q_link) > 1e-3
+    true = values[hidden.term]
+    assert np.ptp(seen.q_desired - seen.q_link) > true["gap"]
     findings = diagnose(model, [seen]).findings
     assert [(str(f.term), f.rivals) for f in findings] == [("loose_key@1", ())]
+    assert play(model, seen, true["gap"], true) == ()
+    (wide,) = play(model, seen, 10 * true["gap"], true)
+    assert "less play than it has" in wide
+    assert play(model, seen, true["gap"] / 100, true) == ()
+    (silent,) = play(loose(folder, has_gap=False), seen, true["gap"] / 100, true)
+    assert "more play than it has" in silent
 
 
 @pytest.fixture(scope="module")
