@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What a process of pytest-xdist takes at once: a file, whose fixtures are then made once, or all with a clock."""
     for item in items if config.pluginmanager.hasplugin("xdist") else ():
