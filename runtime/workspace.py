@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from symbolic.model_file.checks import quote
+
 # Everything heavy (SymPy, CasADi, SciPy) is imported where it is needed, so that --help is quick.
 if TYPE_CHECKING:
     from codegen.firmware.source_tree import FirmwareTree
@@ -25,6 +27,29 @@ class UsageError(ValueError):
     """A command line that contradicts itself."""
 
 
+ARMS = Path(__file__).parent.parent / "symbolic" / "arms"
+ARM = "model file here and no arm"
+SCENARIOS = Path(__file__).parent / "study"
+"""Where the arms and the scenarios stand that come with the toolkit, each known by the name of its file."""
+
+
+def is_name(path: Path) -> bool:
+    """Whether a command line means something of the toolkit: no folder, no ending, and no file here is called so."""
+    return path.name == str(path) and not path.suffix and (path.is_dir() or not path.exists())
+
+
+def scenario_path(scenario: Path) -> Path:
+    """A scenario file, or by its name one that comes with the toolkit. Raises UsageError."""
+    return _shipped(SCENARIOS, "scenario file here and no scenario", scenario.name) if is_name(scenario) else scenario
+
+
+def _shipped(folder: Path, kind: str, name: str) -> Path:
+    names = sorted(path.stem for path in folder.glob("*.toml"))
+    if name not in names:
+        raise UsageError(f"{quote(name)} is no {kind} of the toolkit, which has {', '.join(names)}")
+    return folder / f"{name}.toml"
+
+
 @dataclass(frozen=True)
 class Source:
     """A model file as read: its text, what it says, and the library that its effects come from."""
@@ -35,22 +60,18 @@ class Source:
     own_effects: bool
 
     @classmethod
-    def read(cls, path: Path, effects_file: Path | None) -> Source:
+    def read(cls, model: Path, effects_file: Path | None) -> Source:
+        """A model file, or by its name an arm that comes with the toolkit. Raises ModelError, UsageError."""
         from symbolic.model_file import reader
 
+        path = _shipped(ARMS, ARM, model.name) if is_name(model) else model
         library = effects_library(effects_file)
         return cls(path, reader.read_text(path), library, effects_file is not None)
 
     @classmethod
     def shipped(cls, name: str, effects_file: Path | None = None) -> Source:
         """An arm that comes with the toolkit. Raises UsageError."""
-        import symbolic
-
-        arms = Path(symbolic.__file__).parent / "arms"
-        names = sorted(path.stem for path in arms.glob("*.toml"))
-        if name not in names:
-            raise UsageError(f'"{name}" is no model file here and no arm of the toolkit, which has {", ".join(names)}')
-        return cls.read(arms / f"{name}.toml", effects_file)
+        return cls.read(_shipped(ARMS, ARM, name), effects_file)
 
     def arm(self, text: str | None = None) -> Arm:
         from symbolic.model_file import reader

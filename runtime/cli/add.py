@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_own, check_writable
 from runtime.cli.output import emit
 from runtime.cli.rendered import render_all
 from runtime.workspace import Source
@@ -25,7 +25,8 @@ def add(
     json: Json = None,
 ) -> None:
     """Put an effect into the model file and regenerate."""
-    check_writable(json, model)
+    check_own(model)
+    check_writable(json)
     source = Source.read(model, effects)
     text = source.add(source.text, effect, joint)
     rendered = render_all(source, text, out)  # what cannot be generated is not written either

@@ -25,6 +25,7 @@ from runtime.workspace import UsageError
 
 if TYPE_CHECKING:
     from runtime.diagnosis.diagnose import Diagnosis
+    from runtime.report.follow_up import Invocation
     from runtime.workspace import Source
 
 app = typer.Typer()
@@ -57,14 +58,13 @@ def diagnose(
         result = diagnosed(loaded, data, wider=source.guesses)
     from runtime.report.summary import ResultSummary
 
-    summary = ResultSummary(
-        result, invocation_of(source, model, recordings, effects, maps, allow_gaps), drafted=draft is not None
-    )
+    invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps)
+    summary = ResultSummary(result, invocation, drafted=draft is not None)
     page = write_page(report, summary)
     document = summary.document
     if draft is not None:
         reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
-        document = document | _drafted(source, result, draft, effects, recordings, reading)
+        document = document | _drafted(source, result, draft, invocation, reading)
     emit(json, document, loop_pages.diagnosis)
     name_page(page, json)
     if result.verdict in ("unexplained", "refused"):
@@ -72,7 +72,7 @@ def diagnose(
 
 
 def _drafted(
-    source: Source, result: Diagnosis, target: Path, effects: Path | None, recordings: list[Path], reading: list[str]
+    source: Source, result: Diagnosis, target: Path, invocation: Invocation, reading: list[str]
 ) -> dict[str, Any]:
     """What a diagnosis says of the guess that was asked for; its file is written if there is one.
 
@@ -89,10 +89,12 @@ def _drafted(
         found = law_proposal.propose(result, *source.guesses())
     if found is None:
         return {"draft_reason": law_proposal.none_found(result)}
-    beside = None if effects is None else os.path.relpath(effects.resolve(), target.resolve().parent)
-    notes = law_proposal.notes(found, source.path.name, [path.name for path in recordings])
+    own = invocation.effects
+    beside = None if own is None else os.path.relpath(own.resolve(), target.resolve().parent)
+    notes = law_proposal.notes(found, source.path.name, [path.name for path in invocation.recordings])
     files.replace(target, wider.declaration(found.term.effect, notes, beside).encode())
-    following = law_proposal.next_steps(found, source.path, recordings, reading, target)
+    following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target)
+    following = [invocation.copy(), *following] if invocation.like else following
     return {"draft": {**found.to_json(), "file": str(target), "next": following}}
 
 

@@ -45,7 +45,7 @@ class _Asked:
     talks: bool
 
 
-@app.command(epilog="Example: tendon execute vishard4.toml case1D.json --on simulation --out run.csv.gz")
+@app.command(epilog="Example: tendon execute vishard4 case1D.json --on simulation --out run.csv.gz")
 @with_settings
 def execute(
     model: ModelFile,

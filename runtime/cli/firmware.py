@@ -16,7 +16,7 @@ from runtime.workspace import Source
 app = typer.Typer()
 
 
-@app.command(epilog="Example: tendon firmware symbolic/arms/vishard4.toml --target cortex-m4f")
+@app.command(epilog="Example: tendon firmware vishard4 --target cortex-m4f")
 def firmware(
     model: ModelFile,
     target: Annotated[str, typer.Option(metavar="NAME", help="cortex-m4f, cortex-m7, or host.")] = "cortex-m4f",

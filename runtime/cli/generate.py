@@ -16,7 +16,7 @@ from runtime.workspace import Source
 app = typer.Typer()
 
 
-@app.command(epilog="Example: tendon generate symbolic/arms/vishard4.toml")
+@app.command(epilog="Example: tendon generate vishard4")
 def generate(
     model: ModelFile,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME.")] = None,

@@ -7,7 +7,16 @@ from typing import Annotated
 import typer
 
 from runtime.cli.loop import inputs
-from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, check_writable
+from runtime.cli.options import (
+    AllowGaps,
+    EffectsFile,
+    Json,
+    Map,
+    ModelFile,
+    Recordings,
+    check_own,
+    check_writable,
+)
 from runtime.cli.output import emit
 
 app = typer.Typer()
@@ -29,7 +38,9 @@ def identify(
     """Fit the parameters to recordings. Base inertial ones and those of the effects, with intervals."""
     from runtime.report.terminal import pages
 
-    check_writable(json, model if write else None)
+    if write:
+        check_own(model)
+    check_writable(json)
     source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.estimation.identify import identify as fit
 

@@ -17,6 +17,7 @@ from runtime.cli.options import (
     Recordings,
     Report,
     check_directory,
+    check_own,
     check_writable,
 )
 from runtime.cli.output import emit
@@ -45,7 +46,9 @@ def improve(
 
     if write and out:
         raise UsageError("--write and --out exclude each other: the model is written to one place")
-    check_writable(json, out, model if write else None)
+    if write:
+        check_own(model)
+    check_writable(json, out)
     check_directory(report)
     for path in held_out or ():
         if path.resolve() in {p.resolve() for p in recordings}:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.cli.options import mapping
-from runtime.workspace import Source
+from runtime.workspace import Source, is_name
 
 if TYPE_CHECKING:
     from runtime.loop.improve import Improvement
@@ -56,6 +56,8 @@ def invocation_of(
     from runtime.report.follow_up import Invocation, about
 
     read = tuple(recordings), held_out, effects, tuple(maps or ()), allow_gaps
+    if is_name(model):
+        return Invocation(Path(f"{model}.toml"), *read, improved, about(source.text), like=str(model))
     return Invocation(model, *read, improved, about(source.text))
 
 

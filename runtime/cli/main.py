@@ -18,6 +18,7 @@ from runtime.cli import (
     generate,
     identify,
     improve,
+    init,
     optimize,
     output,
     paper,
@@ -34,6 +35,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 for _verb in (
+    init,
     generate,
     verify,
     effects,

@@ -7,19 +7,19 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import PlanningSettings
-from runtime.workspace import UsageError, scenario_source
+from runtime.workspace import UsageError, scenario_path, scenario_source
 
 app = typer.Typer()
 
 
-@app.command(epilog="Example: tendon optimize runtime/study/scenario1.toml --out plan.json --plot plan.png")
+@app.command(epilog="Example: tendon optimize scenario1 --out plan.json --plot plan.png")
 @with_settings
 def optimize(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML).")],
+    scenario: ScenarioFile,
     cycle_time: Annotated[float | None, typer.Option(min=0.01, help="s, in place of the file's.")] = None,
     friction: Annotated[
         bool | None, typer.Option("--friction/--no-friction", help="In place of the file's.", show_default=False)
@@ -43,6 +43,7 @@ def optimize(
 
     targets = [path for path in (out, model_out, plot) if path is not None]
     check_writable(json, *targets)
+    scenario = scenario_path(scenario)
     asked = scenario_file.read(scenario)
     source = scenario_source(asked.model, scenario, effects)
     for path in targets:

@@ -9,9 +9,13 @@ from typing import Annotated
 
 import typer
 
-from runtime.workspace import UsageError
+from runtime.workspace import UsageError, is_name
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file (TOML).")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps.")]
+ScenarioFile = Annotated[
+    Path,
+    typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML); or scenario1, scenario2."),
+]
 Recordings = Annotated[
     list[Path],
     typer.Argument(
@@ -43,6 +47,16 @@ def check_writable(*targets: Path | str | None) -> None:
             raise UsageError(f"{path}: there is no directory {path.parent}; make it first")
         if not os.access(path if path.exists() else path.parent, os.W_OK):
             raise UsageError(f"{path}: cannot be written; check its permissions")
+
+
+def check_own(model: Path) -> None:
+    """Refuse before any work is done to write into a model file that is not the user's or could not be written."""
+    if is_name(model):
+        raise UsageError(
+            f"{model}: comes with Tendon and is left as it is; first make a copy of it that is yours, with "
+            f"tendon init --like {model} --out {model}.toml"
+        )
+    check_writable(model)
 
 
 def check_directory(target: Path | None) -> None:

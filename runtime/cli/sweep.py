@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import Starts
-from runtime.workspace import UsageError, effects_library, scenario_source
+from runtime.workspace import UsageError, effects_library, scenario_path, scenario_source
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -44,11 +44,11 @@ Dask workers (--scheduler) need tendon installed and the same kind of machine; t
 
 @app.command(
     help=_HELP,
-    epilog="Example: tendon sweep scenario1.toml --over cycle_time=1.0:3.0:0.2 --over case=A,B,C,D --table sweep.csv",
+    epilog="Example: tendon sweep scenario1 --over cycle_time=1.0:3.0:0.2 --over case=A,B,C,D --table sweep.csv",
 )
 @with_settings
 def sweep(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="As for tendon optimize (TOML).")],
+    scenario: ScenarioFile,
     over: Annotated[list[str], typer.Option("--over", metavar="NAME=VALUES", help="What varies; see above.")],
     table: Annotated[Path, typer.Option(metavar="FILE", help="One row a job: .csv, or .parquet (needs pyarrow).")],
     starts: Starts = None,
@@ -74,7 +74,7 @@ def sweep(
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
     axes = grid.parse(over, effects_library(effects))
-    case, model = _read(scenario, effects)
+    case, model = _read(scenario_path(scenario), effects)
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)
     names = [axis.name for axis in axes]

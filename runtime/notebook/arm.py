@@ -71,8 +71,7 @@ def load(model: PathOrText, effects: PathOrText | None = None) -> LoadedArm:
     Derived and compiled when it is first needed; later calls find it in the cache. Raises ValueError, OSError.
     """
     own = None if effects is None else Path(effects)
-    path = Path(model)
-    return LoadedArm(Source.read(path, own) if path.exists() or path.suffix else Source.shipped(str(model), own))
+    return LoadedArm(Source.read(Path(model), own))
 
 
 def recording(

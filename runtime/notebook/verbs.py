@@ -30,7 +30,7 @@ from runtime.report.follow_up import Invocation, about
 from runtime.report.summary import ResultSummary
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace import scenario_source
+from runtime.workspace import scenario_path, scenario_source
 
 Recordings = Recorded | Sequence[Recorded]
 
@@ -110,12 +110,13 @@ def optimize(
     seed: int = PlanningSettings.seed,
     effects: PathOrText | None = None,
 ) -> PlanResult:
-    """Plan motion and springs of a scenario file together; the arm is the one that the file names.
+    """Plan motion and springs together; the arm is the one that the scenario names.
 
+    scenario     a file, or the name of one of Tendon's (scenario1, scenario2)
     cycle_time   s, and friction: in place of the file's     springs: with the file's, or bare
     starts       random first guesses; None: few     Raises Infeasible if no motion meets all constraints.
     """
-    path = Path(scenario)
+    path = scenario_path(Path(scenario))
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, None if effects is None else Path(effects))
     arm = LoadedArm(source)

@@ -20,6 +20,7 @@ class Invocation:
     maps       `--map` entries
     improved   where the improved model was written, if it was
     about      what the model file says of itself
+    like       the arm of Tendon that was named in place of a model file; `model` is then where a copy of it goes
     """
 
     model: Path
@@ -30,6 +31,11 @@ class Invocation:
     allow_gaps: bool = False
     improved: Path | None = None
     about: str = ""
+    like: str | None = None
+
+    def copy(self) -> str:
+        """Makes the arm that was named a model file of the user's."""
+        return shlex.join(["tendon", "init", "--like", str(self.like), "--out", _path(self.model)])
 
     def add(self, term: Term) -> str:
         """Puts an effect into the model file."""
@@ -43,19 +49,19 @@ class Invocation:
     def experiment(self, terms: Sequence[Term]) -> str:
         """Designs the motion that tells effects apart."""
         between = ",".join(map(str, terms))
-        return self._line("experiment", [_path(self._latest), "--between", between])
+        return self._line("experiment", [self._latest, "--between", between])
 
     def draft(self) -> str:
         """Drafts an effect for what nothing in the library explains."""
-        return self._line("diagnose", [_path(self._latest), *self._data(), "--draft", str(GUESS)])
+        return self._line("diagnose", [self._latest, *self._data(), "--draft", str(GUESS)])
 
     def try_draft(self) -> str:
         """Adds the draft, if it helps."""
-        return shlex.join(["tendon", "improve", _path(self._latest), *self._data(), "--effects", str(GUESS)])
+        return shlex.join(["tendon", "improve", self._latest, *self._data(), "--effects", str(GUESS)])
 
     @property
-    def _latest(self) -> Path:
-        return self.improved or self.model
+    def _latest(self) -> str:
+        return _path(self.improved) if self.improved else self.like or _path(self.model)
 
     def _data(self) -> list[str]:
         maps = [part for entry in self.maps for part in ("--map", entry)]

@@ -113,6 +113,11 @@ class ResultSummary:
     def invocation(self) -> Invocation:
         return self.given or unknown(self.first.identification.model.name)
 
+    def copying(self) -> list[NextCommand]:
+        """What comes before the first effect is added to an arm of Tendon: a copy of it."""
+        named = self.findings and self.origin.like
+        return [NextCommand("makes a model file of yours, to add it to", self.origin.copy())] if named else []
+
     def adding(self) -> list[NextCommand]:
         """One command a finding, in their order."""
         return [NextCommand(f"adds {f.term.effect}{at(f.term)}", self.invocation.add(f.term)) for f in self.findings]
@@ -153,7 +158,7 @@ class ResultSummary:
     @property
     def commands(self) -> list[NextCommand]:
         """What is still to do, in its order."""
-        to_do = [] if self.improved else [*self.adding(), *self.refitting()]
+        to_do = [] if self.improved else [*self.copying(), *self.adding(), *self.refitting()]
         return [*to_do, *self.separating(), *self.drafting()]
 
 

@@ -19,6 +19,7 @@ from runtime.cli.main import app
 from runtime.workspace import Source, open_model
 
 VERBS = [
+    "init",
     "generate",
     "verify",
     "effects",
@@ -412,3 +413,51 @@ def test_a_reader_that_goes_away_is_no_error(here):  # noqa: ARG001
     command = f"{sys.executable} -c 'from runtime.cli.main import main; main()' effects --json - | head -c 10"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+# --- arms and scenarios by name ---
+
+
+def test_an_arm_of_tendon_is_known_by_its_name(run, here):
+    assert run("identify", "drives", "absent.csv")[2] == (
+        '"drives" is no model file here and no arm of the toolkit, which has drive, emps, vishard4\n'
+    )
+    (here / "drive").mkdir()  # a folder is no model file
+    assert run("simulate", "drive", "--out", "run.csv", "--seconds", "2")[0] == 0
+    (here / "vishard4").write_text(DRIVE)  # a file here comes first
+    assert json.loads(run("simulate", "vishard4", "--out", "run.csv", "--seconds", "2", "--json", "-")[1])
+    assert (here / "run.csv").read_text().startswith("t [s],q1 [rad],tau1 [N m]")
+
+
+@pytest.mark.parametrize(
+    "arguments", [("add", "stribeck", "--joint", "1"), ("identify", "run.csv", "--write"), ("improve", "r", "--write")]
+)
+def test_an_arm_of_tendon_is_not_written_to(run, here, arguments):
+    verb, *rest = arguments
+    line = refused(run, here, verb, "drive", *rest)
+    assert line.startswith("drive: comes with Tendon and is left as it is")
+    assert "tendon init --like drive --out drive.toml" in line
+
+
+def test_init_makes_a_copy_to_edit(run, here):
+    shipped = Source.shipped("drive")
+    status, out, _ = run("init", "--like", "drive", "--out", "mine.toml")
+    assert (status, (here / "mine.toml").read_text()) == (0, shipped.text)
+    assert out.startswith("mine.toml: drive, 1 joint, as in drive")
+    assert run("init", "--like", "mine.toml", "--out", "second.toml", "--json", "-")[0] == 0
+    assert "is there already" in refused(run, here, "init", "--like", "vishard4", "--out", "mine.toml")
+    assert '"drone" is no model file' in refused(run, here, "init", "--like", "drone", "--out", "x.toml")
+
+
+def test_what_follows_from_an_arm_of_tendon_can_be_typed(run, recorded):
+    document = json.loads(run("diagnose", "drive", recorded, "--json", "-")[1])
+    lines = [c["command"] for c in document["commands"]]
+    assert lines[:2] == ["tendon init --like drive --out drive.toml", "tendon add drive.toml stribeck --joint 1"]
+
+
+def test_scenarios_are_known_by_name(run, here):
+    expected = '"scenario3" is no scenario file here and no scenario of the toolkit, which has scenario1, scenario2'
+    assert expected in refused(run, here, "optimize", "scenario3")
+    assert expected in refused(run, here, "sweep", "scenario3", "--over", "seed=0:1", "--table", "t.csv")
+    (here / "scenario1").write_text("name = 1")
+    assert "scenario1: " in refused(run, here, "optimize", "scenario1")

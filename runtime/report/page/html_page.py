@@ -119,7 +119,7 @@ def _compared(summary: ResultSummary) -> str:
 
 def _short(summary: ResultSummary) -> Row:
     """Error before, after and floor of every joint, and what to type next."""
-    to_type = summary.adding() or summary.drafting()[:1]
+    to_type = [*summary.copying(), *summary.adding()] or summary.drafting()[:1]
     return {
         "changed": summary.first is not summary.last,
         "rows": [_short_row(summary, i) for i in range(len(summary.first.joints))],
@@ -234,7 +234,7 @@ def _commands(summary: ResultSummary) -> Row:
     return {
         "known": summary.given is not None,
         "improved": summary.document.get("improved_model"),
-        "adding": [*summary.adding(), *summary.refitting()],
+        "adding": [*summary.copying(), *summary.adding(), *summary.refitting()],
         "drafting": summary.drafting(),
     }
 

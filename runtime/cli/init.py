@@ -1,0 +1,42 @@
+"""The verb that begins a model file: init."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.output import emit
+from runtime.workspace import Source, UsageError
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon init --like drive --out my_drive.toml")
+def init(
+    like: Annotated[
+        Path, typer.Option(metavar="MODEL", help="It begins as a copy of this: drive, vishard4, emps, or a file.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The new model file.")],
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Begin a model file for an arm of your own. With the comments that say what each number is."""
+    from runtime import files
+    from runtime.report.terminal.pages import say
+
+    check_writable(json, out)
+    if out.exists():
+        raise UsageError(f"{out}: is there already; choose another name")
+    source = Source.read(like, effects)
+    arm = source.arm()
+    files.replace(out, source.text.encode())
+    document = {"out": str(out), "like": str(like), "name": arm.name, "joints": len(arm.joints)}
+
+    def show(_: Any) -> None:
+        joints = "1 joint" if len(arm.joints) == 1 else f"{len(arm.joints)} joints"
+        say(f"{out}: {arm.name}, {joints}, as in {like}; change in it what is different at your arm")
+
+    emit(json, document, show)
