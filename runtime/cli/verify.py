@@ -13,7 +13,7 @@ from runtime.workspace import Source
 app = typer.Typer()
 
 
-@app.command(epilog="Example: tendon verify symbolic/arms/vishard4.toml --json vectors.json")
+@app.command(epilog="Example: tendon verify vishard4 --json vectors.json")
 def verify(
     model: ModelFile,
     samples: Annotated[int, typer.Option(min=1, max=100_000, help="Random inputs of each function.")] = 20,

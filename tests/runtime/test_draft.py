@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from guides import blocks
 
 from runtime.cli import output
 from runtime.cli.main import app
@@ -25,8 +26,8 @@ from tests.runtime.conftest import ROOT, recorded
 Run = Callable[..., tuple[int, dict, str]]
 
 
-OWN = f"{BANNER}\n" + (ROOT / "README.md").read_text().split("```python\n")[-1].split("```")[0]
-"""The README's example of a user's own effects, which all calls here load: guesses come beside them."""
+OWN = f"{BANNER}\n" + next(block.text for block in blocks(ROOT / "symbolic" / "README.md") if block.file == "drag.py")
+"""The guide's example of a user's own effects, which all calls here load: guesses come beside them."""
 
 
 @pytest.fixture
