@@ -14,6 +14,7 @@ import time
 import tomllib
 from collections.abc import Iterable
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -253,6 +254,20 @@ def test_every_field_of_a_declaration_has_its_line() -> None:
         name for row in table("symbolic/README.md", "An effect of your own") for name in row[0].split(", ")
     ]
     assert {name.strip("`") for name in listed_fields} == {field.name for field in fields(Effect)}
+
+
+@pytest.mark.parametrize(
+    ("guide", "heading", "declared"),
+    [
+        ("symbolic/README.md", "The model file", "symbolic.model_file.keys:model_file_rows"),
+        ("runtime/README.md", "Motion and springs together", "runtime.planning.scenario_file:scenario_file_rows"),
+    ],
+)
+def test_the_keys_of_a_file_are_those_that_are_declared(guide: str, heading: str, declared: str) -> None:
+    pytest.importorskip("symbolic.model_file.keys", reason="keys of files are not declared yet")
+    module, _, function = declared.partition(":")
+    rows = getattr(import_module(module), function)()
+    assert table(guide, heading) == [[f"`{row.key}`", row.unit, row.default, row.meaning] for row in rows]
 
 
 def test_the_example_of_a_model_file_has_every_key() -> None:
