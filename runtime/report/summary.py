@@ -115,8 +115,8 @@ class ResultSummary:
 
     def copying(self) -> list[NextCommand]:
         """What comes before the first effect is added to an arm of Tendon: a copy of it."""
-        named = self.findings and self.origin.like
-        return [NextCommand("makes a model file of yours, to add it to", self.origin.copy())] if named else []
+        named = self.findings and self.invocation.like
+        return [NextCommand("makes a model file of yours, to add it to", self.invocation.copy())] if named else []
 
     def adding(self) -> list[NextCommand]:
         """One command a finding, in their order."""
