@@ -22,6 +22,8 @@ COUNTED = 3
 """A whole number above it, compared or bounded with, is a threshold; up to it, it counts what is there."""
 
 ELSEWHERE = {
+    "simulation/options.py": "what the verb is told: defaults and ranges of its options",
+    "experiments/options.py": "likewise",
     "experiments/pieces.py": "motions, written down as numbers: what is chosen among them is in the settings",
     "experiments/selection.py: WIDER": "factors that stand in words beside themselves",
     "estimation/covariance.py: estimate": "digits of a number on a page",

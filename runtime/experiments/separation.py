@@ -34,8 +34,6 @@ from runtime.simulation.simulate import Hidden, excitation, simulate
 
 Array = NDArray[np.float64]
 
-_SILENT = SimulationSettings(noise=0.0)
-
 
 Pair = tuple[int, int | None]
 """Numbers of the rival that is true and of the one that tries to explain it; None: nothing but the base model."""
@@ -66,9 +64,11 @@ class TrialArm:
         """Raises SimulationError."""
         part = ORDINARY_SECONDS / ORDINARY_REPEATS
         path = excitation(model, np.random.default_rng(settings.seed), part, ORDINARY_REPEATS)
-        plain, base = simulate(model, settings=_SILENT, motion=path)
+        plain, base = simulate(model, settings=SimulationSettings(noise=0.0), motion=path)
         known = stated(model, base)
-        complete = tuple(Hidden(r.term, simulate(known, [r], _SILENT, path)[1][r.term]) for r in rivals)
+        complete = tuple(
+            Hidden(r.term, simulate(known, [r], SimulationSettings(noise=0.0), path)[1][r.term]) for r in rivals
+        )
         level = settings.noise * np.sqrt(np.mean(plain.tau**2, axis=1))
         ordinary = noisy(plain, level, settings.seed)
         return cls(model, known, base, complete, level, prepared(model, [ordinary]).band, path)
@@ -82,7 +82,7 @@ class TrialArm:
 
     def record(self, path: Array, rival: Hidden | None, seed: int | None) -> Recording:
         """A recording of this motion (n, N) with the rival hidden in it; no noise without a seed."""
-        made, _ = simulate(self.known, [] if rival is None else [rival], _SILENT, path)
+        made, _ = simulate(self.known, [] if rival is None else [rival], SimulationSettings(noise=0.0), path)
         return made if seed is None else noisy(made, self.noise, seed)
 
     @property
