@@ -12,7 +12,7 @@ from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json
 from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
-from symbolic.model_file.arm import Joint
+from symbolic.model_file.arm import DescribedJoint, Joint
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -47,24 +47,8 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
-    limits = joint.limits
-    return {
-        "type": joint.type,
-        "rotor_inertia": joint.rotor_inertia,
-        "gear_ratio": joint.gear_ratio,
-        "torque_constant": joint.torque_constant,
-        "limits": {
-            "position": None if limits.position is None else list(limits.position),
-            "speed": limits.speed,
-            "torque": limits.torque,
-        },
-        "gains": None if joint.gains is None else asdict(joint.gains),
-        "encoder_counts": joint.encoder_counts,
-        "encoder_zero": joint.encoder_zero,
-        "drive": None if joint.drive is None else asdict(joint.drive),
-        "effects": _values(joint.effects),
-        "units": {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)},
-    }
+    units = {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)}
+    return {**to_json(joint, DescribedJoint), "units": units}
 
 
 def _values(effects: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:

@@ -68,7 +68,7 @@ class Composition:
         return self.model.controller
 
     def gain(self, name: str) -> Array:
-        return np.array([[joint.gains[name]] for joint in self.model.joints if joint.gains])
+        return np.array([[getattr(joint.gains, name)] for joint in self.model.joints if joint.gains])
 
     def resolution(self, m: JointMotion) -> Array:
         """What a rounding of the control points to float does to the torque, a few times over (n, N)."""

@@ -19,7 +19,9 @@ def arm(types: str, gravity: tuple[float, float], seed: int = 1) -> Arm:
     def joint(kind: str) -> Joint:
         com = (decimal(-0.1, 0.4), decimal(-0.05, 0.05))
         link = Link(decimal(0.1, 0.5), decimal(0.2, 4.0), com, decimal(0.01, 0.1))
-        return Joint("revolute" if kind == "r" else "prismatic", decimal(0.01, 0.3), float(rng.randint(1, 160)), link)
+        return Joint(
+            "revolute" if kind == "r" else "prismatic", decimal(0.01, 0.3), float(rng.randint(1, 160)), link=link
+        )
 
     return Arm(f"arm_{types}", gravity, tuple(joint(kind) for kind in types))
 

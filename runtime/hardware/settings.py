@@ -147,8 +147,8 @@ def _drive(model: Model, per_count: Array) -> Values:
         "velocity_gain": 1.0 - exp(-2.0 * pi * settings["velocity_cutoff"] / settings["rate"]),
         "position_per_count": per_count.tolist(),
         "zero": [joint.encoder_zero for joint in model.joints],
-        "kp": [joint.gains["kp"] for joint in model.joints if joint.gains],
-        "kd": [joint.gains["kd"] for joint in model.joints if joint.gains],
+        "kp": [joint.gains.kp for joint in model.joints if joint.gains],
+        "kd": [joint.gains.kd for joint in model.joints if joint.gains],
         "torque_limit": [UNLIMITED if limit is None else limit for limit in limits],
     }
 

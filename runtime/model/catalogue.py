@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import atan2, nan, prod
 from typing import Any, cast
 
 from symbolic.described import DescribedEffect, DescribedParameter, from_json
+from symbolic.model_file.arm import DescribedJoint
 
 
 class LoaderError(ValueError):
@@ -71,52 +72,34 @@ class LumpInfo:
 
 
 @dataclass(frozen=True)
-class DriveInfo:
-    """A joint's drive on a CAN bus: node id; direction 1 or −1; rated torque of the motor in N m, None: as it says."""
+class JointInfo(DescribedJoint):
+    """A joint as the model file has it, and the units of its "force" and "position"."""
 
-    node: int
-    direction: int
-    rated_torque: float | None
+    units: Mapping[str, str] = field(kw_only=True)
 
+    @property
+    def position_limits(self) -> tuple[float, float] | None:
+        return self.limits.position
 
-@dataclass(frozen=True)
-class JointInfo:
-    """A joint as the model file has it; effects: name -> parameter values (those that are known)."""
+    @property
+    def speed_limit(self) -> float | None:
+        return self.limits.speed
 
-    type: str
-    rotor_inertia: float
-    gear_ratio: float
-    torque_constant: float | None
-    position_limits: tuple[float, float] | None
-    speed_limit: float | None
-    torque_limit: float | None
-    gains: Mapping[str, float] | None
-    encoder_counts: int | None
-    encoder_zero: int
-    drive: DriveInfo | None
-    effects: Mapping[str, Mapping[str, float]]
-    force_unit: str
-    position_unit: str
+    @property
+    def torque_limit(self) -> float | None:
+        return self.limits.torque
+
+    @property
+    def force_unit(self) -> str:
+        return self.units["force"]
+
+    @property
+    def position_unit(self) -> str:
+        return self.units["position"]
 
 
 def joint_info(data: Mapping[str, Any]) -> JointInfo:
-    limits = data["limits"]
-    return JointInfo(
-        type=data["type"],
-        rotor_inertia=data["rotor_inertia"],
-        gear_ratio=data["gear_ratio"],
-        torque_constant=data["torque_constant"],
-        position_limits=None if limits["position"] is None else tuple(limits["position"]),
-        speed_limit=limits["speed"],
-        torque_limit=limits["torque"],
-        gains=data["gains"],
-        encoder_counts=data["encoder_counts"],
-        encoder_zero=data["encoder_zero"],
-        drive=None if data["drive"] is None else DriveInfo(**data["drive"]),
-        effects=data["effects"],
-        force_unit=data["units"]["force"],
-        position_unit=data["units"]["position"],
-    )
+    return cast(JointInfo, from_json(JointInfo, data))
 
 
 def evaluate(form: Any, known: Mapping[str, float]) -> float:

@@ -67,23 +67,30 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Joint:
-    """rotor_inertia at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A).
+class DescribedJoint:
+    """A joint without its link: what the generated metadata says of it.
 
+    rotor_inertia    at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A)
     encoder_counts   per turn of the motor; encoder_zero: of them where the position is 0
     """
 
     type: Literal["revolute", "prismatic"]
     rotor_inertia: float
     gear_ratio: float
-    link: Link
-    effects: dict[str, Values] = field(default_factory=dict)
     torque_constant: float | None = None
     limits: Limits = field(default_factory=Limits)
     gains: Gains | None = None
     encoder_counts: int | None = None
     encoder_zero: int = 0
     drive: Drive | None = None
+    effects: dict[str, Values] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Joint(DescribedJoint):
+    """A joint of the model file."""
+
+    link: Link = field(kw_only=True)
 
 
 @dataclass(frozen=True)

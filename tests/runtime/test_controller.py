@@ -127,7 +127,7 @@ def test_rest_at_the_end(make: Callable[..., Controller], model: Model) -> None:
         flags.append(c.finished)
     assert flags == [False] * 50 + [True] * 150
     assert c.q_desired == pytest.approx(points[:, -1])
-    assert c.torque == pytest.approx([j.gains["kp"] * e for j, e in zip(model.joints, c.q_desired - c.q, strict=True)])
+    assert c.torque == pytest.approx([j.gains.kp * e for j, e in zip(model.joints, c.q_desired - c.q, strict=True)])
 
 
 def test_a_straight_line(make: Callable[..., Controller]) -> None:

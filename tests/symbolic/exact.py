@@ -203,7 +203,7 @@ def random_arm(n: int, seed: int) -> Arm:
         length = rng.choice([0.0, 0.3]) if rng.random() < 0.2 else rng.randint(5, 60) / 100
         across = rng.randint(-9, 9) / 100 if off_line and rng.random() < 0.7 else 0.0
         link = Link(length, rng.randint(1, 90) / 10, (rng.randint(-20, 60) / 100, across), rng.randint(1, 99) / 1000)
-        return Joint(rng.choice(mix), rng.choice([0.0, 0.25, 0.49]), 100.0, link)
+        return Joint(rng.choice(mix), rng.choice([0.0, 0.25, 0.49]), 100.0, link=link)
 
     return Arm("random", gravity, tuple(joint() for _ in range(n)))
 
@@ -220,7 +220,9 @@ def chain_of(types: str, gravity: tuple[float, float] = (0.0, 0.0), across: floa
         "chain",
         gravity,
         tuple(
-            Joint("revolute" if t == "R" else "prismatic", 0.3, 100.0, Link(lengths[i], 2.5, (0.11, across), 0.012))
+            Joint(
+                "revolute" if t == "R" else "prismatic", 0.3, 100.0, link=Link(lengths[i], 2.5, (0.11, across), 0.012)
+            )
             for i, t in enumerate(types)
         ),
     )
