@@ -243,7 +243,7 @@ def test_a_trajectory_names_a_spring_that_is_none(
     arguments = ["execute", "bench.toml", "wrong.json", "--effects", "own.py", "--on", "simulation"]
     assert output.run(app, arguments) == 2
     said = capsys.readouterr().err
-    expected = 'wrong.json: spring at joint 1: effect is "elasticity"; expected one of parallel_spring, torsion_bar'
+    expected = 'wrong.json: spring 1: effect is "elasticity"; expected one of parallel_spring, torsion_bar'
     assert said.splitlines()[-1] == expected
 
 
