@@ -4,9 +4,9 @@ EXTRAS := dev
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 WORKERS ?= auto
-# A file is one process's, whose fixtures are made once; tests that keep time with the clock are all in one.
+# A file is one process's, so that its fixtures are made once; in the order of their names.
 PYTEST := $(BIN)/python -m pytest
-PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup --no-loadscope-reorder
+PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo test test-all check benchmark benchmark-short generated clean
 

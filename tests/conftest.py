@@ -28,14 +28,6 @@ ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """What a process of pytest-xdist takes at once: a file, whose fixtures are then made once, or all with a clock."""
-    for item in items if config.pluginmanager.hasplugin("xdist") else ():
-        group = "real_time" if item.get_closest_marker("real_time") else item.path.stem
-        item.add_marker(pytest.mark.xdist_group(group))
-
-
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """What is compiled is compiled once a run, whatever process needs it, and never taken from the user's cache."""

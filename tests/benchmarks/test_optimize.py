@@ -156,7 +156,8 @@ def _assert_same(program: Program, by_hand: ByHand, x: Array) -> None:
     whole = ca.Function("whole", [at], [sum(cost for cost, _ in values), ca.vertcat(*(rows for _, rows in values))])
     cost, rows = whole(x)
     lower, upper = (np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper"))
-    miss = np.maximum(lower - np.ravel(rows), np.ravel(rows) - upper).max()
+    found = rows.full().ravel()
+    miss = np.maximum(lower - found, found - upper).max()
     np.testing.assert_allclose([by_hand.cost(x), by_hand.violation(x)], [float(cost), miss], rtol=1e-9)
 
 

@@ -40,7 +40,6 @@ from runtime.workspace import Source
 from symbolic.effects import LIBRARY
 from symbolic.model_file.arm import Arm
 
-pytestmark = pytest.mark.real_time
 SLOW = BENCH.replace("rate = 1000.0", "rate = 100.0").replace("velocity_cutoff = 100.0", "velocity_cutoff = 25.0")
 PLAN = trajectory(motion([0.0, -0.3], [0.4, 0.4])[:1], periodic=False)
 

@@ -342,7 +342,6 @@ def at_work(pid: int, seconds: float) -> None:
         time.sleep(0.01)
 
 
-@pytest.mark.real_time
 @pytest.mark.parametrize(("on", "said"), TARGETS)
 def test_control_c_stops_the_arm_and_the_recording_is_written(
     bench: Source, tmp_path: Path, on: str, said: signal.Signals
@@ -383,7 +382,6 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(
     assert len((tmp_path / "run.csv").read_text().splitlines()) > 100
 
 
-@pytest.mark.real_time
 def test_a_terminal_that_is_closed_costs_no_recording(bench: Source, tmp_path: Path) -> None:
     """With all that is said there."""
     bench.controller()

@@ -13,6 +13,7 @@ from symbolic.effects import LIBRARY, EffectsError, load_user_effects
 from symbolic.effects.declaration import Effect, LinearForm, Parameter, check, parameter
 
 HEAD = """
+import sympy as sp
 from dataclasses import replace
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import *
