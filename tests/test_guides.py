@@ -276,7 +276,6 @@ def test_every_field_of_a_declaration_has_its_line() -> None:
     ],
 )
 def test_the_keys_of_a_file_are_those_that_are_declared(guide: str, heading: str, declared: str) -> None:
-    pytest.importorskip("symbolic.model_file.keys", reason="keys of files are not declared yet")
     module, _, function = declared.partition(":")
     rows = getattr(import_module(module), function)()
     assert table(guide, heading) == [[f"`{row.key}`", row.unit, row.default, row.meaning] for row in rows]
