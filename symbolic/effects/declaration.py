@@ -170,8 +170,22 @@ def check(effect: Effect) -> None:
             raise ValueError(f'effect "{effect.name}": "{p.name}" needs a grid if and only if its role is "shape"')
         if (p.role == "given") != (p.default is not None):
             raise ValueError(f'effect "{effect.name}": "{p.name}" needs a default if and only if its role is "given"')
+    _check_roles(effect)
     if effect.form:
         _check_form(effect, effect.form)
+
+
+def _check_roles(effect: Effect) -> None:
+    """What other rooms take an effect and its parameters for must be there."""
+    if effect.has_gap and not effect.gives_way:
+        raise ValueError(f'effect "{effect.name}" has a gap, and reads no signal by which a transmission gives way')
+    sizes = [p.name for p in effect.parameters if p.planned == "size"]
+    if effect.brought and effect.scope == "joint" and len(sizes) != 1:
+        raise ValueError(f'effect "{effect.name}" is planned with: exactly one parameter must be its planned="size"')
+    for p in effect.parameters:
+        needs = {"critical": "stiffness", "end": "side"}.get(p.grid.of, "") if p.grid else ""
+        if needs and not any(other.kind == needs for other in effect.parameters):
+            raise ValueError(f'effect "{effect.name}": the grid of "{p.name}" needs a parameter of kind "{needs}"')
 
 
 def _check_names(effect: Effect) -> None:

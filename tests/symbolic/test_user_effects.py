@@ -10,7 +10,7 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.effects import LIBRARY, EffectsError, load_user_effects
-from symbolic.effects.declaration import Effect, LinearForm, Parameter, check, parameter
+from symbolic.effects.declaration import Effect, Grid, LinearForm, Parameter, check, parameter
 
 HEAD = """
 import sympy as sp
@@ -63,6 +63,10 @@ OFFSET = LIBRARY["offset"]
 RIPPLE = LIBRARY["torque_ripple"]
 
 
+def shape(of: str) -> Parameter:
+    return Parameter("place", u.ONE, "m", "shape", grid=Grid(0.1, 1.0, 3, of))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
@@ -73,6 +77,10 @@ RIPPLE = LIBRARY["torque_ripple"]
         (replace(RIPPLE, form=None), "is not linear in all"),
         (replace(RIPPLE, torque=2 * RIPPLE.torque), "its form is not the same torque"),
         (replace(OFFSET, form=LinearForm((), sp.Integer(0), (), ())), "one coefficient for each linear parameter"),
+        (replace(OFFSET, has_gap=True), "has a gap, and reads no signal by which a transmission gives way"),
+        (replace(OFFSET, brought=True), "exactly one parameter must be its planned="),
+        (replace(OFFSET, parameters=(*OFFSET.parameters, shape("critical"))), 'needs a parameter of kind "stiffness"'),
+        (replace(OFFSET, parameters=(*OFFSET.parameters, shape("end"))), 'needs a parameter of kind "side"'),
     ],
 )
 def test_check_names_the_contradiction(effect: Effect, message: str) -> None:
