@@ -469,7 +469,7 @@ def test_a_timer_that_is_a_little_off_is_not(make: Make) -> None:
 def within(arm: Model, low: float, high: float) -> Model:
     """The same arm with another range."""
     other = copy(arm)
-    other.joints = tuple(replace(joint, position_limits=(low, high)) for joint in arm.joints)
+    other.joints = tuple(replace(joint, limits=replace(joint.limits, position=(low, high))) for joint in arm.joints)
     return other
 
 
