@@ -29,6 +29,7 @@ from symbolic.model_file.fields import (
     Others,
     Real,
     Several,
+    SingleField,
     Text,
     Whole,
 )
@@ -190,7 +191,7 @@ def read(path: Path, model: Model) -> Trajectory:
 
 
 @dataclass(frozen=True)
-class _ControlPoints(Field):
+class _ControlPoints(SingleField):
     """Rows of equal length, one a coordinate, of finite numbers."""
 
     count: int

@@ -38,7 +38,7 @@ def _plan(document: Document) -> str:
 
 
 def _spring(spring: Document) -> str:
-    return f"spring at joint {spring['joint']}: {quantity(spring['stiffness'], 'N/m')}"
+    return f"spring at joint {spring['joint']}: {spring['text']}"
 
 
 def _step(step: Document) -> str:

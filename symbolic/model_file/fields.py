@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
@@ -49,7 +50,7 @@ class FieldRow:
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(ABC):
     """One key of a table.
 
     meaning   for a person, with the side of the gear where there are two
@@ -69,13 +70,9 @@ class Field:
     def takes(self, key: str) -> bool:
         return key == self.key
 
+    @abstractmethod
     def of(self, place: Place, table: Table, joint: JointType) -> Any:
-        """What the table says under this key, or the default."""
-        return self.read(place, table[self.key], joint) if self.key in table else self.default
-
-    def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        """The value checked. Raises ModelError."""
-        raise NotImplementedError
+        """What the table says of this field, checked, or the default. Raises ModelError."""
 
     def rows(self, prefix: str) -> Iterator[FieldRow]:
         yield self._row(prefix + self.key)
@@ -83,6 +80,18 @@ class Field:
     def _row(self, key: str) -> FieldRow:
         unit = self.unit if isinstance(self.unit, str) else f"{self.unit[0]} ({self.unit[1]})"
         return FieldRow(key, unit, self.meaning, _default(self.default))
+
+
+@dataclass(frozen=True)
+class SingleField(Field):
+    """What stands under one key."""
+
+    def of(self, place: Place, table: Table, joint: JointType) -> Any:
+        return self.read(place, table[self.key], joint) if self.key in table else self.default
+
+    @abstractmethod
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        """The value checked. Raises ModelError."""
 
 
 def _default(value: Any) -> str:
@@ -118,7 +127,7 @@ def rows(fields: Sequence[Field], prefix: str = "") -> list[FieldRow]:
 
 
 @dataclass(frozen=True)
-class Real(Field):
+class Real(SingleField):
     """A finite number within [low, high], above 0 if `positive`."""
 
     low: float = -math.inf
@@ -150,7 +159,7 @@ class WholeNumber(Number):
 
 
 @dataclass(frozen=True)
-class Whole(Field):
+class Whole(SingleField):
     """A whole number from low to high, which is no float; expected: in words, for messages."""
 
     low: int
@@ -164,7 +173,7 @@ class Whole(Field):
 
 
 @dataclass(frozen=True)
-class Choice(Field):
+class Choice(SingleField):
     """One of some values; expected: in words, for messages."""
 
     values: tuple[Any, ...]
@@ -177,7 +186,7 @@ class Choice(Field):
 
 
 @dataclass(frozen=True)
-class Flag(Field):
+class Flag(SingleField):
     def read(self, place: Place, value: Any, _: JointType) -> bool:
         if not isinstance(value, bool):
             place.fail(f"{self.key} is {found(value)}; expected true or false")
@@ -185,7 +194,7 @@ class Flag(Field):
 
 
 @dataclass(frozen=True)
-class Text(Field):
+class Text(SingleField):
     def read(self, place: Place, value: Any, _: JointType) -> str:
         if not isinstance(value, str):
             place.fail(f"{self.key} is {found(value)}; expected a text")
@@ -193,7 +202,7 @@ class Text(Field):
 
 
 @dataclass(frozen=True)
-class Name(Field):
+class Name(SingleField):
     """A name that C, C++ and Python accept."""
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
@@ -204,7 +213,7 @@ class Name(Field):
 
 
 @dataclass(frozen=True)
-class Pair(Field):
+class Pair(SingleField):
     """Two numbers."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
@@ -250,7 +259,7 @@ class Numbers(Number):
 
 
 @dataclass(frozen=True)
-class JointNumbers(Field):
+class JointNumbers(SingleField):
     """Joints, counted from 1, each once; sorted."""
 
     def read(self, place: Place, value: Any, _: JointType) -> tuple[int, ...]:
@@ -273,7 +282,7 @@ def _list(place: Place, key: str, value: Any) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class OpenTable(Field):
+class OpenTable(SingleField):
     """A table into which its reader looks; inside: what a guide calls its keys; example: for messages."""
 
     inside: str
@@ -287,7 +296,7 @@ class OpenTable(Field):
 
 
 @dataclass(frozen=True)
-class NamedNumbers(Field):
+class NamedNumbers(SingleField):
     """A table of numbers under names that are not known here; each a C identifier."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> dict[str, float]:
@@ -330,7 +339,7 @@ class Others(Field):
 
 
 @dataclass(frozen=True)
-class Inner(Field):
+class Inner(SingleField):
     """A table within this one; where it is left out and the default is {}, as if it were there and empty."""
 
     fields: tuple[Field, ...]
