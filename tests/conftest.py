@@ -26,6 +26,12 @@ settings.load_profile("unhurried")
 
 ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
+LONGEST = ("test_guides.py", "test_study.py")
+"""Files that begin first, so that no process is alone with one of them at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONGEST)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -89,6 +89,7 @@ def _own() -> Path:
     return Path(shutil.which(build.compiler()[0])).resolve()
 
 
+@pytest.mark.slow  # firmware/test_bits.py has both compilers, too
 def test_another_compiler_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     others = other_compilers()
     if not others:

@@ -34,12 +34,15 @@ from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
+from tests.variants import slow
 
 CROSS = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 CMAKE = pytest.mark.skipif(shutil.which("cmake") is None, reason="needs cmake")
 KINDS = [pytest.param("zig"), pytest.param("gcc", marks=CROSS)]
-TARGETS = list(cross.TARGETS)
+TARGETS = [name if name == "cortex-m4f" else slow(name) for name in cross.TARGETS]
+ONE_IS_ENOUGH = [pytest.param("zig"), pytest.param("gcc", marks=[CROSS, pytest.mark.slow])]
+"""Of builds, which the compiler changes little."""
 TEXT, STACK = 16 * 1024, 1024
 """Bytes that the image of the paper's arm may have."""
 
@@ -87,7 +90,7 @@ def test_make_gives_the_same_image_without_us(vishard4: Arm, tree: Path, target:
 
 
 @CMAKE
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ONE_IS_ENOUGH)
 def test_cmake_builds_it(vishard4: Arm, tree: Path, kind: str) -> None:
     place = tree / "build" / f"cmake-{kind}"
     tools = [f"-DCMAKE_TOOLCHAIN_FILE=cmake/{kind}.cmake", f"-DTENDON_PYTHON={sys.executable}"]
@@ -287,7 +290,7 @@ def makes(tree: Path, kind: str, *words: str) -> list[str]:
     return ["make", "-C", str(tree), f"TOOLCHAIN={kind}", f"ZIG={sys.executable} -m ziglang", *words, "elf"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ONE_IS_ENOUGH)
 def test_a_board_of_ones_own_is_built(tree: Path, mine: Path, kind: str) -> None:
     """Beside the emulated one, by rules of its own; and again where one of its sources has gone."""
     ours, elf = (tree / "build" / f"cortex-m4f-{kind}{tail}" / "vishard4.elf" for tail in ("", "-mine"))
@@ -305,7 +308,7 @@ def test_a_board_of_ones_own_is_built(tree: Path, mine: Path, kind: str) -> None
 
 
 @CMAKE
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ONE_IS_ENOUGH)
 def test_cmake_builds_a_board_of_ones_own(tree: Path, mine: Path, kind: str) -> None:
     place = tree / "build" / f"cmake-mine-{kind}"
     tools = [f"-DCMAKE_TOOLCHAIN_FILE=cmake/{kind}.cmake", f"-DTENDON_PYTHON={sys.executable}"]

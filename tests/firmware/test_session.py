@@ -319,8 +319,8 @@ def test_a_closed_terminal_is_one_wish_to_stop_however_often_it_is_told(name: st
 
 TARGETS = [
     ("simulation", signal.SIGINT),
-    ("simulation", signal.SIGHUP),
-    ("simulation", signal.SIGTERM),
+    pytest.param("simulation", signal.SIGHUP, marks=pytest.mark.slow),
+    pytest.param("simulation", signal.SIGTERM, marks=pytest.mark.slow),
     pytest.param(
         "qemu",
         signal.SIGINT,
