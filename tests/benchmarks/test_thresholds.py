@@ -40,6 +40,10 @@ FACTORS = (0.5, 2.0)
 JUDGED = (
     (1, "clean", 0.0),
     (1, "torque_ripple", 0.4),
+    (1, "stribeck", 0.13),
+    (1, "load_friction", 0.16),
+    (1, "torque_ripple", 0.1),
+    (1, "linear_spring", 0.2),
     (1, "clean_strong", 0.0),
     (1, "clean_x10", 0.0),
     (2, "clean", 0.0),
@@ -53,7 +57,7 @@ JUDGED = (
     (2, "gravity", 0.5),
 )
 """Joints, case and size in noise floors, as tests/judge makes them, with a development seed and its brief motion: what
-costs least first."""
+costs least first, and some of a size at which the gates begin to open."""
 SEED = 17
 SENSED = ("elasticity@1:stiffness=3000,damping=2", "backlash@1:gap=0.003,stiffness=8000,damping=4")
 """Hidden in the demo's drive, which is recorded with an encoder on the link and a torque sensor, too."""
@@ -106,7 +110,7 @@ def judged(joints: int, name: str, size: float) -> Asked:
     of_name = cases.cases([name], [joints], [size], [SEED], cases.Setting())
     case = next(c for c in of_name if c.label == name)
     made = cases.make(replace(case, setting=replace(case.setting, excitation="brief")))
-    return Asked(f"{name} {joints}R", opened(made.model).model(), (made.recording,))
+    return Asked(f"{name} {joints}R {size:g}", opened(made.model).model(), (made.recording,))
 
 
 def sensed(hidden: str) -> Asked:
@@ -126,7 +130,7 @@ def different() -> Asked:
 def development_set() -> list[Callable[[], Asked]]:
     """Makers of recordings."""
     sets: list[Callable[[], Asked]] = [partial(judged, *case) for case in JUDGED]
-    return [*sets[:5], partial(sensed, SENSED[0]), *sets[5:], different, partial(sensed, SENSED[1])]
+    return [*sets[:9], partial(sensed, SENSED[0]), *sets[5:], different, partial(sensed, SENSED[1])]
 
 
 def settings(room: str) -> dict[str, Any]:
