@@ -128,6 +128,8 @@ class DescribedEffect(Generic[P]):
     dry          dry friction that presliding bristles carry: what the signal `level` is the magnitude of; g(qd) of
                  Canudas de Wit et al. 1995
     has_gap      between two flanks nothing is transmitted; a link-side encoder shows the play
+    carried      the transmission carries it on to the link, as it carries the weight of the arm: it belongs to the
+                 signal `load`, so that it may read neither that nor what hangs on other effects
     sits_at      on which side of a torque sensor at the joint's output, where `side` does not follow from the rest
     brought      a trajectory brings it along, with parameters of its own: springs to plan with (scope "joint"), what
                  the end-effector touches (scope "contact"); a controller always compensates it
@@ -153,6 +155,7 @@ class DescribedEffect(Generic[P]):
     friction: bool = False
     dry: bool = False
     has_gap: bool = False
+    carried: bool = False
     sits_at: Literal["motor", "link"] | None = None
     brought: bool = False
     generalises: tuple[str, ...] = ()

@@ -16,7 +16,7 @@ from runtime.motion.motion import Motion, Piece
 
 Array = NDArray[np.float64]
 
-TRANSMITTED = "link_load"
+LINK_LOAD = "link_load"
 """The arm's function whose value a recording may know better."""
 
 
@@ -62,8 +62,8 @@ class Signals(SignalContext):
         return getattr(self.piece, name)
 
     def evaluate(self, function: str) -> Array:
-        if function == TRANSMITTED:
-            return self._loads
+        if function == LINK_LOAD:
+            return self._link_load
         inputs = self.model.metadata["functions"][function]["inputs"]
         lumps = None if self.prediction is None else self.prediction.lumps
         return self.model.call(function, {name: self.coordinate(name) for name, _ in inputs}, lumps)
@@ -102,7 +102,7 @@ class Signals(SignalContext):
         return rigid if self.measured is None else rigid + self.measured
 
     @cached_property
-    def _loads(self) -> Array:
+    def _link_load(self) -> Array:
         """(n, N) the same without the rotors, of accelerations that are motion and not noise.
 
         What is simulated under a load amplifies noise at its resonance, and magnitudes do not average it.
@@ -112,7 +112,7 @@ class Signals(SignalContext):
             rotors = np.array([[joint.rotor_inertia] for joint in self.model.joints])
             whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
             return whole - rotors * p.slow
-        loads = self.model.call(TRANSMITTED, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)
+        loads = self.model.call(LINK_LOAD, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)
         return loads if self.measured is None else loads + self.measured
 
     @property
@@ -124,7 +124,7 @@ class Signals(SignalContext):
     @property
     def loads(self) -> Array:
         """(n, N) torque that every joint transmits to its link."""
-        return self.arm(TRANSMITTED)
+        return np.array([self.at("load", i) for i in range(self.model.n)])
 
     def link_inertia(self, joint: int) -> Array:
         """(N,) inertia of the link side as a joint (0-based) sees it."""

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 from runtime.model.loader import Library, Model
-from runtime.model.terms import Term
+from runtime.model.terms import Term, joints_of
 
 
 class UnknownHere(LookupError):
@@ -125,6 +125,12 @@ def _level(at: SignalContext, joint: int, _: int | None) -> Any:
     return abs(sum(at.torque(term, joint) for term in terms if term in at.terms()))
 
 
+def _load(at: SignalContext, joint: int, _: int | None) -> Any:
+    model = at.model
+    carried = (t for t in at.terms() if model.library[t.effect].carried and joint in joints_of(model, t))
+    return at.arm("link_load")[joint] + sum(at.torque(term, joint) for term in carried)
+
+
 def _warmth(at: SignalContext, joint: int, _: int | None) -> Any:
     warmth = at.warmth(joint)
     return 0.0 if warmth is None else warmth
@@ -133,6 +139,7 @@ def _warmth(at: SignalContext, joint: int, _: int | None) -> Any:
 _ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
     "t": lambda at, _, __: at.time(),
     "level": _level,
+    "load": _load,
     "predicted": lambda at, joint, _: at.predicted(joint),
     "predicted_rate": lambda at, joint, _: at.predicted_rate(joint),
     "warmth": _warmth,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -104,18 +104,23 @@ class PlanInstant:
     def torque(self) -> ca.SX:
         """(n,) motor torques, N m or N."""
         own = self._signals.own
-        for spring, values in self.springs.items():
-            (i,) = joints_of(self.physics.model, spring)
-            own[i] += self._torque(spring, values, i)
         # What reads the predicted torque comes last, when all the rest is in it.
         model, library = self.physics.model, self.physics.model.library
-        terms = [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]
-        for term in sorted(terms, key=lambda t: bool(library.needs[t.effect] & OF_DRIVE)):
+        terms = sorted(self.acting, key=lambda t: bool(library.needs[t.effect] & OF_DRIVE))
+        for term in (*self.springs, *terms):
             for joint in joints_of(model, term):
-                own[joint] += self._torque(term, self.p(str(term)), joint)
+                own[joint] += self.part(term, joint)
         return ca.vertcat(*own)
 
-    def _torque(self, term: Term, values: Any, joint: int) -> Any:
+    @property
+    def acting(self) -> list[Term]:
+        """The model's effects, without the springs."""
+        library = self.physics.model.library
+        return [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]
+
+    def part(self, term: Term, joint: int) -> ca.SX:
+        """Torque of a spring or an effect at a joint (0-based)."""
+        values = self.springs[term] if term in self.springs else self.p(str(term))
         read = self._signals.reader(term, joint)
         return casadi_functions.effect_torque(self.physics.model, term.effect, read, values, self.p("width"))
 
@@ -139,6 +144,12 @@ class _Signals(SignalContext):
 
     def given(self, name: str) -> ca.SX | None:
         return self.instant.physics.given(name, self.instant.p)
+
+    def terms(self) -> Collection[Term]:
+        return [*self.instant.springs, *self.instant.acting]
+
+    def torque(self, term: Term, joint: int) -> ca.SX:
+        return self.instant.part(term, joint)
 
     def predicted(self, joint: int) -> ca.SX:
         return self.own[joint]

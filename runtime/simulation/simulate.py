@@ -171,8 +171,9 @@ def _link(signals: Signals, values: Structure) -> Array:
 def _output(signals: Signals, values: Structure) -> Array:
     """(n, N) torque at the joints' output: what moves and holds the link side, without noise."""
     model = signals.model
-    torque = signals.loads.copy()
-    for term in (t for t in values if model.library.effects[t.effect].side == "link"):
+    torque = signals.loads
+    effects = model.library.effects
+    for term in (t for t in values if effects[t.effect].side == "link" and not effects[t.effect].carried):
         for joint in joints_of(model, term):
             torque[joint] += signals.torque(term, joint)
     return torque

@@ -36,6 +36,7 @@ PLATE = Effect(
             gives="plate_y",
         ),
     ),
+    carried=True,
     summary="A plate on a spring that the end-effector presses down.",
     equation="-J_y^T F_p,  F_p = F_p0 + k_p (y_p - y) - F_pc sgn(yd) for y < y_p, else 0",
     trace="All joints' residuals are zero until the end-effector passes one y, then in proportion to dy/dq.",
@@ -52,6 +53,7 @@ PLATE_DAMPING = Effect(
     parameters=(
         Parameter("coefficient", u.NEWTON * u.SECOND / u.METRE, "force per speed of the plate", bounds=NOT_NEGATIVE),
     ),
+    carried=True,
     summary="A damper beside the plate's spring; it needs the effect plate, whose position it shares.",
     equation="J_y^T c yd for y < y_p, else 0",
     trace="While the plate is touched, residuals in proportion to the speed of the end-effector.",

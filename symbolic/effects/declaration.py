@@ -179,6 +179,10 @@ def _check_roles(effect: Effect) -> None:
     """What other rooms take an effect and its parameters for must be there."""
     if effect.has_gap and not effect.gives_way:
         raise ValueError(f'effect "{effect.name}" has a gap, and reads no signal by which a transmission gives way')
+    beside = [s.name for s in effect.signals if s.needs not in ("motion", "time", "effect")]
+    if effect.carried and (beside or effect.states):
+        what = f"reads {beside[0]}" if beside else "has a memory"
+        raise ValueError(f'effect "{effect.name}" is carried by the transmission, a part of its load, and {what}')
     sizes = [p.name for p in effect.parameters if p.planned == "size"]
     if effect.brought and effect.scope == "joint" and len(sizes) != 1:
         raise ValueError(f'effect "{effect.name}" is planned with: exactly one parameter must be its planned="size"')

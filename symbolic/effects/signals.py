@@ -130,9 +130,9 @@ SIGNALS: tuple[Signal, ...] = (
     Signal(
         "load",
         u.FORCE,
-        "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor",
+        "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else the transmission "
+        "carries: gravity, payloads, springs, contact",
         "arm",
-        ArmOutput("link_load", ("joint",)),
         known_to="plan",
         seen_over="load",
         span=(-50.0, 50.0),

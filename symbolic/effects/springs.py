@@ -52,6 +52,7 @@ LINEAR_SPRING = Effect(
     source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
     # A constant torque cannot be told from the rest position.
     generalises=("offset",),
+    carried=True,
     sits_at="link",
 )
 
@@ -117,6 +118,7 @@ PARALLEL_SPRING = Effect(
     trace="Over the position, a straight line below the offset, with a step there if pretensioned; zero above.",
     experiment="Slow motion across the offset over a radian on either side, there and back.",
     source="Equation (2) of the paper, with the motor's sign",
+    carried=True,
     sits_at="link",
     brought=True,
 )
@@ -138,6 +140,7 @@ CABLE = Effect(
     experiment="Slow motion over the whole range, there and back.",
     source="Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear "
     "disturbance forces, IEEE Robotics and Automation Letters 4(4)",
+    carried=True,
     sits_at="link",
 )
 
@@ -171,6 +174,7 @@ END_STOP = Effect(
     experiment="Slow motion up to the ends of the range.",
     source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
     "Mechanism and Machine Theory 37",
+    carried=True,
     sits_at="link",
 )
 

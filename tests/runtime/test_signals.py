@@ -109,7 +109,7 @@ def test_what_a_plan_does_not_know_it_does_not_make_up(arm: Model) -> None:
     plan = physics.Physics(arm, {}, {})
     still = ca.SX.zeros(arm.n)
     instant = physics.PlanInstant(plan, still, still, still, {}, lambda _: ca.SX(0), apart=False)
-    for name in ("t", "level", "predicted_rate"):
+    for name in ("t", "predicted_rate"):
         with pytest.raises(signals.UnknownHere):
             instant._signals.signal(name, 0, 0)
 
