@@ -25,6 +25,7 @@ from runtime.motion.settings import (
     STANDSTILL_PERIODS,
     STANDSTILL_S,
     STANDSTILL_SHARP_HZ,
+    STICKING_OVER_NOISE,
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
 )
@@ -109,11 +110,14 @@ class Motion:
     """All pieces, and which of their in-band rows may be used for each joint.
 
     standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
+    sticking (n,): how much of the dry friction at rest, which nobody knows, may leak into a row that counts, as a
+    part of the friction in motion.
     """
 
     band: Band
     pieces: tuple[Piece, ...]
     standstill: Array
+    sticking: Array
 
     @property
     def n(self) -> int:
@@ -162,7 +166,10 @@ class Motion:
 
     @cached_property
     def _moving(self) -> list[Mask]:
-        return [np.concatenate([_moving(p, i, self.standstill[i]) for p in self.pieces]) for i in range(self.n)]
+        return [
+            np.concatenate([_moving(p, i, self.standstill[i], self.sticking[i]) for p in self.pieces])
+            for i in range(self.n)
+        ]
 
     @cached_property
     def row_piece(self) -> NDArray[np.intp]:
@@ -197,7 +204,20 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
     return [slice(int(s), int(s) + length) for s in starts]
 
 
-def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
+def _dry_friction(motion: Motion, joint: int) -> float:
+    """N m (N), about: the jump of a joint's torque where it turns, beside what is smooth in its own motion."""
+    use = motion.moving(joint)
+    if not use.any():
+        return 0.0
+    q, qd, qdd = (motion.rows(name)[joint, use] for name in ("q", "qd", "qdd"))
+    columns = np.array([np.sign(qd), qd, qdd, np.ones_like(q), np.sin(q), np.cos(q)])
+    size = np.linalg.norm(columns, axis=1)
+    found = np.linalg.lstsq((columns / size[:, None]).T, motion.torque(joint, 0.0)[use], rcond=1e-9)[0]
+    return max(float(found[0] / size[0]), 0.0)
+
+
+def _moving(piece: Piece, joint: int, standstill: float, sticking: float) -> Mask:
+    """(M,) rows that no sample at rest comes near; what is at rest sticks, with any torque below its friction."""
     still = np.abs(piece.qd[joint]) < standstill
     cutoff = piece.low_pass.cutoff
     blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
@@ -206,7 +226,7 @@ def _moving(piece: Piece, joint: int, standstill: float) -> Mask:
     count = np.concatenate([[0], np.cumsum(still)])
     lo = np.clip(piece.centres - reach, 0, len(still))
     hi = np.clip(piece.centres + reach + 1, 0, len(still))
-    return count[hi] == count[lo]
+    return (count[hi] == count[lo]) & (piece.low_pass.reach(still) < sticking)
 
 
 def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
@@ -233,11 +253,12 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)[:n]
     low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
-    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill))
+    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill), np.full(n, np.inf))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
-    return motion
+    friction = np.maximum([_dry_friction(motion, i) for i in range(n)], 1e-300)
+    return replace(motion, sticking=STICKING_OVER_NOISE * band.torque_floor()[:n] / friction)
 
 
 def _piece(
