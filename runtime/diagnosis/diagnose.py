@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from runtime.diagnosis import consistency, detection_limits, telling_signals
+from runtime.diagnosis.branches import complete
 from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
 from runtime.diagnosis.remainder import after_effect, physics, remainder
-from runtime.diagnosis.search import Finding, Search, Step, seconds_moving
-from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, MOST_FINDINGS
+from runtime.diagnosis.search import Search
+from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
+from runtime.diagnosis.steps import Finding, Step, seconds_moving
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared
@@ -104,10 +106,7 @@ def diagnose(
     wider   asked for where findings leave something: a guess that explains far more says that physics is missing
             which the library does not have, and that the effects that came nearest only stand for it
     """
-    search = begin(model, recordings, held_out)
-    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
-        pass
-    return conclude(search, wider)
+    return conclude(complete(begin(model, recordings, held_out)), wider)
 
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:

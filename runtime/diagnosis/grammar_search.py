@@ -13,8 +13,8 @@ from typing import Any
 
 from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank
-from runtime.diagnosis.search import Finding, Step
 from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
+from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
 from runtime.model.loader import Model

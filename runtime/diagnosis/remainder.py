@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.diagnosis.search import Step
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
     BURST_POWER,
@@ -15,6 +14,7 @@ from runtime.diagnosis.settings import (
     SLOW_DENSITY,
     TIMES_SAID,
 )
+from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import structure_shares
 from runtime.model.loader import EffectInfo
 from runtime.motion import spectrum

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
@@ -17,92 +16,21 @@ from runtime.diagnosis.settings import (
     CLEARLY_LESS,
     HELD_OUT_FALLS_TO,
     LEAST_DELTA_BIC,
-    LEAST_FALL,
     LEAST_MOVING_S,
+    LEAST_VOUCHED_SHARE,
     MOST_FINDINGS,
     MOST_PAIRS,
     MOST_RIVALS,
     PAIR_WORTH_FITTING,
 )
-from runtime.estimation.compare import JointSeries, errors, series
+from runtime.diagnosis.steps import Finding, Step, errors_elsewhere, seconds_moving
+from runtime.diagnosis.worth import needless, same_signals, squared, worth_its_name
 from runtime.estimation.folds import bic
-from runtime.estimation.identify import Identification, identify_motion
+from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖."""
-
-    rms: tuple[float, ...]
-    relative: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Step:
-    """A fitted structure: after `added` (None: the model as given)."""
-
-    added: Term | None
-    identification: Identification
-    joints: tuple[JointSeries, ...]
-    fitted: Errors
-    held_out: Errors | None
-
-    @classmethod
-    def of(
-        cls,
-        added: Term | None,
-        identification: Identification,
-        joints: tuple[JointSeries, ...] | None = None,
-        held_out: Errors | None = None,
-    ) -> Step:
-        """With the errors of its joints; joints: the series of the identification where they are there already."""
-        found = series(identification) if joints is None else joints
-        errors = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found))
-        return cls(added, identification, found, errors, held_out)
-
-    @property
-    def floors(self) -> list[float]:
-        return [s.floor.value for s in self.joints]
-
-    @property
-    def shapes(self) -> dict[Term, Values]:
-        return self.identification.fit.shapes
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A named effect: what speaks for it, what the data cannot tell from it, and against whom it was chosen."""
-
-    evidence: Evidence
-    rivals: tuple[Term, ...]
-    verdict: Verdict
-    before: Step
-    after: Step
-
-    @property
-    def term(self) -> Term:
-        return self.evidence.term
-
-    @property
-    def joint_index(self) -> int:
-        """Of the joint (0-based) at which it shows: its own, or for one of the whole arm that where it shows most."""
-        if self.term.joint is not None:
-            return self.term.joint - 1
-        falls = [1 - b / a if a else 0.0 for a, b in zip(self.before.fitted.rms, self.after.fitted.rms, strict=True)]
-        return int(np.argmin([-f for f in falls]))
-
-    def share(self) -> float:
-        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1."""
-        i = self.joint_index
-        before, after = self.before.fitted.rms[i], self.after.fitted.rms[i]
-        excess = before**2 - self.before.joints[i].floor.value ** 2
-        return float(np.clip((before**2 - after**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
 
 
 @dataclass
@@ -186,51 +114,84 @@ class Search:
         return self.findings[-1]
 
     def _forward(self, step: Step) -> Finding | None:
-        # A small part of much that is left may be true all the same: a recording that was not fitted can tell.
-        vouched = self.held_out is not None
-        able = [e for e in self.last.ranked if (e.passes or (vouched and e.small)) and self._able(e.term)]
+        able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
         # What was taken back once would come and go for ever.
         able = [e for e in able if e.term not in self._taken_back]
         able.sort(key=lambda e: -e.delta_bic)
         for evidence in able:
             first = evidence is self.last.ranked[0]
-            evidence, after = self._refitted(step, evidence, self.last if first else None)
-            if self._better(step, after, evidence.term):
-                group = (self.last.ranked[0].term, *self.last.rivals) if first else ()
-                rivals = tuple(term for term in group if term != evidence.term)
-                return Finding(evidence, rivals, self.last, step, after)
+            finding = self._refitted(step, evidence, self.last.rivals if first else ())
+            if worth_its_name(step, finding.after, finding.term) and not self._rest_of_another(
+                (finding.term,), finding.after
+            ):
+                return finding
         return None
+
+    def _vouched(self, evidence: Evidence) -> bool:
+        """Whether a small part of much that is left may be true all the same, as a recording that was not fitted can
+        tell."""
+        return self.held_out is not None and evidence.small and evidence.share > LEAST_VOUCHED_SHARE
 
     def _able(self, term: Term) -> bool:
         """Whether the term's joint moves for long enough to say anything of it."""
         return any(seconds_moving(self.motion, i) >= LEAST_MOVING_S for i in joints_of(self.model, term)[:1])
 
-    def _refitted(self, step: Step, evidence: Evidence, verdict: Verdict | None) -> tuple[Evidence, Step]:
-        """The candidate and the step that adds it; one of its rivals instead, if that clearly leaves less.
+    def _refitted(self, step: Step, evidence: Evidence, rivals: Sequence[Term]) -> Finding:
+        """The candidate, with the step that adds it; one of its rivals instead, if that clearly leaves less.
 
         Candidates are ranked beside a base that was fitted without them; what an effect takes from others
-        (a bristle from dry friction) shows only when everything is refitted.
+        (a bristle from dry friction) shows only when everything is refitted. Recordings that were not fitted decide
+        where they can.
         """
-        rivals = verdict.rivals if verdict else ()
-        contenders = [e for e in (verdict.ranked if verdict else ()) if e.term in rivals][:MOST_RIVALS]
-        best, after = evidence, self._with(step, evidence.candidate)
-        for rival in contenders:
-            other = self._with(step, rival.candidate)
-            joint = joints_of(self.model, rival.term)[0]
-            if other.fitted.rms[joint] < (1 - CLEARLY_LESS) * after.fitted.rms[joint]:
-                best, after = rival, other
-        return best, after
+        tried = [evidence, *[e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]]
+        steps = [self._with(step, e.candidate) for e in tried]
+        best = 0
+        for k, (other, after) in enumerate(zip(tried, steps, strict=True)):
+            joint = joints_of(self.model, other.term)[0]
+            if _preferred(after, steps[best], joint):
+                best = k
+        refuted = {e.term for e, after in zip(tried, steps, strict=True) if _refuted(after, steps[best])}
+        left = tuple(t for t in (evidence.term, *rivals) if t != tried[best].term and t not in refuted)
+        return Finding(tried[best], left if rivals else (), self.last, step, steps[best])
 
-    def _better(self, before: Step, after: Step, term: Term) -> bool:
-        """Refitted as a whole, the error falls at one of the effect's joints and on the held-out recording, if any,
-        by more than chance."""
-        own = joints_of(self.model, term) if term.joint is None else (term.joint - 1,)
-        falls = any(after.fitted.rms[i] < (1 - LEAST_FALL) * before.fitted.rms[i] for i in own)
-        if before.held_out is None or after.held_out is None:
-            return falls
-        return falls and sum(r**2 for r in after.held_out.relative) < HELD_OUT_FALLS_TO * sum(
-            r**2 for r in before.held_out.relative
+    def instead(self, number: int, term: Term) -> Search | None:
+        """A search that differs from this one from a finding on: it has one of its rivals in its place; None where
+        that rival was not weighed, or refitted is not worth its name."""
+        finding = self.findings[number]
+        evidence = next((e for e in finding.verdict.ranked if e.term == term), None)
+        if evidence is None:
+            return None
+        begun = self.steps[: number + 1]
+        other = replace(self, steps=begun, findings=self.findings[:number], _field=None, _taken_back=set())
+        after = other._with(begun[-1], evidence.candidate)
+        if not worth_its_name(begun[-1], after, term):
+            return None
+        rivals = tuple(t for t in (finding.term, *finding.rivals) if t != term)
+        other.findings.append(Finding(evidence, rivals, finding.verdict, begun[-1], after))
+        other.steps.append(after)
+        return other
+
+    def _rest_of_another(self, terms: Sequence[Term], both: Step) -> bool:
+        """Whether an effect found before, over the same quantities at the same joint, leaves hardly anything to these:
+        then they are what that one's law lacks, and no effects of their own; both: the step with all of them."""
+        earlier = [f for f in self.findings if all(self._alike(f.term, t) for t in terms)]
+        return any(self._superfluous(f.term, terms, both) == 1 for f in earlier)
+
+    def _alike(self, one: Term, other: Term) -> bool:
+        """Whether two terms act over the same quantities at the same joint."""
+        effects = self.model.library.effects
+        here = one.joint == other.joint is not None
+        return here and one != other and same_signals(effects[one.effect], effects[other.effect])
+
+    def _superfluous(self, earlier: Term, terms: Sequence[Term], both: Step) -> int | None:
+        """As `needless` of an earlier finding and later terms; `both`: the step with all of them."""
+        added = {f.term for f in self.findings} | set(terms)
+        shapes = [(t, v) for t, v in both.shapes.items() if t in added]
+        none, first, second = (
+            self._step(None, self._structure([(t, v) for t, v in shapes if t not in gone]), both)
+            for gone in ((earlier, *terms), tuple(terms), (earlier,))
         )
+        return needless(none, (first, second), both, (earlier.joint or 1) - 1)
 
     def _pair(self, step: Step, single: Finding | None) -> tuple[Finding, Finding] | None:
         """Two effects that together explain clearly more than the best one with any second beside it."""
@@ -247,7 +208,7 @@ class Search:
             return None
         steps = [self._with(step, p.first, p.second) for p in others]
         beside = [self._with(step, own[0].first, own[0].second)] if own else []
-        scores = self._whitened_bic(ground, [single.after if single else step, *steps, *beside])
+        scores = self.whitened_bic(ground, [single.after if single else step, *steps, *beside])
         plain, scores, alternatives = scores[0], scores[1 : 1 + len(steps)], scores[1 + len(steps) :]
         best = int(np.argmin(scores))
         if plain - scores[best] < LEAST_DELTA_BIC or any(b - scores[best] < BIC_APART for b in alternatives):
@@ -265,12 +226,15 @@ class Search:
             for c, beside in ((pair.first, alone[1]), (pair.second, alone[0]))
         ]
         passed = [(e, a) for e, a in zip(evidence, alone, strict=True) if e is not None]
-        if len(passed) < 2 or not self._better(step, together, pair.first.term):
+        if len(passed) < 2 or not worth_its_name(step, together, pair.first.term):
             return None
-        # On recordings that were not fitted, too, each must be worth having beside the other.
-        if self.held_out and not all(
-            self._better(a, together, t) for a, t in zip(alone, pair.terms[::-1], strict=True)
-        ):
+        # Each must be worth having beside the other.
+        if not all(worth_its_name(a, together, t) for a, t in zip(alone, pair.terms[::-1], strict=True)):
+            return None
+        one, other = pair.terms
+        if self._alike(one, other) and needless(step, alone, together, (one.joint or 1) - 1) is not None:
+            return None
+        if self._rest_of_another(pair.terms, together):
             return None
         (first, middle), (second, _) = sorted(passed, key=lambda item: -item[0].delta_bic)
         return (
@@ -284,8 +248,8 @@ class Search:
             ),
         )
 
-    def _whitened_bic(self, ground: CandidateField, steps: Sequence[Step]) -> list[float]:
-        """BIC of refitted structures under one noise model, that of the best of them."""
+    def whitened_bic(self, ground: CandidateField, steps: Sequence[Step]) -> list[float]:
+        """BIC of refitted structures under one noise model, that of the best of them; ground: of any of them."""
         fits = [s.identification for s in steps]
         rows = ground.ground.rows
         weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(rows, f.fit.residual, strict=True)) for f in fits]
@@ -308,9 +272,9 @@ class Search:
             verdict = judge(self._field_of(without), without.floors)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
             best, others = verdict.best, [f for f in self.findings if f is not finding]
-            if best is None or not self._better(without, self.steps[-1], finding.term):
+            if best is None or self._taken_over(finding, without):
                 kept, shapes = others, {}
-            elif best.delta_bic - own >= BIC_APART:
+            elif best.delta_bic - own >= BIC_APART and not self._worse_with(best, without):
                 others.insert(k, replace(finding, evidence=best, rivals=verdict.rivals, verdict=verdict))
                 kept, shapes = others, {best.term: best.candidate.shape}
             else:
@@ -319,6 +283,26 @@ class Search:
             self._rebuild(kept, shapes)
             return True
         return False
+
+    def _taken_over(self, finding: Finding, without: Step) -> bool:
+        """Whether later findings do without an earlier one, or that one is only what a later one's law lacks."""
+        whole, last = self.steps[-1], self.findings[-1]
+        if not worth_its_name(without, whole, finding.term):
+            return True
+        alike = self._alike(finding.term, last.term)
+        return alike and self._superfluous(finding.term, (last.term,), whole) == 0
+
+    def _worse_with(self, evidence: Evidence, without: Step) -> bool:
+        """Whether another effect in a finding's place explains less of recordings that were not fitted."""
+        whole, other = self.steps[-1], self._with_instead(evidence, without)
+        if whole.held_out is None or other.held_out is None:
+            return False
+        return squared(other.held_out) > squared(whole.held_out)
+
+    def _with_instead(self, evidence: Evidence, without: Step) -> Step:
+        added = [(t, v) for t, v in self._so_far() if t in without.shapes]
+        added.append((evidence.term, evidence.candidate.shape))
+        return self._step(evidence.term, self._structure(added), without)
 
     def _leave_out_replaced(self) -> None:
         """A finding that the last one generalises stands in no structure any more: it was a special case of that one,
@@ -344,6 +328,21 @@ class Search:
         self.steps, self.findings = steps, findings
 
 
+def _preferred(other: Step, best: Step, joint: int) -> bool:
+    """Whether a step clearly leaves less than another: of recordings that were not fitted where they tell, else at
+    a joint (0-based) of those that were."""
+    if _refuted(other, best):
+        return False
+    return _refuted(best, other) or other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
+
+
+def _refuted(step: Step, best: Step) -> bool:
+    """Whether another step explains recordings that were not fitted clearly better."""
+    if step.held_out is None or best.held_out is None:
+        return False
+    return squared(best.held_out) < HELD_OUT_FALLS_TO * squared(step.held_out)
+
+
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:
     """What could stand for a term beside the other of its pair."""
     return tuple(t for p in near if beside in p.terms for t in p.terms if t not in (beside, term))
@@ -351,30 +350,3 @@ def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[T
 
 def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
     return problem.layout.size + sum(len(s) for s in shapes.values())
-
-
-def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:
-    """Error of a fit, all its values as they are, on another motion."""
-    found = []
-    for i, left in enumerate(residuals_elsewhere(identification, motion)):
-        use = motion.moving(i)
-        found.append(errors(left[use], motion.torque(i, identification.fit.skew)[use]))
-    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
-
-
-def residuals_elsewhere(identification: Identification, motion: Motion) -> list[Array]:
-    """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
-    that do not count."""
-    fit, model = identification.fit, identification.model
-    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
-    found = []
-    for i in range(model.n):
-        x, fixed = problem.rows(i, fit.shapes)
-        left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
-        found.append(np.where(motion.moving(i), left, 0.0))
-    return found
-
-
-def seconds_moving(motion: Motion, joint: int) -> float:
-    """For how long a joint (0-based) moves faster than its encoder's noise."""
-    return float(motion.moving(joint).sum()) / motion.row_rate

@@ -60,6 +60,9 @@ CLEARLY_LESS: Final = 0.01
 """part of the error, RMS; a rival that leaves so much less when all is refitted takes the first's place; development
 recordings."""
 
+MOST_BRANCHES: Final = 3
+"""number of rivals of a finding that are followed to their ends beside it; time."""
+
 # the search over candidates -----------------------------------------------------------------------------------------
 
 EXCERPT_SAMPLES: Final = 60_000
@@ -122,9 +125,25 @@ LEAST_FALL: Final = 0.005
 """part of the error, RMS; refitted as a whole, the error at the effect's joint must fall by more; development
 recordings."""
 
-HELD_OUT_FALLS_TO: Final = 0.95
-"""part of the squared error on held-out recordings; an effect must bring it below, which chance does not; development
-recordings."""
+LEAST_OF_EXCESS: Final = 0.1
+"""part of the squared error above the noise floor; refitted as a whole, an effect must take away more at one of its
+joints: the error stays nearly what it was otherwise; half of what it must explain beside a base that stays as it was;
+development recordings."""
+
+MOST_OF_BOTH: Final = 0.9
+"""part of the fall of the squared error with two effects over the same quantities; where one of them alone reaches as
+much, the other is what its law lacks: no form is exact to a tenth of its amplitude or a hundredth of its square, and
+two true effects of which one explains so little leave it in the remainder; development recordings with forms that are
+not the library's."""
+
+HELD_OUT_FALLS_TO: Final = 0.93
+"""part of the squared error on held-out recordings; an effect must bring it below, which chance does not; two effects
+whose errors there differ by as much are told apart; development recordings, and real ones, on which a twentieth was
+reached by effects that are not there."""
+
+LEAST_VOUCHED_SHARE: Final = 0.1
+"""part of the variance above the noise floor; where a recording that was not fitted speaks for it, an effect may
+explain as little; half of what it must explain otherwise; development recordings."""
 
 # what is left when nothing more passes ------------------------------------------------------------------------------
 

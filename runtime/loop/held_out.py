@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from runtime.diagnosis.search import residuals_elsewhere
+from runtime.diagnosis.steps import residuals_elsewhere
 from runtime.estimation.identify import Identification
 from runtime.estimation.problem import Problem
 from runtime.motion import repeats

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from runtime.diagnosis.branches import complete
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_json
 from runtime.diagnosis.grammar_search import Wider
-from runtime.diagnosis.search import Finding, Step
-from runtime.diagnosis.settings import MOST_FINDINGS
+from runtime.diagnosis.steps import Finding, Step
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
@@ -85,8 +85,7 @@ def improve(
     tell = on_step or (lambda _: None)
     search = begin(open_model(model_text), recordings, held_out)
     tell(_progress(search.steps[-1]))
-    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
-        tell(_progress(search.steps[-1]))
+    search = complete(search, lambda step: tell(_progress(step)))
     found = conclude(search, wider)
     last, text = found.steps[-1], model_text
     for finding in found.findings:

@@ -10,7 +10,7 @@ from typing import Any
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.remainder import remainder
-from runtime.diagnosis.search import Step
+from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import structure_json
 from runtime.model.loader import Model
 

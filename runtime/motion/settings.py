@@ -124,9 +124,9 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 recordings."""
 
 STICKING_OVER_NOISE: Final = 5.0
-"""ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest, through the band's
-filter, could come to more: most of it cancels, as it passes from one sign to the other; development recordings with
-little noise."""
+"""ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
+more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
+recordings with little noise."""
 
 HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
 """rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime.diagnosis.diagnose import Diagnosis
-from runtime.diagnosis.search import Finding, Step
+from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.diagnose import Diagnosis
-from runtime.diagnosis.search import errors_elsewhere
+from runtime.diagnosis.steps import errors_elsewhere
 from runtime.motion.motion import Motion, prepare
 
 from .bodies import ARMS, torque

@@ -13,7 +13,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.diagnosis import grammar_search
 from runtime.diagnosis.diagnose import begin
-from runtime.diagnosis.search import errors_elsewhere
+from runtime.diagnosis.steps import errors_elsewhere
 from runtime.model.terms import Term
 from runtime.motion.motion import prepare
 from runtime.recordings import recording

@@ -21,7 +21,7 @@ from runtime.diagnosis import detection_limits
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.gates import Evidence, Verdict
-from runtime.diagnosis.search import Errors, Finding, Step
+from runtime.diagnosis.steps import Errors, Finding, Step
 from runtime.estimation import covariance
 from runtime.estimation.compare import Comparison, as_written, series, structure_shares
 from runtime.estimation.covariance import Estimate

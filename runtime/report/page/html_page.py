@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from runtime import files
-from runtime.diagnosis.search import Step, seconds_moving
+from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import as_written, structure_shares
 from runtime.loop.improve import Improvement
 from runtime.report.page import page_figures as figures

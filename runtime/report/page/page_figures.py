@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from runtime.diagnosis.search import Finding, Step
+from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
 from runtime.motion import spectrum

@@ -10,7 +10,7 @@ from runtime.diagnosis.detection_limits import Limit
 from runtime.diagnosis.diagnose import absent, finding_json
 from runtime.diagnosis.gates import Evidence
 from runtime.diagnosis.remainder import remainder
-from runtime.diagnosis.search import Finding
+from runtime.diagnosis.steps import Finding
 from runtime.estimation.compare import JointSeries, structure_shares
 from runtime.model.loader import Model
 from runtime.model.terms import Term, at

@@ -1,0 +1,85 @@
+"""Whether an effect that passes the gates is worth its name, once everything is refitted with it.
+
+The gates weigh a candidate beside a base that stays as it was. Refitted, its values may turn out not to be told by
+the data, its torque may be taken over by the rest, a recording that was not fitted may contradict it, or it may be
+the rest of an effect that was found before, in another form than that one's law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from runtime.diagnosis.settings import (
+    HELD_OUT_FALLS_TO,
+    LEAST_FALL,
+    LEAST_OF_EXCESS,
+    MOST_OF_BOTH,
+)
+from runtime.diagnosis.steps import Errors, Step
+from runtime.estimation.covariance import Estimate
+from runtime.model.catalogue import EffectInfo
+from runtime.model.loader import Model
+from runtime.model.terms import Term, joints_of
+
+
+def worth_its_name(before: Step, after: Step, term: Term) -> bool:
+    """Whether the error falls, at one of the term's own joints and elsewhere, by values that the data tell."""
+    own = own_joints(after.identification.model, term)
+    return any(falls(before, after, i) for i in own) and not worse_elsewhere(before, after) and told(after, term)
+
+
+def own_joints(model: Model, term: Term) -> tuple[int, ...]:
+    """Joints (0-based) at which a term must show: its own, or any that it reaches where it belongs to the arm."""
+    return joints_of(model, term) if term.joint is None else (term.joint - 1,)
+
+
+def falls(before: Step, after: Step, joint: int) -> bool:
+    """Whether a joint's error (0-based) falls, by more than chance and by a part of what is above the noise."""
+    was, now, floor = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
+    return now < (1 - LEAST_FALL) * was and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - floor**2)
+
+
+def worse_elsewhere(before: Step, after: Step) -> bool:
+    """Whether recordings that were not fitted, if there are any, are not explained clearly better."""
+    if before.held_out is None or after.held_out is None:
+        return False
+    return squared(after.held_out) >= HELD_OUT_FALLS_TO * squared(before.held_out)
+
+
+def squared(errors: Errors) -> float:
+    """Sum over the joints of the relative errors' squares."""
+    return sum(r**2 for r in errors.relative)
+
+
+def told(step: Step, term: Term) -> bool:
+    """Whether the data tell how large a term is: one of the parameters that size it lies away from where the effect
+    vanishes, and none is mixed up with the rest of the model."""
+    info = step.identification.model.library.effects[term.effect]
+    values = step.identification.inference.values[term]
+    sizes = [p for p in info.parameters if p.role == "linear"] or list(info.shape[:1])
+    if any(values[p.name].with_others for p in sizes):
+        return False
+    return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
+
+
+def _away(e: Estimate, neutral: float) -> bool:
+    if e.interval is None:
+        return False
+    return not e.interval[0] <= neutral <= e.interval[1]
+
+
+def same_signals(one: EffectInfo, other: EffectInfo) -> bool:
+    """Whether two effects of a joint act over the same quantities, so that one may be the rest of the other."""
+    return bool(set(one.signals) & set(other.signals))
+
+
+def needless(none: Step, alone: Sequence[Step], both: Step, joint: int) -> int | None:
+    """Which of two effects (0, 1) the other one nearly makes superfluous; None if each is worth having.
+
+    none   the step without either     alone   with the first only, with the second only     both   with both
+    """
+    whole = none.fitted.rms[joint] ** 2 - both.fitted.rms[joint] ** 2
+    kept = [(none.fitted.rms[joint] ** 2 - step.fitted.rms[joint] ** 2) / max(whole, 1e-300) for step in alone]
+    if max(kept) < MOST_OF_BOTH:
+        return None
+    return 1 if kept[0] >= kept[1] else 0
