@@ -56,7 +56,7 @@ def told(step: Step, term: Term) -> bool:
     vanishes, and none is mixed up with the rest of the model."""
     info = step.identification.model.library.effects[term.effect]
     values = step.identification.inference.values[term]
-    sizes = [p for p in info.parameters if p.role == "linear"] or list(info.shape[:1])
+    sizes = [p for p in info.parameters if p.role == "linear" or p.kind == "stiffness"] or list(info.shape[:1])
     if any(values[p.name].with_others for p in sizes):
         return False
     return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
