@@ -276,11 +276,6 @@ class Weighing:
         return tuple(found)
 
 
-def judge(field: CandidateField, floors: Sequence[float]) -> Verdict:
-    """Rank every candidate against the field; `floors` are all joints' noise floors."""
-    return rank(field, field.terms(), floors)
-
-
 def rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
     """Rank these candidates against the field; `floors` are all joints' noise floors."""
     finalists, blocks, held = [], [], []

@@ -9,7 +9,7 @@ import numpy as np
 
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.gates import Evidence, Verdict, judge, rank
+from runtime.diagnosis.gates import Evidence, Verdict, rank
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -24,7 +24,7 @@ from runtime.diagnosis.settings import (
     PAIR_WORTH_FITTING,
 )
 from runtime.diagnosis.steps import Finding, Step, errors_elsewhere, seconds_moving
-from runtime.diagnosis.worth import needless, same_signals, squared, worth_its_name
+from runtime.diagnosis.worth import missing_at, needless, own_joints, same_signals, squared, worth_its_name
 from runtime.estimation.folds import bic
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
@@ -94,8 +94,7 @@ class Search:
     def advance(self) -> Finding | None:
         """Add the best candidate that passes every gate, or a pair that it stood for; None if none does."""
         step = self.steps[-1]
-        ground = self._field_of(step)
-        self.last = judge(ground, step.floors)
+        self.last = self._judged(step)
         finding = self._forward(step)
         pair = self._pair(step, finding)
         if pair is not None:
@@ -112,6 +111,12 @@ class Search:
         else:
             return None
         return self.findings[-1]
+
+    def _judged(self, step: Step) -> Verdict:
+        """Candidates against a step; those are left out that act only where the residual is below the noise."""
+        ground = self._field_of(step)
+        terms = [t for t in ground.terms() if ground.watched(t) or missing_at(step, own_joints(self.model, t))]
+        return rank(ground, terms, step.floors)
 
     def _forward(self, step: Step) -> Finding | None:
         able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
@@ -269,7 +274,7 @@ class Search:
         for k, finding in enumerate(self.findings[:-1]):
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
-            verdict = judge(self._field_of(without), without.floors)
+            verdict = self._judged(without)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
             best, others = verdict.best, [f for f in self.findings if f is not finding]
             if best is None or self._taken_over(finding, without):

@@ -125,6 +125,10 @@ LEAST_FALL: Final = 0.005
 """part of the error, RMS; refitted as a whole, the error at the effect's joint must fall by more; development
 recordings."""
 
+AT_THE_FLOOR: Final = 0.97
+"""ratio to the noise floor; where a residual is below, nothing is missing; floors are known to a few hundredths;
+development recordings."""
+
 LEAST_OF_EXCESS: Final = 0.1
 """part of the squared error above the noise floor; refitted as a whole, an effect must take away more at one of its
 joints: the error stays nearly what it was otherwise; half of what it must explain beside a base that stays as it was;

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from runtime.diagnosis.settings import (
+    AT_THE_FLOOR,
     HELD_OUT_FALLS_TO,
     LEAST_FALL,
     LEAST_OF_EXCESS,
@@ -33,10 +34,16 @@ def own_joints(model: Model, term: Term) -> tuple[int, ...]:
     return joints_of(model, term) if term.joint is None else (term.joint - 1,)
 
 
+def missing_at(step: Step, joints: Sequence[int]) -> bool:
+    """Whether the error is above the noise at any of these joints (0-based)."""
+    return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
+
+
 def falls(before: Step, after: Step, joint: int) -> bool:
-    """Whether a joint's error (0-based) falls, by more than chance and by a part of what is above the noise."""
+    """Whether a joint's error (0-based) is above the noise, and falls by more than chance and by a part of that."""
     was, now, floor = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
-    return now < (1 - LEAST_FALL) * was and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - floor**2)
+    above = missing_at(before, (joint,)) and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - floor**2)
+    return above and now < (1 - LEAST_FALL) * was
 
 
 def worse_elsewhere(before: Step, after: Step) -> bool:
@@ -56,7 +63,7 @@ def told(step: Step, term: Term) -> bool:
     vanishes, and none is mixed up with the rest of the model."""
     info = step.identification.model.library.effects[term.effect]
     values = step.identification.inference.values[term]
-    sizes = [p for p in info.parameters if p.role == "linear" or p.kind == "stiffness"] or list(info.shape[:1])
+    sizes = [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
     if any(values[p.name].with_others for p in sizes):
         return False
     return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)

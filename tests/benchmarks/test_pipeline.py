@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from numpy_reference import NumPyFit
 
 from runtime.diagnosis import diagnose
-from runtime.diagnosis.gates import judge
+from runtime.diagnosis.gates import rank
 from runtime.estimation import compare, identify
 from runtime.estimation.identify import Identification
 from runtime.estimation.problem import Problem, Skew
@@ -42,7 +42,7 @@ def test_library(name: str) -> None:
     start = process_time()
     search = diagnose.begin(model, [simulated])
     fitted = process_time()
-    judge(search.ground(), search.steps[0].floors)
+    rank(search.ground(), search.ground().terms(), search.steps[0].floors)
     judged = process_time()
     diagnose.conclude(search)
     done = process_time()
