@@ -39,7 +39,7 @@ from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, rigid_inertia
 from runtime.motion.motion import Motion, prepare
-from runtime.recordings.recording import Recording
+from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,12 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
         given = {k: v for k, v in known.get(term, {}).items() if k in names}
         choices = grids.points(problem.regressors, term)
         choices = list({tuple({**c, **given}.items()): {**c, **given} for c in choices}.values())
+        if not choices and len(given) < len(names):
+            raise RecordingError(
+                f"{term} cannot be placed: these recordings give its {' and '.join(names)} no scale (a link without "
+                "inertia, a joint without dry friction); state them in the model file, or leave the effect out"
+            )
+        choices = choices or [given]
         shapes[term] = choices[len(choices) // 2]
         if len(choices) > 1:
             open_terms.append((term, choices))

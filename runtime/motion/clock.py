@@ -28,6 +28,7 @@ from runtime.motion.settings import (
     SPLINE_DEGREE,
     STAMP_DIGITS,
     STAMP_ROUNDED,
+    STEP_DIGITS,
 )
 from runtime.recordings.recording import Recording
 
@@ -107,7 +108,8 @@ def _stretch(samples: slice, places: Array | Counts) -> Stretch:
 
 
 def _mean_step(stamps: Sequence[Array]) -> float:
-    return float(sum(t[-1] - t[0] for t in stamps) / sum(len(t) - 1 for t in stamps))
+    """s, to the digits that differences of instants have."""
+    return float(f"{sum(t[-1] - t[0] for t in stamps) / sum(len(t) - 1 for t in stamps):.{STEP_DIGITS}g}")
 
 
 def _even(t: Array, period: float) -> bool:

@@ -85,7 +85,8 @@ class Piece:
             path = np.interp(self.places, on_grid, path)
         shifted = path + step * rng.uniform()
         error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
-        rest = max(density / (2 * self.dt) - step**2 / 12, 0.0)
+        rounding = step**2 / 12
+        rest = max(density / (2 * self.dt) - rounding, 0.0)
         error += np.sqrt(rest) * rng.standard_normal(len(path))
         return error if self.places is None else interpolated(self.places, error, on_grid)
 

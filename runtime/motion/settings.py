@@ -79,14 +79,17 @@ ENOUGH_FOR_CLOCK: Final = 50_000
 """samples; from so many it is known which instants are true; time."""
 
 STAMP_DIGITS: Final = 7
-"""decimal places; stamps that are printed to more are not rounded by any of them that matters; by construction."""
+"""number of decimal places; stamps that are printed to more are not rounded by any of them that matters; by construction."""
 
 STAMP_ROUNDED: Final = 1.01
 """part of the last decimal place; a rounded stamp departs by half of it to either side; a hundredth for errors of
 arithmetic, by construction."""
 
+STEP_DIGITS: Final = 10
+"""number of digits of a period; beyond are errors of arithmetic, by which nothing shall differ; double precision."""
+
 SPLINE_DEGREE: Final = 5
-"""degree of the splines that interpolate uneven samples; at the ceiling of the band 0.1 % are then lost where degree 3
+"""number, the degree of the splines that interpolate uneven samples; at the ceiling of the band 0.1 % are then lost where degree 3
 loses 1 %, and higher ones raise noise where steps differ by three; sines at random steps."""
 
 # the step of a position ---------------------------------------------------------------------------------------------
