@@ -90,7 +90,9 @@ def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
     shape = _typical(shapes)
     typical = bench.field.trial(term, shape)
     neutral = _neutral(typical) if typical.finite else None
-    return _of_shape(bench, term, shapes) if neutral is None else _of_amount(bench, term, shape, len(shapes), neutral)
+    if neutral is not None:
+        return _of_amount(bench, term, shape, len(shapes), neutral)
+    return _of_shape(bench, term, shapes) if shape else None
 
 
 def _neutral(block: CandidateBlock) -> Array | None:

@@ -89,6 +89,9 @@ def solve(
         _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
         prediction, shapes = plain.prediction, dict(plain.shapes)
         start = plain
+    if prediction is not None and not _drivable(model, motion, needs, prediction):
+        # What an ill-posed fit leaves without inertia cannot be simulated; what the file says of it can.
+        prediction = replace(prediction, lumps=model.lump_values)
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
     if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):
@@ -182,7 +185,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Te
             if parameter.grid is not None and parameter.grid.continuous:
                 values = grids.axis(problem.regressors, term, parameter, shape)
                 low, high = float(values[0]), float(values[-1])
-                if not low < high:  # at a joint that is held
+                if not grids.searchable(parameter, values):
                     continue
                 names.append((term, parameter.name))
                 lower.append(low)
@@ -222,8 +225,11 @@ class Identification:
 
     @cached_property
     def uncorrected(self) -> Inference | None:
-        """The same fit with no skew correction and no row left out; None where no skew was estimated."""
-        if not self.fit.skew_free:
+        """The same fit with no skew correction and no row left out; None where no skew was estimated, or where the fit
+        leaves a transmission nothing to drive."""
+        if not self.fit.skew_free or not _drivable(
+            self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction
+        ):
             return None
         every = replace(self.motion, standstill=np.zeros(self.model.n))
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
