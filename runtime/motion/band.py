@@ -9,7 +9,7 @@ the band: then whatever smooths accelerations cannot pass for physics.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,3 +157,13 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         who = f"the encoder noise of joint {joint + 1}"
         reason = f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
     return Band(cutoff, reason, torque, position, step)
+
+
+def lowered(band: Band, cutoff: float) -> Band | None:
+    """A narrower band of the same recordings; None where nothing of the motion would be left in it."""
+    if band.cutoff <= LOWEST_CUTOFF:
+        return None
+    cutoff = float(f"{max(cutoff, LOWEST_CUTOFF):.3g}")
+    return replace(
+        band, cutoff=cutoff, reason=f"above {cutoff:g} Hz most of the measured accelerations is the encoders' noise"
+    )

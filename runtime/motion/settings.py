@@ -49,6 +49,19 @@ SEGMENT_HALVES: Final = 4
 """number of half kernels; a stretch must hold two kernels to tell an inertia from a rigid-body torque; by
 construction."""
 
+# the inertia that chooses the band ----------------------------------------------------------------------------------
+
+INERTIA_GUESSED: Final = 2.0
+"""ratio; an inertia of the file that the recordings contradict by more is a guess, and does not choose the band, whose
+cut-off goes with its root; a choice."""
+
+INERTIA_SEEN: Final = 0.3
+"""part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it does
+not tell its inertia; development recordings."""
+
+MOST_INERTIA_ROWS: Final = 20_000
+"""rows; from so many an inertia is known far better than to a ratio of two; time."""
+
 # the clock ----------------------------------------------------------------------------------------------------------
 
 EVEN_GRID: Final = 0.02
@@ -79,7 +92,8 @@ ENOUGH_FOR_CLOCK: Final = 50_000
 """samples; from so many it is known which instants are true; time."""
 
 STAMP_DIGITS: Final = 7
-"""number of decimal places; stamps that are printed to more are not rounded by any of them that matters; by construction."""
+"""number of decimal places; stamps that are printed to more are not rounded by any of them that matters; by
+construction."""
 
 STAMP_ROUNDED: Final = 1.01
 """part of the last decimal place; a rounded stamp departs by half of it to either side; a hundredth for errors of
@@ -89,8 +103,8 @@ STEP_DIGITS: Final = 10
 """number of digits of a period; beyond are errors of arithmetic, by which nothing shall differ; double precision."""
 
 SPLINE_DEGREE: Final = 5
-"""number, the degree of the splines that interpolate uneven samples; at the ceiling of the band 0.1 % are then lost where degree 3
-loses 1 %, and higher ones raise noise where steps differ by three; sines at random steps."""
+"""number, the degree of the splines that interpolate uneven samples; at the ceiling of the band 0.1 % are then lost
+where degree 3 loses 1 %, and higher ones raise noise where steps differ by three; sines at random steps."""
 
 # the step of a position ---------------------------------------------------------------------------------------------
 
