@@ -207,7 +207,7 @@ class CandidateField:
 
     def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
         block = self.trial(term, shape)
-        if not all(np.isfinite(part.columns).all() for part in block.parts.values()):
+        if not block.finite:
             return float("-inf")
         return ground.gain(block)
 

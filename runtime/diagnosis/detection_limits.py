@@ -80,7 +80,7 @@ def of(ground: CandidateField, floors: Sequence[float], joints: Sequence[int]) -
     bench = WhitenedGround(ground, ground.excerpt[1], floors, None)
     own = [term for term in ground.terms() if joints_of(ground.model, term)[0] in joints]
     found = (_limit(bench, term) for term in own)
-    return [limit for limit in found if limit is not None]
+    return [limit for limit in found if limit is not None and np.isfinite(limit.value)]
 
 
 def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
@@ -88,8 +88,11 @@ def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
     if not shapes:
         return None
     shape = _typical(shapes)
-    neutral = _neutral(bench.field.trial(term, shape))
-    return _of_shape(bench, term, shapes) if neutral is None else _of_amount(bench, term, shape, len(shapes), neutral)
+    typical = bench.field.trial(term, shape)
+    neutral = _neutral(typical) if typical.finite else None
+    if neutral is not None:
+        return _of_amount(bench, term, shape, len(shapes), neutral)
+    return _of_shape(bench, term, shapes) if shape else None
 
 
 def _neutral(block: CandidateBlock) -> Array | None:
@@ -118,7 +121,10 @@ def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
 def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
     """By the first of the effect's coefficients, the others as without it."""
     field, library = bench.field, bench.field.model.library
-    weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, field.sample(term, shape))
+    block = field.sample(term, shape)
+    if not block.finite:
+        return None
+    weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, block)
     one = np.zeros(1 + len(weighing.block.lower))
     one[1] = 1.0
     own = weighing.own(one)
@@ -127,6 +133,8 @@ def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, n
     start = LIMIT_START * LEAST_EFFECT * weighing.floor / own
     # What the noise holds of the torque by chance may only make it harder to see.
     held, spread = weighing.luck(one)
+    if not np.isfinite(held + spread):
+        return None
     if weighing.block.lower[0] < 0 < held:
         one, held = -one, -held
     least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one), start)
@@ -165,14 +173,17 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
 
     def seen(shape: Values) -> bool:
-        weighing = Weighing(bench, term, len(shape), _along_its_own_motion(field, term, shape, freed))
+        block = _along_its_own_motion(field, term, shape, freed)
+        if not block.finite:
+            return False
+        weighing = Weighing(bench, term, len(shape), block)
         whole = np.zeros(1 + len(weighing.block.lower))
         whole[0] = 1.0
         if weighing.doubts(whole):
             return False
         held, spread = weighing.luck(whole)
         whole[0] -= max(held, 0.0) + LIMIT_SIGMAS * spread
-        return _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
+        return bool(np.isfinite(whole[0])) and _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
 
     strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
     place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0]))
@@ -245,8 +256,9 @@ def _size(bench: WhitenedGround, term: Term, shape: Values) -> float:
     """RMS at its own joint of what the base cannot take over of an effect's torque without free coefficients."""
     field, ground = bench.field, bench.ground
     own = joints_of(field.model, term)[0]
-    parts = {i: part.columns[0] for i, part in field.trial(term, shape).parts.items()}
-    if not all(np.isfinite(torque).all() for torque in parts.values()):
+    block = field.trial(term, shape)
+    if not block.finite:
         return float("nan")
+    parts = {i: part.columns[0] for i, part in block.parts.items()}
     kept, _ = field.without(ground, field.replaced(term)).own(parts)
     return field.rms(own) * float(np.sqrt(kept / max(1, ground.rows[own].count)))

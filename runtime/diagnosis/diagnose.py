@@ -165,6 +165,9 @@ def _verdict(
     first, last = search.steps[0], search.steps[-1]
     disagreement = _disagreement(search.model, last.identification.inference)
     preface = compared.preface + disagreement
+    unsound = next((why for s in search.steps if (why := s.identification.unsound)), None)
+    if unsound:
+        return "refused", compared.preface + unsound
     if compared.refusal and (compared.each_is_noise or not any(physics(last, i) for i in range(search.model.n))):
         return "refused", disagreement + compared.refusal
     for i in {f.joint_index for f in search.findings}:

@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.settings import LEAST_OWN, MOST_LAGS
+from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN, MOST_LAGS
 from runtime.estimation.folds import NormalEquations
 from runtime.estimation.least_squares import bounded, inverse
 from runtime.estimation.robust import lag_by_lag
@@ -47,6 +47,14 @@ class CandidateBlock:
     parts: Mapping[int, CandidateRows]
     lower: Array
     upper: Array
+
+    @cached_property
+    def finite(self) -> bool:
+        """Whether its columns and their noise are numbers with a square: what is simulated can overflow, for one shape
+        on one stretch of motion."""
+        parts = self.parts.values()
+        rows = [x for part in parts for x in (part.columns, part.noise) if x is not None]
+        return all(bool(np.all(np.abs(x) < LARGEST_COLUMN)) for x in rows)
 
 
 @dataclass(frozen=True)

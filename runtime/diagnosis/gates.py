@@ -281,6 +281,8 @@ def rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) 
     finalists, blocks, held = [], [], []
     for candidate in map(field.refine, _finalists(field, terms)):
         block = field.block(candidate.term, candidate.shape)
+        if not block.finite:
+            continue
         ground = field.without(field.ground, field.replaced(candidate.term))
         equations = ground.equations(block)
         error, left = float(equations.held_out[0].sum()), ground.residual(equations.coefficients, block)

@@ -74,6 +74,8 @@ def _beside(field: CandidateField, first: Candidate) -> tuple[Ground, float]:
         at = first.shape[name]
         shape = {**first.shape, name: at * float(np.exp(step)) if logarithmic else at + step}
         moved = field.trial(first.term, shape)
+        if not moved.finite:
+            continue
         moves.append({j: theta @ (moved.parts[j].columns - p.columns) for j, p in block.parts.items()})
     return _extended(ground, block, moves), first.gain
 

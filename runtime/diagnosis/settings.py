@@ -238,6 +238,11 @@ GUESS_REACH: Final = 0.95
 """part of the best guess's fall of BIC; a simpler one within it is preferred; development recordings with laws that the
 library lacks."""
 
+# columns ------------------------------------------------------------------------------------------------------------
+
+LARGEST_COLUMN: Final = 1e100
+"""unit of the column; beyond it a simulation has overflown, and squares soon do; double precision."""
+
 # detection limits ---------------------------------------------------------------------------------------------------
 
 LIMIT_SIGMAS: Final = 1.645

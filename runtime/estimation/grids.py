@@ -75,6 +75,14 @@ def axis(regressors: Regressors, term: Term, parameter: DescribedParameter, know
     return np.sort(offset + scale * spaced(grid.low, grid.high, grid.count))
 
 
+def searchable(parameter: DescribedParameter, values: Array) -> bool:
+    """Whether there is something between the ends of an axis: not at a joint that is held, nor where a fitted inertia
+    below zero turns the scale of a stiffness over."""
+    low, high = float(values[0]), float(values[-1])
+    logarithmic = parameter.grid is not None and parameter.grid.spacing == "log"
+    return bool(np.isfinite([low, high]).all()) and low < high and not (logarithmic and low <= 0)
+
+
 def points(regressors: Regressors, term: Term) -> list[Values]:
     """All combinations of the shape parameters' grid values; one empty choice for a term without shape.
 

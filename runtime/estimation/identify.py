@@ -16,13 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from runtime.estimation import grids
+from runtime.estimation import grids, soundness
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.problem import Fit, Problem, Skew
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import (
     HOLD,
+    LOWERED_TO,
+    LOWERINGS,
+    MOST_COMPENSATED,
     NOMINAL_SKEW,
     PREDICTION_PASSES,
     SAME_INERTIA,
@@ -37,9 +40,10 @@ from runtime.estimation.settings import (
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
-from runtime.motion.band import choose_band, rigid_inertia
+from runtime.motion.band import choose_band, lowered, rigid_inertia
+from runtime.motion.inertia import believable
 from runtime.motion.motion import Motion, prepare
-from runtime.recordings.recording import Recording
+from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 
@@ -53,6 +57,12 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
         given = {k: v for k, v in known.get(term, {}).items() if k in names}
         choices = grids.points(problem.regressors, term)
         choices = list({tuple({**c, **given}.items()): {**c, **given} for c in choices}.values())
+        if not choices and len(given) < len(names):
+            raise RecordingError(
+                f"{term} cannot be placed: these recordings give its {' and '.join(names)} no scale (a link without "
+                "inertia, a joint without dry friction); state them in the model file, or leave the effect out"
+            )
+        choices = choices or [given]
         shapes[term] = choices[len(choices) // 2]
         if len(choices) > 1:
             open_terms.append((term, choices))
@@ -83,6 +93,9 @@ def solve(
         _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
         prediction, shapes = plain.prediction, dict(plain.shapes)
         start = plain
+    if prediction is not None and not _drivable(model, motion, needs, prediction):
+        # What an ill-posed fit leaves without inertia cannot be simulated; what the file says of it can.
+        prediction = replace(prediction, lumps=model.lump_values)
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
     if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):
@@ -176,7 +189,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Te
             if parameter.grid is not None and parameter.grid.continuous:
                 values = grids.axis(problem.regressors, term, parameter, shape)
                 low, high = float(values[0]), float(values[-1])
-                if not low < high:  # at a joint that is held
+                if not grids.searchable(parameter, values):
                     continue
                 names.append((term, parameter.name))
                 lower.append(low)
@@ -215,9 +228,16 @@ class Identification:
         return infer(self.problem, self.fit)
 
     @cached_property
+    def unsound(self) -> str | None:
+        """Why the fit cannot be believed; None where nothing speaks against it."""
+        return soundness.reason(self.problem, self.fit)
+
+    @cached_property
     def uncorrected(self) -> Inference | None:
-        """The same fit with no skew correction and no row left out; None where no skew was estimated."""
-        if not self.fit.skew_free:
+        """The same fit with no skew correction and no row left out; None where no skew was estimated, or where the fit
+        leaves a transmission nothing to drive."""
+        drivable = _drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction)
+        if not self.fit.skew_free or not drivable:
             return None
         every = replace(self.motion, standstill=np.zeros(self.model.n))
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
@@ -239,9 +259,23 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
-    """Recordings in the band that suits their noise and the model's inertia."""
+    """Recordings in the band that suits their noise and the model's inertia.
+
+    An inertia of the file that is far too small makes it too wide: then the first lower one in which the encoders'
+    noise is no more of an inertial column than can be compensated.
+    """
     given = rigid_inertia(recordings)
-    return prepare(recordings, choose_band(recordings, _diagonal(model) if given is None else given), model.library)
+    band = choose_band(recordings, believable(_diagonal(model), recordings) if given is None else given)
+    first = motion = prepare(recordings, band, model.library)
+    for _ in range(LOWERINGS):
+        if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:
+            return motion
+        lower = lowered(motion.band, LOWERED_TO * motion.band.cutoff)
+        if lower is None:
+            break
+        motion = prepare(recordings, lower, model.library)
+    # A joint that hardly moves has nothing but noise in any band, and the others shall not pay for it.
+    return first
 
 
 def identify_motion(

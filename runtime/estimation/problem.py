@@ -193,7 +193,7 @@ class Problem:
         free = np.full(columns.size, np.inf)
         lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
         stated = np.append(self.layout.stated, np.zeros(columns.size))
-        theta = minimise(gram, moment, lower, upper, self._inertia_cuts, stated)
+        theta = minimise(gram, moment, lower, upper, self.inertia_cut, stated)
         residual = [_spread(y - theta[index] @ x, use) for x, y, use, index in parts]
         return Solved(theta[:size], theta[size:], gram, residual)
 
@@ -211,7 +211,7 @@ class Problem:
             self._systems[key] = _System(x, fixed[use], x @ x.T - noise @ noise.T, noise @ fixed_noise[use])
         return self._systems[key]
 
-    def _inertia_cuts(self, theta: Array) -> Array | None:
+    def inertia_cut(self, theta: Array) -> Array | None:
         """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
         if self.motion.rigid_given:
             return None

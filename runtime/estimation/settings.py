@@ -98,6 +98,23 @@ HARDLY_POSITIVE: Final = 0.01
 """part of the smallest eigenvalue of the file's own D; a fit that has less stopped at the bound of what is physical;
 development recordings."""
 
+# the limits of compensation -----------------------------------------------------------------------------------------
+
+MOST_COMPENSATED: Final = 0.5
+"""part of a power; so much of a column, or of a torque, may be the encoders' noise: beyond, what is left is smaller
+than what was taken off, and its sign is chance; by construction, and development recordings with coarse encoders."""
+
+FAR_WORSE: Final = 2.0
+"""ratio of squared errors; noise that is half of a column makes plain least squares leave half of what the truth does,
+and more than that is not compensated; errors in variables, by construction."""
+
+LOWERINGS: Final = 6
+"""number of lower bands that are tried, down to an eighth of the first; a choice."""
+
+LOWERED_TO: Final = 0.7071
+"""part of a cut-off; of a band that lets too much noise in, the next is so much lower: the noise of an acceleration
+falls to a sixth; a choice."""
+
 # over what a residual is structured ---------------------------------------------------------------------------------
 
 STRUCTURE_BINS: Final = 24

@@ -9,12 +9,13 @@ the band: then whatever smooths accelerations cannot pass for physics.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from runtime.motion.clock import Stretch, grid
 from runtime.motion.filters import differentiator
 from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
@@ -65,6 +66,28 @@ def white_density(x: Array, rate: float) -> float:
     return float(np.median(density[inside]))
 
 
+@dataclass(frozen=True)
+class SampleNoise:
+    """How white noise of samples is measured on a grid to which they were brought: `passed` is the part of its density
+    that interpolation leaves where it is looked for."""
+
+    stretch: Stretch
+    rate: float
+    passed: float
+
+    @classmethod
+    def on(cls, stretch: Stretch, rate: float) -> SampleNoise:
+        if stretch.places is None:
+            return cls(stretch, rate, 1.0)
+        samples = stretch.samples.stop - stretch.samples.start
+        white = np.random.default_rng(samples).standard_normal(samples)
+        return cls(stretch, rate, white_density(stretch.of(white), rate) * rate / 2)
+
+    def density(self, x: Array) -> float:
+        """One-sided density of the samples' white noise in x, of the whole recording."""
+        return white_density(self.stretch.of(x[self.stretch.samples]), self.rate) / self.passed
+
+
 def resolution(q: Array) -> float:
     """The step of which nearly all differences of q (N,) are multiples; 0 if there is none."""
     steps = np.abs(np.diff(q[:ENOUGH_FOR_NOISE]))
@@ -96,10 +119,11 @@ def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
     for r in recordings:
         if r.tau_rigid is None:
             return None
-        derive = differentiator(LOWEST_CUTOFF, 1 / r.dt)
-        for s in (s for s in r.segments if s.stop - s.start > SEGMENT_HALVES * derive.half):
-            qdd = np.array([derive(row)[2] for row in r.q[:, s]])
-            moment += np.sum(qdd * r.tau_rigid[:, s.start + derive.half : s.stop - derive.half], axis=1)
+        clock = grid(r)
+        derive = differentiator(LOWEST_CUTOFF, 1 / clock.period)
+        for s in (s for s in clock.stretches if s.size > SEGMENT_HALVES * derive.half):
+            qdd = np.array([derive(row)[2] for row in s.of(r.q[:, s.samples])])
+            moment += np.sum(qdd * s.of(r.tau_rigid[:, s.samples])[:, derive.half : -derive.half], axis=1)
             square += np.sum(qdd**2, axis=1)
     inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
     return np.maximum(inertia, 1e-12)
@@ -110,14 +134,15 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
 
     inertia (n,): D_ii of the model, kg m² (kg).
     """
-    rate = min(1 / r.dt for r in recordings)
+    grids = [grid(r) for r in recordings]
+    rate = min(1 / g.spacing for g in grids)
     n = len(inertia)
     torque, position, step = np.zeros(n), np.zeros(n), np.zeros(n)
-    longest = [(r, max(r.segments, key=lambda s: s.stop - s.start)) for r in recordings]
+    noise = [SampleNoise.on(g.longest, 1 / g.period) for g in grids]
     for i in range(n):
-        step[i] = max(resolution(r.q[i, s]) for r, s in longest)
-        torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
-        position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
+        step[i] = max(resolution(r.q[i, g.longest.samples]) for r, g in zip(recordings, grids, strict=True))
+        torque[i] = np.median([d.density(r.tau[i]) for r, d in zip(recordings, noise, strict=True)])
+        position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
     with np.errstate(divide="ignore"):
         balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
     joint = int(np.argmin(balance))
@@ -132,3 +157,13 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         who = f"the encoder noise of joint {joint + 1}"
         reason = f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
     return Band(cutoff, reason, torque, position, step)
+
+
+def lowered(band: Band, cutoff: float) -> Band | None:
+    """A narrower band of the same recordings; None where nothing of the motion would be left in it."""
+    if band.cutoff <= LOWEST_CUTOFF:
+        return None
+    cutoff = float(f"{max(cutoff, LOWEST_CUTOFF):.3g}")
+    return replace(
+        band, cutoff=cutoff, reason=f"above {cutoff:g} Hz most of the measured accelerations is the encoders' noise"
+    )

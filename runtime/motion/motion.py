@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from runtime.model.loader import Library
 from runtime.motion import sensors
 from runtime.motion.band import Band, excitation
+from runtime.motion.clock import EvenGrid, Stretch, grid, interpolated
 from runtime.motion.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
-from runtime.motion.sensors import NOTHING, Sensors, evenly
+from runtime.motion.sensors import NOTHING, Sensors
 from runtime.motion.settings import (
     EXCERPT_WINDOW_KERNELS,
     EXCERPT_WINDOWS,
     HELD_RANGE,
     LEAST_ROWS,
+    SPLINE_DEGREE,
     STANDSTILL_BLUR,
     STANDSTILL_NOISE,
     STANDSTILL_OF_TOP_SPEED,
@@ -37,10 +39,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Piece:
-    """One gap-free stretch of one recording.
+    """One gap-free stretch of one recording, on the recording's even grid.
 
     t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
-    warmth (n, N) K; measured (n,) whether a temperature was.
+    warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
+    were taken from which it was interpolated; None where they are those of the grid.
     """
 
     recording: int
@@ -58,6 +61,7 @@ class Piece:
     derive: Differentiator
     excited: tuple[Smoother, ...]
     sensors: Sensors = NOTHING
+    places: Array | None = None
 
     def perturbed(self, band: Band, seed: int) -> Piece:
         """The piece as its encoders might have read it another time: other places of the steps, other noise.
@@ -67,16 +71,25 @@ class Piece:
         rng = np.random.default_rng(seed)
         noise = []
         for q, step, density in zip(self.q, band.resolution, band.position_density, strict=True):
-            path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
-            shifted = path + step * rng.uniform()
-            error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
-            rounding = step**2 / 12
-            rest = max(density / (2 * self.dt) - rounding, 0.0)
-            noise.append(self.derive(error + np.sqrt(rest) * rng.standard_normal(len(path))))
+            noise.append(self.derive(self._misread(q, step, density, rng)))
         parts = np.array(noise)
         q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
         slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
         return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(parts[:, 0], parts[:, 2]))
+
+    def _misread(self, q: Array, step: float, density: float, rng: np.random.Generator) -> Array:
+        """(N + 2 half,) errors of another reading of q (N,) on the grid: made where the samples were taken, and
+        interpolated as those were."""
+        path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
+        on_grid = np.arange(len(path)) - self.derive.half
+        if self.places is not None:
+            path = np.interp(self.places, on_grid, path)
+        shifted = path + step * rng.uniform()
+        error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
+        rounding = step**2 / 12
+        rest = max(density / (2 * self.dt) - rounding, 0.0)
+        error += np.sqrt(rest) * rng.standard_normal(len(path))
+        return error if self.places is None else interpolated(self.places, error, on_grid)
 
     def cut(self, window: slice) -> Piece:
         """The piece within a window of its samples."""
@@ -94,7 +107,16 @@ class Piece:
             tau=part(self.tau),
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
+            places=self._places_in(window),
         )
+
+    def _places_in(self, window: slice) -> Array | None:
+        """The samples that the kernels see from a window, and some beyond, from which its ends were interpolated."""
+        if self.places is None:
+            return None
+        reach = self.derive.half + 2 * SPLINE_DEGREE
+        first, last = np.searchsorted(self.places, (window.start - reach, window.stop + reach))
+        return self.places[first:last] - window.start
 
     @cached_property
     def centres(self) -> NDArray[np.intp]:
@@ -237,12 +259,13 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     pieces: list[Piece] = []
     common = sensors.measured_in_all(recordings)
     for number, recording in enumerate(recordings):
-        rate = 1 / recording.dt
-        derive, band_filter = differentiator(band.cutoff, rate), low_pass(band.cutoff, rate, library)
-        for segment in recording.segments:
-            if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + LEAST_ROWS * band_filter.factor:
-                piece = _piece(recording, number, segment, derive, band_filter, band)
-                pieces.append(replace(piece, sensors=sensors.read(recording, segment, derive, common)))
+        clock = grid(recording)
+        derive = differentiator(band.cutoff, 1 / clock.period)
+        band_filter = low_pass(band.cutoff, 1 / clock.period, library)
+        for stretch in clock.stretches:
+            if stretch.size > 2 * (derive.half + band_filter.half) + LEAST_ROWS * band_filter.factor:
+                piece = _piece(recording, number, clock, stretch, derive, band_filter, band)
+                pieces.append(replace(piece, sensors=sensors.read(recording, stretch, derive, common)))
     if not pieces:
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
@@ -262,12 +285,17 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
 
 
 def _piece(
-    recording: Recording, number: int, segment: slice, derive: Differentiator, band_filter: LowPass, band: Band
+    recording: Recording,
+    number: int,
+    clock: EvenGrid,
+    stretch: Stretch,
+    derive: Differentiator,
+    band_filter: LowPass,
+    band: Band,
 ) -> Piece:
-    n = len(recording.q)
-    parts = [derive(row) for row in evenly(recording.t[segment], recording.q[:, segment], smooth=True)]
+    n, segment, dt, half = len(recording.q), stretch.samples, clock.period, derive.half
+    parts = [derive(row) for row in stretch.of(recording.q[:, segment])]
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
-    inner = slice(segment.start + derive.half, segment.stop - derive.half)
     first = int(np.argmax(recording.run == recording.run[segment.start]))
     warmth, measured = np.zeros_like(q), np.zeros(n, dtype=bool)
     for i in range(n):
@@ -275,18 +303,33 @@ def _piece(
         if temperature is not None:
             measured[i] = True
             start = np.median(temperature[:TEMPERATURE_START])
-            warmth[i] = _smooth_temperature(temperature, recording.dt)[inner] - start
-    times = recording.t[segment] - recording.t[first]
-    dt = float(times[-1] - times[0]) / (len(times) - 1)
-    t = times[0] + dt * (derive.half + np.arange(parts[0][0].size))
-    tau = np.ascontiguousarray(evenly(recording.t[segment], recording.tau[:, segment])[:, derive.half : -derive.half])
+            warmth[i] = stretch.of(_smooth_temperature(temperature, dt)[segment])[half:-half] - start
+    t = recording.t[segment.start] - recording.t[first] + dt * (half + np.arange(q.shape[1]))
+    tau = np.ascontiguousarray(stretch.of(recording.tau[:, segment])[:, half:-half])
     run = int(recording.run[segment.start])
     rate = 1 / dt
     excited = tuple(
         smoother(excitation(row, rate, density)) for row, density in zip(qdd, band.position_density, strict=True)
     )
     slow = np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)])
-    return Piece(number, run, dt, t, q, qd, qdd, slow, tau, warmth, measured, band_filter, derive, excited)
+    places = None if stretch.places is None else stretch.places - half
+    return Piece(
+        number,
+        run,
+        dt,
+        t,
+        q,
+        qd,
+        qdd,
+        slow,
+        tau,
+        warmth,
+        measured,
+        band_filter,
+        derive,
+        excited,
+        places=places,
+    )
 
 
 def _smooth_temperature(x: Array, dt: float) -> Array:

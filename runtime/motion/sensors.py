@@ -7,10 +7,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
+from runtime.motion.clock import Stretch
 from runtime.motion.filters import Differentiator
-from runtime.motion.settings import EVEN_GRID
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -66,37 +65,22 @@ def measured_in_all(recordings: Sequence[Recording]) -> dict[str, Mask]:
     return found
 
 
-def read(recording: Recording, segment: slice, derive: Differentiator, common: Mapping[str, Mask]) -> Sensors:
-    """The signals that all recordings have, over the samples that the smoothed position has."""
-    t = recording.t[segment]
+def read(recording: Recording, stretch: Stretch, derive: Differentiator, common: Mapping[str, Mask]) -> Sensors:
+    """The signals that all recordings have, over the places that the smoothed position has."""
 
     def raw(name: str, absent: float = np.nan) -> Array | None:
         if not common[name].any():
             return None
-        rows = evenly(t, getattr(recording, name)[:, segment])[:, derive.half : -derive.half]
+        rows = stretch.of(getattr(recording, name)[:, stretch.samples])[:, derive.half : -derive.half]
         return np.where(common[name][:, None], rows, absent)
 
     rigid = raw("tau_rigid") if common["tau_rigid"].all() else None
     found = Sensors(None, None, raw("tau_link"), rigid, raw("force", 0.0))
     if recording.q_link is None or not common["q_link"].any():
         return found
-    between = (recording.q - recording.q_link)[common["q_link"], segment]
-    parts = [derive(row) for row in evenly(t, between, smooth=True)]
+    between = (recording.q - recording.q_link)[common["q_link"], stretch.samples]
+    parts = [derive(row) for row in stretch.of(between)]
     twist = np.full((len(recording.q), len(parts[0][0])), np.nan)
     curvature = twist.copy()
     twist[common["q_link"]], curvature[common["q_link"]] = [p[0] for p in parts], [p[2] for p in parts]
     return replace(found, twist=twist, twist_qdd=curvature)
-
-
-def evenly(t: Array, x: Array, smooth: bool = False) -> Array:
-    """Signals x (k, N) of instants t (N,) at even instants; as recorded where these are even already.
-
-    smooth: they have derivatives, as positions have.
-    """
-    even = np.linspace(t[0], t[-1], len(t))
-    if np.abs(t - even).max() < EVEN_GRID * (t[-1] - t[0]) / (len(t) - 1):
-        return x
-    if smooth:
-        between: Array = make_interp_spline(t, x, k=3, axis=1)(even)
-        return between
-    return np.array([np.interp(even, t, row) for row in x])

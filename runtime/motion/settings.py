@@ -49,6 +49,63 @@ SEGMENT_HALVES: Final = 4
 """number of half kernels; a stretch must hold two kernels to tell an inertia from a rigid-body torque; by
 construction."""
 
+# the inertia that chooses the band ----------------------------------------------------------------------------------
+
+INERTIA_GUESSED: Final = 2.0
+"""ratio; an inertia of the file that the recordings contradict by more is a guess, and does not choose the band, whose
+cut-off goes with its root; a choice."""
+
+INERTIA_SEEN: Final = 0.3
+"""part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it does
+not tell its inertia; development recordings."""
+
+MOST_INERTIA_ROWS: Final = 20_000
+"""rows; from so many an inertia is known far better than to a ratio of two; time."""
+
+# the clock ----------------------------------------------------------------------------------------------------------
+
+EVEN_GRID: Final = 0.02
+"""part of a period; instants that depart less from an even grid count as on it, and the recording is not interpolated;
+real recordings, whose controllers log steps of 10 and 12 ms."""
+
+CLOCK_WANDER: Final = 1e-3
+"""part of a period; segments whose mean steps differ by less have one clock: an inertia is then wrong by twice that at
+most; quartz clocks differ by a tenth of it and less."""
+
+COUNTED_AT_ONCE: Final = 16
+"""samples; over so many the period of a clock is first read, and nearer to each other a clock does not wander; the
+rounding of a stamp is then a small part of a period; development recordings with rounded stamps."""
+
+CLOCK_AHEAD: Final = 8
+"""samples; one of so many is stamped in time: a host is late for a few, and then catches up; real recordings with
+stamps up to two periods late."""
+
+CLOCK_PHASE: Final = 1000
+"""samples; over so many the phase of a clock is averaged: long against losses, short against its wander; development
+recordings with lost samples."""
+
+CLOCK_SMOOTHER: Final = 1.5
+"""ratio of squared departures from smooth; over the instants for which it is so much less the positions were taken;
+chance reaches it with a thousand samples once in a million; development recordings with uneven stamps."""
+
+ENOUGH_FOR_CLOCK: Final = 50_000
+"""samples; from so many it is known which instants are true; time."""
+
+STAMP_DIGITS: Final = 7
+"""number of decimal places; stamps that are printed to more are not rounded by any of them that matters; by
+construction."""
+
+STAMP_ROUNDED: Final = 1.01
+"""part of the last decimal place; a rounded stamp departs by half of it to either side; a hundredth for errors of
+arithmetic, by construction."""
+
+STEP_DIGITS: Final = 10
+"""number of digits of a period; beyond are errors of arithmetic, by which nothing shall differ; double precision."""
+
+SPLINE_DEGREE: Final = 5
+"""number, the degree of the splines that interpolate uneven samples; at the ceiling of the band 0.1 % are then lost
+where degree 3 loses 1 %, and higher ones raise noise where steps differ by three; sines at random steps."""
+
 # the step of a position ---------------------------------------------------------------------------------------------
 
 STEP_QUANTILE: Final = 0.001
@@ -150,10 +207,6 @@ TEMPERATURE_WINDOW_S: Final = 1.0
 
 TEMPERATURE_START: Final = 200
 """samples; the temperature from which a rise is counted is their median; by construction."""
-
-EVEN_GRID: Final = 0.02
-"""part of a period; instants that depart less from an even grid count as on it, and the recording is not interpolated;
-real recordings, whose controllers log steps of 10 and 12 ms."""
 
 # motion that comes back ---------------------------------------------------------------------------------------------
 

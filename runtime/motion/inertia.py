@@ -1,0 +1,69 @@
+"""The inertia that a recording itself shows, before any model is fitted: what a file says of it may be a guess."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.motion.clock import grid
+from runtime.motion.filters import differentiator
+from runtime.motion.settings import (
+    ENOUGH_FOR_NOISE,
+    INERTIA_GUESSED,
+    INERTIA_SEEN,
+    LOWEST_CUTOFF,
+    MOST_INERTIA_ROWS,
+    SEGMENT_HALVES,
+)
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
+    """(n,) kg m² (kg): the stated inertias, those excepted that the recordings contradict by far, or that are unknown
+    (NaN): there what they show."""
+    seen = shown(recordings)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.abs(np.log(seen / stated)) > np.log(INERTIA_GUESSED)
+    return np.where(np.isfinite(seen) & (far | ~np.isfinite(stated)), seen, stated)
+
+
+def shown(recordings: Sequence[Recording]) -> Array:
+    """(n,) what a joint's torque asks for its acceleration below the lowest cut-off, beside friction, gravity and what
+    the other joints' accelerations ask; NaN where that explains too little of the torque to be told."""
+    n = len(recordings[0].q)
+    parts = [p for r in recordings if (p := _smooth(r)) is not None]
+    if not parts:
+        return np.full(n, np.nan)
+    q, qd, qdd, tau = (np.concatenate(signals, axis=1) for signals in zip(*parts, strict=True))
+    return np.array([_of_joint(i, q, qd, qdd, tau) for i in range(n)])
+
+
+def _smooth(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
+    """q, qd, qdd, tau (n, M) below the lowest cut-off, thinned out; None if no stretch is long enough."""
+    clock = grid(recording)
+    derive, stretch = differentiator(LOWEST_CUTOFF, 1 / clock.period), clock.longest
+    if stretch.size <= SEGMENT_HALVES * derive.half:
+        return None
+    window = slice(0, ENOUGH_FOR_NOISE)
+    thin = max(1, min(stretch.size, ENOUGH_FOR_NOISE) // MOST_INERTIA_ROWS)
+    position = stretch.of(recording.q[:, stretch.samples])[:, window]
+    torque = stretch.of(recording.tau[:, stretch.samples])[:, window]
+    parts = [derive(row) for row in position]
+    q, qd, qdd = (np.array([p[k][::thin] for p in parts]) for k in range(3))
+    return q, qd, qdd, np.array([derive(row)[0][::thin] for row in torque])
+
+
+def _of_joint(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
+    turns = [f(row) for row in q for f in (np.sin, np.cos)]
+    others = [row for k, row in enumerate(qdd) if k != joint]
+    rest = np.array([qd[joint], np.sign(qd[joint]), np.ones(q.shape[1]), *turns, *others])
+    y = np.array([qdd[joint], tau[joint]])
+    beside = y - np.linalg.lstsq(rest.T, y.T, rcond=None)[0].T @ rest
+    own, cross, whole = (float(a @ b) for a, b in (beside[[0, 0]], beside, beside[[1, 1]]))
+    if own <= 0 or cross <= 0 or cross**2 < INERTIA_SEEN * own * whole:
+        return float("nan")
+    return cross / own
