@@ -87,12 +87,7 @@ class Line:
 
 def blank(case: Case) -> Line:
     """The row of a case before it is made."""
-    s = case.setting
-    parts = [s.excitation, s.noise, f"x{s.coarse:g}"]
-    parts += ["jitter"] if s.jitter else []
-    parts += ["fine control"] if s.fine_control else []
-    parts += [] if s.temperature else ["no T"]
-    return Line(case.label, case.kind, s.joints, case.seed, " ".join(parts), case.size, code=code())
+    return Line(case.label, case.kind, case.setting.joints, case.seed, str(case.setting), case.size, code=code())
 
 
 def line(case: Case, held_out: bool = False, compared: bool = False, experiments: bool = False) -> Line:
