@@ -59,6 +59,7 @@ class Made:
     """A case made. joints: 1-based, of each hidden effect, None for one of the arm; sizes in units of the floor."""
 
     case: Case
+    gravity: tuple[float, float]  # m/s^2, as the model file has it
     model: str
     recording: Recording
     held_out: Recording
@@ -131,6 +132,7 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
     held_out = other.recording(apart)
     return Made(
         case,
+        known,
         model_text(bodies, believed, known, setting.gear_ratio),
         main.recording(together),
         held_out,
@@ -207,6 +209,7 @@ CLEAN: dict[str, tuple[Setting, tuple[str, ...]]] = {
 }
 
 KINDS = ("clean", "limits", "inside", "single", "forms", "unknown", "pairs")
+PAIR_NAMES = tuple(f"{a}+{b}" for a, b in PAIRS)
 _LIMIT = "limit_"
 
 
@@ -229,7 +232,7 @@ def _named(word: str, n: int) -> list[str]:
     if word == "limits":
         return [_LIMIT + name for name in AMOUNTS if ENTRIES[name].least_joints <= n]
     if word == "pairs":
-        return [f"{a}+{b}" for a, b in PAIRS]
+        return list(PAIR_NAMES)
     if word in KINDS:
         return [k for k, e in ENTRIES.items() if e.kind == word and e.least_joints <= n]
     if word in CLEAN or word.removeprefix(_LIMIT) in AMOUNTS or all(part in ENTRIES for part in word.split("+")):

@@ -306,7 +306,8 @@ def _(s: Setup) -> Hidden:
     angle = s.rng.uniform(0, 2 * np.pi)
 
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
-        arm.update(GRAVITY_X=amount * np.cos(angle), GRAVITY_Y=amount * np.sin(angle))
+        arm["GRAVITY_X"] = arm.get("GRAVITY_X", 0.0) + amount * np.cos(angle)
+        arm["GRAVITY_Y"] = arm.get("GRAVITY_Y", 0.0) + amount * np.sin(angle)
 
     return Hidden("gravity", 0.2, (1e-3, 9.81), put, rivals=POSITION, of_arm=True)
 

@@ -2,13 +2,18 @@
 
     python -m tests.judge.run --cases single --size 0.5 --seeds 3 --joints 1 --csv table.csv
     python -m tests.judge.run --judging --others --experiments --csv judged.csv --resume --budget 3600
+    python -m tests.judge.run --short --csv short.csv --resume --budget 1500
+    python -m tests.judge.run --cases cable_pack --situation low_noise --size 2 --save cases
 
 --cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
+--situation: how they are recorded (situations.py): uneven stamps, low rates, steps of the torque, an upright arm.
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
+--short runs some 280 of its kind; both mix their classes evenly, so that a part that --budget cuts has some of each.
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
 the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.
-Then totals by class and by name, the confusion matrix, rates with their 95 % intervals and, with --others, pysindy and
-sysidentpy on the same recordings. With --resume, rows that the CSV has are not made again.
+Then totals by class and by name, the confusion matrix, rates with their 95 % intervals, how many of the reported
+intervals hold the true value and, with --others, pysindy and sysidentpy on the same recordings. With --resume, rows
+that the CSV has are not made again.
 
     right   the truth was named first, or nothing where nothing should be (for pairs: both were named)
             With --experiments also the rival of a kind (scoring.ALIKE) that the proposed motion separates from it.
@@ -122,6 +127,8 @@ def report(lines: Sequence[Line]) -> list[str]:
         return ["no case was run"]
     out = [*totals(ordered), "--- hidden against named first, the wrong answers by name", *confusion.text(ordered)]
     out += ["--- rates", *rates.rates_table(ordered), "--- errors and times", *rates.errors_table(ordered)]
+    covered = rates.coverage_table(ordered)
+    out += ["--- 95 % intervals that hold the true value", *covered] if covered else []
     compared = rates.comparison(ordered)
     return [*out, "--- beside other tools, on the same recordings", *compared] if compared else out
 
@@ -142,6 +149,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--jitter", type=float, help="of the period, as a part of it")
     parser.add_argument("--held-out", action="store_true", help="diagnose with a second recording of the same plant")
     parser.add_argument("--judging", action="store_true", help="the judging set: its own seeds and sizes")
+    parser.add_argument("--short", action="store_true", help="the short judging set")
     parser.add_argument("--others", action="store_true", help="pysindy and sysidentpy on the same recordings")
     parser.add_argument("--experiments", action="store_true", help="ask `tendon experiment` about rivals of one kind")
     parser.add_argument("--jobs", type=int, default=2)
@@ -160,6 +168,8 @@ def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[C
         if given.judging:
             rounds = 5 if given.seeds is None else given.seeds
             return list(plan.judging(given.cases or judging.KINDS, given.joints or plan.JOINTS, rounds))
+        if given.short:
+            return list(plan.short())
         seeds = range(given.first_seed, given.first_seed + (given.seeds or 1))
         if seeds.stop > plan.FIRST_JUDGING_SEED:
             parser.error(f"seeds from {plan.FIRST_JUDGING_SEED} on belong to the judging set; use --judging")
