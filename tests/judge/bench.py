@@ -20,7 +20,7 @@ from .size import BAND, in_band
 
 Array = NDArray[np.float64]
 
-DISTURBANCE = 0.03  # N m
+DISTURBANCE = 0.03  # N m, beside a noise of LEVEL
 NOISE = {"white": 0.0, "coloured": 0.5, "strong": 0.95}
 """Noise of the recorded torque as a first-order autoregression of this coefficient."""
 LEVEL = 0.2  # N m
@@ -165,7 +165,7 @@ def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool
         period = period * recorder.clock(setting.logger, rng)
     slow = signal.butter(1, 5.0, fs=1 / PERIOD, output="sos")
     background = signal.sosfilt(slow, rng.standard_normal((n, count)), axis=1)
-    background *= DISTURBANCE / background.std(axis=1, keepdims=True)
+    background *= DISTURBANCE * setting.level / LEVEL / background.std(axis=1, keepdims=True)
     part = NOISE[setting.noise]
     noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], setting.level * rng.standard_normal((n, count)), axis=1)
     time = np.cumsum(period)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 from . import cases as judging
@@ -13,7 +14,7 @@ from .scoring import tag
 def folder(case: Case) -> str:
     """A name for the case's folder."""
     words = [case.label, f"{case.setting.joints}R", f"{case.size:g}", str(case.seed), *str(case.setting).split()]
-    return "_".join(word.replace("/", "every") for word in words)
+    return re.sub(r"[^\w+.-]", "_", "_".join(words))
 
 
 def save(case: Case, directory: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,12 +11,15 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from . import confusion, forms, limits, plan, rates, scoring
+from runtime.recordings import recording
+
+from . import confusion, coverage, forms, limits, rates, scoring
 from .bodies import ARMS
-from .cases import KINDS, Case, Made, Setting, cases
+from .cases import Case, Made, Setting, cases
 from .hidden import ENTRIES, Hidden, Setup
 from .line import Line, append, blank, line, read, write
 from .motion import desired
+from .save import save
 
 SEED = 42
 
@@ -31,6 +35,7 @@ def test_a_clear_case_is_judged_right(name: str) -> None:
     assert row.column == ("unexplained" if name == "outside_sine" else name)
     # 1.5 is what is asked of a transmission; a disturbance from outside stays in the error.
     assert 0.95 < row.ratio < 1.5
+    assert row.exact == (name != "outside_sine") == bool(coverage.from_text(row.covered))
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
@@ -39,6 +44,16 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert not row.named
     assert row.outcome in ("right", row.verdict)
     assert row.ratio < 1.5
+
+
+def test_a_case_is_saved_to_be_looked_at(tmp_path: Path) -> None:
+    (brief,) = cases(["load_friction_upright"], [1], [1.0], [SEED], Setting(excitation="brief"))
+    path = save(brief, tmp_path)
+    assert sorted(p.name for p in path.iterdir()) == ["fit.csv.gz", "held.csv.gz", "model.toml", "truth.json"]
+    truth = json.loads((path / "truth.json").read_text())
+    assert truth["hidden"] == ["load_friction@1"]
+    assert truth["plant"][0]["LOAD"] == pytest.approx(truth["amounts"][0])
+    assert recording.read(path / "fit.csv.gz", 1).q.shape == recording.read(path / "held.csv.gz", 1).q.shape
 
 
 # the judge itself ----------------------------------------------------------------------------------------------------
@@ -119,18 +134,6 @@ def test_exact_intervals_of_a_rate() -> None:
     low, high = rates.Rate("", 300, 300).interval
     assert low == pytest.approx(1 - 3.689 / 300, abs=2e-4)
     assert high == 1.0
-
-
-def test_the_judging_set_shares_no_case_with_development() -> None:
-    chosen = list(plan.judging(rounds=2))
-    assert {c.seed for c in chosen} == {plan.FIRST_JUDGING_SEED, plan.FIRST_JUDGING_SEED + 1}
-    assert {c.kind for c in chosen} == set(KINDS)
-    assert len({blank(c).key for c in chosen}) == len(chosen)
-    sizes = np.array([c.size for c in chosen if c.kind == "single"])
-    assert np.all((sizes < 0.14) | ((sizes > 0.29) & (sizes < 0.46)) | (sizes >= 0.5))
-    assert list(plan.judging(rounds=2)) == chosen
-    clean = sum(c.kind == "clean" for c in plan.judging(rounds=8))
-    assert clean >= 300
 
 
 def test_a_limit_becomes_an_amount_a_little_beyond_it() -> None:

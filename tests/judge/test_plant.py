@@ -257,7 +257,7 @@ def test_every_parameter_that_an_entry_sets_is_one_of_the_plant() -> None:
         assert (hidden.put is None) != (hidden.push is None)
 
 
-# loads that arms have --------------------------------------------------------------------------------------------------
+# loads that arms have ------------------------------------------------------------------------------------------------
 
 
 GEARED = {"GEAR_INERTIA": 0.05, "GEAR_RATIO": -0.7}
@@ -271,7 +271,7 @@ def falling(**more: float) -> tuple[Array, Array, Array]:
     rate = np.gradient(run.q, PERIOD, axis=1)
     coupled = rate[0] + GEARED["GEAR_RATIO"] * rate[1]
     total = energy(2, run.q, rate, gravity) + 0.5 * GEARED["GEAR_INERTIA"] * coupled**2
-    return total[5:-5], coupled[5:-5], np.arange(len(total))[5:-5] * PERIOD
+    return total[5:-5], coupled[5:-5], np.linspace(0.0, 3.0 - PERIOD, len(total))[5:-5]
 
 
 def test_a_coupled_gear_keeps_the_energy_without_friction() -> None:
@@ -320,7 +320,7 @@ LINES = {"RIPPLE": 0.3, "RIPPLE_ORDER": 18.0, "LINE_B": 0.2, "LINE_B_ORDER": 72.
 def stretched(q: float) -> float:
     """Energy of PACK's spring."""
     a, b = np.array([PACK["PACK_RADIUS"], 0.0]), PACK["PACK_POST"] * np.array([np.cos(q - 0.2), -np.sin(q - 0.2)])
-    return float(0.5 * PACK["PACK"] * max(0.0, np.linalg.norm(a - b) - PACK["PACK_FREE"]) ** 2)
+    return float(0.5 * PACK["PACK"] * max(0.0, float(np.linalg.norm(a - b)) - PACK["PACK_FREE"]) ** 2)
 
 
 @pytest.mark.parametrize(
