@@ -128,7 +128,7 @@ class Bench:
 
     def disturbed(self, run: Run, recording: Recording) -> Array:
         """(n, M) N m, what the recorded torque holds beside physics: noise and steps, less the push from outside."""
-        physics = recorder.means(self.setting.logger, run.tau + self.background, self.logged)
+        physics = recorder.means(run.tau + self.background, self.logged, recorder.held(self.setting.logger))
         found: Array = recording.tau - physics
         return found
 

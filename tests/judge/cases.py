@@ -243,7 +243,8 @@ def _named(word: str, n: int) -> list[str]:
 def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator[Case]:
     if name in CLEAN:
         setting, expected = CLEAN[name]
-        yield Case(name, "clean", (), replace(setting, joints=base.joints), 0.0, seed, expected)
+        excitation = base.excitation if setting.excitation == "full" else setting.excitation
+        yield Case(name, "clean", (), replace(setting, joints=base.joints, excitation=excitation), 0.0, seed, expected)
         return
     if name.startswith(_LIMIT):
         yield Case(name, "limits", (name.removeprefix(_LIMIT),), base, 0.0, seed)

@@ -21,10 +21,10 @@ from .bodies import ARMS, torque
 from .cases import Made
 from .hidden import Hidden
 from .plant import PERIOD
+from .recorder import held
 from .truth import Parameters
 
 FAMILIES = ("friction", "springs", "drive", "transmissions", "inertia")
-HOLD = 0.5  # steps of the recording by which a held torque is later than its sample
 
 Row = Mapping[str, float]
 Values = dict[str, float]
@@ -147,8 +147,9 @@ def _true(
     if name == "torque_ripple":
         return "drive", _ripple(made.case.setting, row, found)
     if name == "torque_delay":
-        step = PERIOD * made.case.setting.logger.every
-        return "drive", {} if skew["estimated"] else {"time": row["DELAY"] + (HOLD - skew["value"]) * step}
+        logger = made.case.setting.logger
+        hold, step = 0.5 * PERIOD * held(logger), PERIOD * logger.every
+        return "drive", {} if skew["estimated"] else {"time": row["DELAY"] + hold - skew["value"] * step}
     if name == "gravity":
         gx, gy = made.gravity
         return "springs", {"gx": made.arm["GRAVITY_X"] - gx, "gy": made.arm["GRAVITY_Y"] - gy}

@@ -93,12 +93,11 @@ def short() -> Iterator[Case]:
         group: list[Case] = []
         names = _cycled(share.names, share.number, rng)
         for name in names:
-            drawn = [c for c in cases([name], [share.joints], [1.0], [seed], Setting()) if name in (c.label, c.kind)]
+            base = Setting(excitation=share.excitation)
+            drawn = [c for c in cases([name], [share.joints], [1.0], [seed], base) if name in (c.label, c.kind)]
             case = drawn[int(rng.integers(len(drawn)))]
-            setting = case.setting if case.kind == "clean" else _situation(case, rng)
-            if setting.excitation == "full":
-                setting = replace(setting, excitation=share.excitation)
-            sized = dict(_sized(replace(case, setting=setting), rng))
+            at = case if case.kind == "clean" else replace(case, setting=_situation(case, rng))
+            sized = dict(_sized(at, rng))
             group.append(sized.get(share.size, sized["large"]))
             seed += 1
         groups.append(group)
@@ -111,8 +110,8 @@ def _situation(case: Case, rng: np.random.Generator) -> Setting:
     slowest = FASTER if "gear_ratio" in needs else np.inf
     names = [name for name, s in SITUATIONS.items() if name != "plain" and s.logger.every <= slowest]
     name = "plain" if rng.random() < PLAIN else str(rng.choice(names))
-    situation = replace(SITUATIONS[name], joints=case.setting.joints, temperature=case.setting.temperature)
-    return replace(situation, **needs)
+    kept = {k: getattr(case.setting, k) for k in ("joints", "temperature", "excitation")}
+    return replace(SITUATIONS[name], **kept, **needs)
 
 
 def _sized(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, Case]]:

@@ -1,7 +1,8 @@
 """What a logger makes of what a plant did: its instants, its stamps, its means, its steps of a torque, its rates.
 
-The drives run at PERIOD. A logger takes every so many of their periods; its torque is the drives' mean over one nominal
-step from the sample on, as of a command that is held, and its other signals are those of the instant.
+The drives run at PERIOD. A logger takes every so many of their periods; its torque is the drives' command over at most
+HELD of them from the sample on, short against any motion, and its other signals are those of the instant. The torque's
+noise is a mean over a whole nominal step, and so as dense at any rate.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ Index = NDArray[np.intp]
 LONG = 1.2  # a long step over a short one, of a logger that has two
 LOST = 0.004  # part of the samples
 CLOCK = (1e-3, 4e-3)  # by how much a clock that is read in whole ms is off the drives', at least and at most
+HELD = 2  # periods
 READ_IN = 1e-3  # s, the stamps' last digit of a logger that rounds them
 RATE_NOISE = 2e-4  # rad/s, of a rate that is measured well
 RATE_CORNER = 25.0  # Hz, of a drive's filter of second order over differences
@@ -82,12 +84,17 @@ def stamped(logger: Logger, t: Array) -> Array:
     return np.asarray(np.round(t / READ_IN) * READ_IN) if logger.stamps == "rounded" else t
 
 
-def means(logger: Logger, x: Array, at: Index) -> Array:
-    """(..., M) means of x (..., N) over one nominal step from each of the instants on."""
-    if logger.every == 1:
+def held(logger: Logger) -> int:
+    """Periods over which a command is taken."""
+    return min(logger.every, HELD)
+
+
+def means(x: Array, at: Index, periods: int) -> Array:
+    """(..., M) means of x (..., N) over so many periods from each of the instants on."""
+    if periods == 1:
         return x[..., at]
     total = np.concatenate([np.zeros((*x.shape[:-1], 1)), np.cumsum(x, axis=-1)], axis=-1)
-    found: Array = (total[..., at + logger.every] - total[..., at]) / logger.every
+    found: Array = (total[..., at + periods] - total[..., at]) / periods
     return found
 
 
@@ -108,6 +115,7 @@ def record(
     """
     written = stamped(logger, t[at])
     q = steps(run.q[:, at], COUNT * coarse)
+    tau = means(run.tau, at, held(logger)) + means(noise, at, logger.every)
     link = None
     if logger.link_late is not None:
         late = t[at] + logger.link_late
@@ -117,7 +125,7 @@ def record(
         t=written,
         run=np.zeros(len(written), dtype=np.int64),
         q=np.ascontiguousarray(q),
-        tau=np.ascontiguousarray(steps(means(logger, run.tau + noise, at), logger.resolution)),
+        tau=np.ascontiguousarray(steps(tau, logger.resolution)),
         types=("revolute",) * len(q),
         segments=(slice(0, len(written)),),
         temperature=tuple(None if row is None else row[at] for row in warmth),

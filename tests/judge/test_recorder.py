@@ -71,7 +71,7 @@ def test_means_keep_the_impulse() -> None:
     x = np.random.default_rng(2).standard_normal((2, PERIODS))
     logger = Logger(every=4)
     at = instants(logger, PERIODS, np.random.default_rng(0))
-    assert np.allclose(4 * means(logger, x, at).sum(axis=1), x[:, : 4 * len(at)].sum(axis=1), rtol=0, atol=1e-8)
+    assert np.allclose(4 * means(x, at, 4).sum(axis=1), x[:, : 4 * len(at)].sum(axis=1), rtol=0, atol=1e-8)
 
 
 def logged(logger: Logger, run: Run) -> tuple[Array, Array, Array | None, Array | None]:
