@@ -2,8 +2,8 @@
 
 Development runs cases at sizes of its choice with seeds below FIRST_JUDGING_SEED; the judging set has seeds from there
 on, and sizes and situations drawn for each case. `judging` is the whole of it, in rounds that have every case of every
-class once; `short` is a choice of some 280 that fits into an hour of one processor, with as many clean recordings of a
-brief motion as tell a false name in a hundred. Both mix their classes evenly: what ends early has judged a share of
+class once; `short` is a choice of some 400 that fits into an hour of one processor, half of them clean recordings of a brief
+motion, which tell a false name in a hundred. Both mix their classes evenly: what ends early has judged a share of
 each.
 """
 
@@ -61,9 +61,9 @@ def _of_kind(kind: str, joints: int) -> tuple[str, ...]:
 
 
 SHORT = (
-    Share(tuple(CLEAN), 1, 85, excitation="brief"),
-    Share(tuple(CLEAN), 2, 12, excitation="brief"),
-    Share(tuple(CLEAN), 4, 3, excitation="brief"),
+    Share(tuple(CLEAN), 1, 145, excitation="brief"),
+    Share(tuple(CLEAN), 2, 40, excitation="brief"),
+    Share(tuple(CLEAN), 4, 15, excitation="brief"),
     Share(_of_kind("single", 1), 1, 45),
     Share(_of_kind("single", 1), 1, 8, "small"),
     Share(_of_kind("single", 1), 1, 4, "below"),

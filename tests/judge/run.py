@@ -8,7 +8,7 @@
 --cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
 --situation: how they are recorded (situations.py): uneven stamps, low rates, steps of the torque, an upright arm.
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
---short runs some 280 of its kind; both mix their classes evenly, so that a part that --budget cuts has some of each.
+--short runs some 400 of its kind; both mix their classes evenly, so that a part that --budget cuts has some of each.
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
 the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.
 Then totals by class and by name, the confusion matrix, rates with their 95 % intervals, how many of the reported
