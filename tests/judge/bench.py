@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +11,20 @@ from scipy import signal
 
 from runtime.recordings.recording import Recording
 
+from . import recorder
 from .bodies import ARMS, Body, torque
 from .hidden import Hidden, Rows
 from .plant import COUNT, PERIOD, Run, simulate
-from .size import in_band
+from .recorder import Logger
+from .size import BAND, in_band
 
 Array = NDArray[np.float64]
 
-DISTURBANCE = 0.03  # N m
+DISTURBANCE = 0.03  # N m, beside a noise of LEVEL
 NOISE = {"white": 0.0, "coloured": 0.5, "strong": 0.95}
 """Noise of the recorded torque as a first-order autoregression of this coefficient."""
 LEVEL = 0.2  # N m
+BAND_OF_SAMPLING = 0.18
 
 Hiding = tuple[Hidden, int, float]
 """What is hidden, at which joint (0-based), and how much of it."""
@@ -39,6 +41,25 @@ class Setting:
     jitter: float = 0.0  # standard deviation of the instants about an even grid, in periods
     temperature: bool = True
     fine_control: bool = False  # the controller sees a fine encoder where the recording has a coarse one
+    level: float = LEVEL  # N m, of the torque's noise
+    gear_ratio: float = 100.0
+    gravity: tuple[float, float] = (0.0, 0.0)  # m/s^2, in the plant; the model file has it, too, unless it is hidden
+    logger: Logger = field(default_factory=Logger)
+
+    def __str__(self) -> str:
+        parts = [self.excitation, self.noise, f"x{self.coarse:g}"]
+        parts += ["jitter"] if self.jitter else []
+        parts += ["fine control"] if self.fine_control else []
+        parts += [] if self.temperature else ["no T"]
+        parts += [f"noise {self.level:g}"] if self.level != LEVEL else []
+        parts += [f"N {self.gear_ratio:g}"] if self.gear_ratio != 100.0 else []
+        parts += [f"g {self.gravity[0]:g},{self.gravity[1]:g}"] if any(self.gravity) else []
+        return " ".join([*parts, str(self.logger)]).strip()
+
+    @property
+    def band(self) -> float:
+        """Hz, in which sizes are measured: what a diagnosis can use of a recording at this rate."""
+        return min(BAND, BAND_OF_SAMPLING / (PERIOD * self.logger.every))
 
 
 @dataclass(frozen=True)
@@ -55,6 +76,7 @@ class Bench:
     warmth: Array
     period: Array
     rows: Rows
+    logged: NDArray[np.intp]  # the controller's periods at whose beginnings samples are taken
 
     @property
     def n(self) -> int:
@@ -66,15 +88,19 @@ class Bench:
 
     def floor(self) -> Array:
         """(n,) N m: the noise in band: of the torque, the small disturbance and a fine encoder's through inertia."""
+        band, step = self.setting.band, PERIOD * self.setting.logger.every
         heavy = np.array([row["KP"] for row in self.rows]) / _bandwidth(1.0) ** 2
-        density = 2 * PERIOD * (2 * np.pi) ** 4 * 45.0**5 / 5
+        density = 2 * step * (2 * np.pi) ** 4 * band**5 / 5
+        steps = self.setting.logger.resolution**2 / 12 * 2 * step * band
         encoder = heavy * COUNT / np.sqrt(12) * np.sqrt(density)
-        floors: Array = np.sqrt(np.mean(in_band(self.noise + self.background) ** 2, axis=1) + encoder**2)
+        noise = np.mean(in_band(self.noise + self.background, band) ** 2, axis=1)
+        floors: Array = np.sqrt(noise + encoder**2 + steps)
         return floors
 
     def plant(self, hidden: Sequence[Hiding]) -> tuple[Rows, dict[str, float]]:
         """Parameters of the joints and of the arm with effects hidden in them."""
         rows, arm = [dict(row) for row in self.rows], {"COUNT": COUNT}
+        arm.update(GRAVITY_X=self.setting.gravity[0], GRAVITY_Y=self.setting.gravity[1])
         for what, _, amount in hidden:
             if what.put is not None:
                 what.put(rows, arm, amount)
@@ -96,18 +122,19 @@ class Bench:
         return simulate(rows, self.motion, arm, self.forward, pushes, self.warm, self.period)
 
     def recording(self, run: Run) -> Recording:
-        count = COUNT * self.setting.coarse
         temperature = [row if self.setting.temperature else None for row in self.warmth]
-        return Recording(
-            path=Path("judge.csv"),
-            t=self.t,
-            run=np.zeros(len(self.t), dtype=np.int64),
-            q=np.ascontiguousarray(np.round(run.q / count) * count),
-            tau=np.ascontiguousarray(run.tau + self.noise),
-            types=("revolute",) * self.n,
-            segments=(slice(0, len(self.t)),),
-            temperature=tuple(temperature),
-        )
+        logger, coarse = self.setting.logger, self.setting.coarse
+        return recorder.record(logger, run, self.t, self.logged, self.noise, coarse, temperature)
+
+    def disturbed(self, run: Run, recording: Recording) -> Array:
+        """(n, M) N m, what the recorded torque holds beside physics: noise and steps, less the push from outside."""
+        physics = recorder.means(run.tau + self.background, self.logged, recorder.held(self.setting.logger))
+        found: Array = recording.tau - physics
+        return found
+
+    def exact(self, run: Run, recording: Recording) -> Array:
+        """(n, M) rad, the motors' angles at the instants that the recording's stamps say, before the encoder."""
+        return np.array([np.interp(recording.t, self.t, row) for row in run.q])
 
 
 def _bandwidth(coarse: float) -> float:
@@ -128,22 +155,25 @@ def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool
         inertia = float(torque(bodies, push)[i, 0])
         gains = {"KP": inertia * bandwidth**2, "KD": 1.6 * inertia * bandwidth}
         controlled.append({**row, **gains, "OBSERVER": bandwidth * (6.0 if coarse == 1.0 else 3.5)})
-    forward = torque(bodies, wanted)
+    forward = torque(bodies, wanted, setting.gravity)
     if rng.random() < 0.5:  # half of the controllers compensate friction, roughly
         for i, body in enumerate(bodies):
             forward[i] += 0.6 * np.mean(body.dry) * np.tanh(wanted[1, i] / 0.05) + body.viscous * wanted[1, i]
     late = np.clip(setting.jitter * rng.standard_normal(count + 1), -0.45, 0.45)
     period = PERIOD * (1 + np.diff(late))
+    if setting.logger.stamps == "rounded":
+        period = period * recorder.clock(setting.logger, rng)
     slow = signal.butter(1, 5.0, fs=1 / PERIOD, output="sos")
     background = signal.sosfilt(slow, rng.standard_normal((n, count)), axis=1)
-    background *= DISTURBANCE / background.std(axis=1, keepdims=True)
+    background *= DISTURBANCE * setting.level / LEVEL / background.std(axis=1, keepdims=True)
     part = NOISE[setting.noise]
-    noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], LEVEL * rng.standard_normal((n, count)), axis=1)
+    noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], setting.level * rng.standard_normal((n, count)), axis=1)
     time = np.cumsum(period)
     warm = np.tile(1 - np.exp(-time / (0.35 * time[-1])), (n, 1))
     rise = rng.uniform(8.0, 18.0) if warms or rng.random() < 0.5 else 0.0
     degrees = 24.0 + rise * warm + 0.2 * rng.standard_normal((n, count))
-    return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, controlled)
+    logged = recorder.instants(setting.logger, count, rng)
+    return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, controlled, logged)
 
 
 def specimen(bodies: Sequence[Body], believed: Sequence[str], rng: np.random.Generator) -> Rows:

@@ -63,17 +63,20 @@ ARMS: dict[int, tuple[Body, ...]] = {
 }
 
 
-def model_text(bodies: Sequence[Body], believed: Sequence[str], gravity: tuple[float, float] = (0.0, 0.0)) -> str:
+def model_text(
+    bodies: Sequence[Body], believed: Sequence[str], gravity: tuple[float, float] = (0.0, 0.0), ratio: float = 100.0
+) -> str:
     """The model file of a user who knows the bodies and believes in some effects of unknown values."""
     label = "_".join("".join(word[0] for word in name.split("_")) for name in believed)
-    lines = [f'name = "judge{len(bodies)}_{label}"', f"gravity = [{gravity[0]}, {gravity[1]}]"]
+    arm = f"judge{len(bodies)}_{label}" + (f"_n{ratio:g}" if ratio != 100.0 else "") + ("_g" if any(gravity) else "")
+    lines = [f'name = "{arm}"', f"gravity = [{gravity[0]}, {gravity[1]}]"]
     for body in bodies:
         lines += [
             "",
             "[[joint]]",
             'type = "revolute"',
             f"rotor_inertia = {body.rotor}",
-            "gear_ratio = 100",
+            f"gear_ratio = {ratio:g}",
             "[joint.link]",
             f"length = {body.length}",
             f"mass = {body.mass}",

@@ -15,7 +15,8 @@ from .bench import NOISE, Bench, Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
 from .hidden import ENTRIES, PAIRS, Hidden, Rows, Setup
 from .limits import AMOUNTS
-from .plant import RanAwayError
+from .plant import PERIOD, RanAwayError
+from .situations import SITUATIONS
 from .size import orthogonal
 from .truth import Parameters, true_parameters
 
@@ -58,6 +59,7 @@ class Made:
     """A case made. joints: 1-based, of each hidden effect, None for one of the arm; sizes in units of the floor."""
 
     case: Case
+    gravity: tuple[float, float]  # m/s^2, as the model file has it
     model: str
     recording: Recording
     held_out: Recording
@@ -69,6 +71,8 @@ class Made:
     exact: Array  # (n, N) rad, the motors' angles of the held-out recording before the encoder
     disturbed: Array  # (n, N) N m, what the held-out torque holds beside physics: noise, less the push from outside
     rows: Rows  # of the plant before anything was hidden in it
+    plant: Rows  # with what is hidden in it
+    arm: dict[str, float]  # of the plant
     parameters: Parameters | None  # what a fit must find, where the model's own parameters can take all of it
 
 
@@ -122,22 +126,33 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
     elsewhere = motion.desired(other_rng, len(bodies), setting.excitation)
     other = bench(setting, elsewhere, other_rng, warms, rows)
     together, apart = main.run(inside_it), other.run(inside_it)
-    left = orthogonal(together, bodies, believed, main.background, free_delay=True) / main.floor()
+    known = _known_gravity(setting, hidden)
+    left = orthogonal(together, bodies, believed, main.background, known, True, setting.band) / main.floor()
+    plant, arm = main.plant(inside_it)
+    held_out = other.recording(apart)
     return Made(
         case,
-        model_text(bodies, believed),
+        known,
+        model_text(bodies, believed, known, setting.gear_ratio),
         main.recording(together),
-        other.recording(apart),
+        held_out,
         tuple(hidden),
         places(case),
         tuple(size for _, size in found),
         tuple(amount for amount, _ in found),
         float(np.max(left)),
-        apart.q,
-        other.noise - other.background,
+        other.exact(apart, held_out),
+        other.disturbed(apart, held_out),
         rows,
-        true_parameters(*main.plant(inside_it), bodies, believed) if case.kind == "inside" else None,
+        plant,
+        arm,
+        true_parameters(plant, arm, bodies, believed) if case.kind == "inside" else None,
     )
+
+
+def _known_gravity(setting: Setting, hidden: Sequence[Hidden]) -> tuple[float, float]:
+    """m/s^2, as the model file has it."""
+    return (0.0, 0.0) if any(what.left_out for what in hidden) else setting.gravity
 
 
 def places(case: Case) -> tuple[int | None, ...]:
@@ -153,7 +168,8 @@ def _drawn(case: Case) -> tuple[list[np.random.Generator], Array, list[Hidden], 
     *others, shape_rng = rng.spawn(4)
     joints = [_place(name, len(bodies), shape_rng) for name in case.names]
     wanted = motion.desired(others[1], len(bodies), case.setting.excitation)
-    setups = [Setup(bodies, joint, wanted, shape_rng) for joint in joints]
+    step = PERIOD * case.setting.logger.every
+    setups = [Setup(bodies, joint, wanted, shape_rng, case.setting.gear_ratio, step) for joint in joints]
     return others, wanted, [ENTRIES[name].draw(s) for name, s in zip(case.names, setups, strict=True)], joints
 
 
@@ -163,7 +179,9 @@ def _sized(main: Bench, what: Hidden, joint: int, size: float, believed: Sequenc
 
 
 def _size(main: Bench, what: Hidden, joint: int, amount: float, believed: Sequence[str]) -> float:
-    relative = orthogonal(main.run([(what, joint, amount)]), main.bodies, believed, main.background) / main.floor()
+    known, run = _known_gravity(main.setting, [what]), main.run([(what, joint, amount)])
+    left = orthogonal(run, main.bodies, believed, main.background, known, band=main.setting.band)
+    relative = left / main.floor()
     return float(np.max(relative) if what.of_arm else relative[joint])
 
 
@@ -187,9 +205,11 @@ CLEAN: dict[str, tuple[Setting, tuple[str, ...]]] = {
     "clean_small": (Setting(excitation="small"), ("clean", "refused")),
     "clean_no_slow": (Setting(excitation="no_slow"), ("clean", "refused")),
     "clean_slow": (Setting(excitation="slow"), ("clean", "refused")),
+    **{f"clean_{name}": (setting, ("clean",)) for name, setting in SITUATIONS.items() if name != "plain"},
 }
 
 KINDS = ("clean", "limits", "inside", "single", "forms", "unknown", "pairs")
+PAIR_NAMES = tuple(f"{a}+{b}" for a, b in PAIRS)
 _LIMIT = "limit_"
 
 
@@ -212,7 +232,7 @@ def _named(word: str, n: int) -> list[str]:
     if word == "limits":
         return [_LIMIT + name for name in AMOUNTS if ENTRIES[name].least_joints <= n]
     if word == "pairs":
-        return [f"{a}+{b}" for a, b in PAIRS]
+        return list(PAIR_NAMES)
     if word in KINDS:
         return [k for k, e in ENTRIES.items() if e.kind == word and e.least_joints <= n]
     if word in CLEAN or word.removeprefix(_LIMIT) in AMOUNTS or all(part in ENTRIES for part in word.split("+")):
@@ -223,13 +243,16 @@ def _named(word: str, n: int) -> list[str]:
 def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator[Case]:
     if name in CLEAN:
         setting, expected = CLEAN[name]
-        yield Case(name, "clean", (), replace(setting, joints=base.joints), 0.0, seed, expected)
+        excitation = base.excitation if setting.excitation == "full" else setting.excitation
+        yield Case(name, "clean", (), replace(setting, joints=base.joints, excitation=excitation), 0.0, seed, expected)
         return
     if name.startswith(_LIMIT):
         yield Case(name, "limits", (name.removeprefix(_LIMIT),), base, 0.0, seed)
         return
     parts = tuple(name.split("+"))
     kind = "pairs" if len(parts) > 1 else ENTRIES[name].kind
+    for part in parts:
+        base = replace(base, **ENTRIES[part].needs)
     if kind == "inside":
         yield Case(name, kind, parts, base, 0.0, seed)
         return

@@ -2,11 +2,13 @@
 
 Every effect with a law that could be another has one here. Without: coulomb, coulomb_asymmetric and offset (a number
 has no shape), viscous (bent, it is viscous_cubic or viscous_power), linear_spring (bent, it is a cable), torque_scale
-(bent, it is a saturation or a load friction) and gravity (a uniform field has one form). quadratic_drag is
-viscous_power at another exponent, the library's own.
+(bent, it is a saturation or a load friction), gravity (a uniform field has one form) and coupled_gear (its frictions
+are those of a joint, on another rate). quadratic_drag is viscous_power at another exponent, the library's own.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from . import library
 from .hidden import POSITION, Hidden, Setup, at, entry, same
@@ -83,6 +85,24 @@ def _(s: Setup) -> Hidden:
     return Hidden("cable", 0.3, (0.005, 20.0), put, rivals=POSITION)
 
 
+@entry("cable_pack", "forms")
+def _(s: Setup) -> Hidden:
+    """A dress pack with a tensioner: a spring between a point of the link and a post, slack over a part of the way."""
+    radius, post = s.rng.uniform(0.08, 0.15), s.rng.uniform(0.2, 0.35)
+    angle = s.within(0.2, 0.8)
+    slack = np.sqrt(radius**2 + post**2 - 2 * radius * post * np.cos(s.rng.uniform(0.05, 0.35)))
+    put = at(s.joint, PACK=same, PACK_RADIUS=radius, PACK_POST=post, PACK_FREE=slack, PACK_AT=angle)
+    return Hidden("cable", 20.0, (0.1, 3e3), put, rivals=POSITION)
+
+
+@entry("cable_hose", "forms")
+def _(s: Setup) -> Hidden:
+    """A bundle of hoses that stiffens as it bends away from where it was laid."""
+    wide = (s.reach[1] - s.reach[0]) * s.rng.uniform(0.12, 0.25)
+    put = at(s.joint, HOSE=same, HOSE_WIDTH=wide, HOSE_AT=s.within(0.3, 0.7))
+    return Hidden("cable", 0.1, (1e-4, 5.0), put, rivals=POSITION)
+
+
 @entry("end_stop_hertz", "forms")
 def _(s: Setup) -> Hidden:
     return library.stop(s, 1.5)
@@ -96,6 +116,11 @@ def _(s: Setup) -> Hidden:
 @entry("torque_ripple_second", "forms")
 def _(s: Setup) -> Hidden:
     return library.ripple(s, 0.5)
+
+
+@entry("torque_saturation_tanh", "forms")
+def _(s: Setup) -> Hidden:
+    return library.limit(s, 1.0)
 
 
 @entry("torque_saturation_algebraic", "forms")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,17 +27,19 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
     identification = found.steps[-1].identification
     band, library = identification.motion.band, identification.model.library
     motion = prepare([made.held_out], band, library)
-    return np.array(errors_elsewhere(identification, motion).rms), _floor(made, motion)
+    bare = replace(made.held_out, q=made.exact, tau=made.disturbed, qd=None, q_link=None)
+    floor = _floor(made, motion, prepare([bare], band, library))
+    return np.array(errors_elsewhere(identification, motion).rms), floor
 
 
-def _floor(made: Made, motion: Motion) -> Array:
-    (piece,) = motion.pieces
-    bodies = ARMS[made.case.setting.joints]
-    exact = np.swapaxes([piece.derive(q) for q in made.exact], 0, 1)
-    measured = np.array([piece.q, piece.qd, piece.qdd])
-    encoder = torque(bodies, measured) - torque(bodies, exact)
+def _floor(made: Made, motion: Motion, bare: Motion) -> Array:
+    """bare: of the true angles, with a torque that is what disturbs it alone."""
+    (piece,), (truth,) = motion.pieces, bare.pieces
+    bodies, gravity = ARMS[made.case.setting.joints], made.case.setting.gravity
+    exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))
+    encoder = torque(bodies, measured, gravity) - torque(bodies, exact, gravity)
     encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
-    noise = piece.in_band(made.disturbed[:, piece.derive.half : -piece.derive.half] - encoder)
+    noise = piece.in_band(truth.tau - encoder)
     return np.array([np.sqrt(np.mean(row[motion.moving(i)] ** 2)) for i, row in enumerate(noise)])
 
 

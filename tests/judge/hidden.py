@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ class Setup:
     joint: int
     motion: Array
     rng: np.random.Generator
+    ratio: float = 100.0
+    step: float = 1e-3  # s, of the recording
 
     @property
     def seconds(self) -> float:
@@ -65,6 +68,8 @@ class Hidden:
     accept    further names that are as right, by algebra
     rivals    names that are right as rivals
     believed  effects of the user's model file, if the truth needs others than the usual
+    left_out  what is hidden is the plant's own gravity, which the model file leaves out
+    orders    of each line of a ripple, per turn of the motor, the largest first
     """
 
     truth: str
@@ -78,24 +83,29 @@ class Hidden:
     believed: tuple[str, ...] = BELIEVED
     of_arm: bool = False
     warms: bool = False
+    left_out: bool = False
+    orders: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Entry:
-    """An effect to hide: who can have it, in which class it is judged, and how it is drawn."""
+    """An effect to hide: how it is drawn, its class, who can have it, and what it needs a setting to be."""
 
     draw: Callable[[Setup], Hidden]
     kind: str = "single"
     least_joints: int = 1
     not_last: bool = False
+    needs: Mapping[str, Any] = field(default_factory=dict)
 
 
 ENTRIES: dict[str, Entry] = {}
 
 
-def entry(name: str, kind: str = "single", least_joints: int = 1, not_last: bool = False) -> Callable[..., object]:
+def entry(
+    name: str, kind: str = "single", least_joints: int = 1, not_last: bool = False, **needs: Any
+) -> Callable[..., object]:
     def register(draw: Callable[[Setup], Hidden]) -> Callable[[Setup], Hidden]:
-        ENTRIES[name] = Entry(draw, kind, least_joints, not_last)
+        ENTRIES[name] = Entry(draw, kind, least_joints, not_last, needs)
         return draw
 
     return register
@@ -137,4 +147,5 @@ PAIRS = (
     ("viscous_asymmetric", "cable"),
     ("torque_saturation", "stribeck"),
     ("payload", "stribeck"),
+    ("gravity_left_out", "load_friction"),
 )

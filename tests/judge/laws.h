@@ -25,13 +25,17 @@ enum parameter {
     WARM_DRY, WARM_VISCOUS, WARM_EXPONENTIAL, /* relative change when warm */
     BRISTLE, BRISTLE_DAMPING, BRISTLE_FORM, /* 0 LuGre, 1 Maxwell slip */
     COUPLED, COUPLED_CREEP, COUPLED_SPEED, /* dry friction on x = qd_i + qd_(i+1), and its part more at creep */
+    GEAR_DRY, GEAR_VISCOUS, GEAR_INERTIA, GEAR_RATIO, /* of a motor that turns with qd_i + GEAR_RATIO qd_(i+1) */
     OFFSET, SPRING, SPRING_REST,
     PULL, PULL_FROM, PULL_FIRST, PULL_SOFT, /* one-sided spring below PULL_FROM, its pretension's torque, the kink's width */
     CABLE_SINE, CABLE_PHASE, CABLE_SQUARE, CABLE_CUBE,
+    PACK, PACK_RADIUS, PACK_POST, PACK_FREE, PACK_AT, /* N/m; m from the joint to its two ends; slack length; angle */
+    HOSE, HOSE_WIDTH, HOSE_AT, /* a sinh of the angle: a bundle that stiffens as it bends */
     STOP, STOP_AT, STOP_DAMPING, STOP_SIDE, STOP_EXPONENT,
     HYSTERESIS, HYSTERESIS_WIDTH, HYSTERESIS_FORM, /* 0 stops, 1 Bouc-Wen */
     RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, RIPPLE_SECOND, /* orders are per turn of the joint */
-    LIMIT, LIMIT_FORM, /* 0 none, 1 tanh, 2 algebraic, 3 hard */
+    LINE_B, LINE_B_ORDER, LINE_B_PHASE, LINE_C, LINE_C_ORDER, LINE_C_PHASE, /* further lines beside RIPPLE's */
+    LIMIT, LIMIT_FORM, /* 0 none, 1 tanh, 2 algebraic, 3 hard, 4 command = torque + torque^3/(3 LIMIT^2) */
     GAIN, DELAY, LAG,
     STIFFNESS, STIFFNESS_DAMPING, HARDENING, GAP, GAP_EXPONENT, GAP_DEPTH, /* the flanks are as stiff as STIFFNESS at this depth */
     DRAG_AT_ANGLE, DRAG_ANGLE, /* c q^2 qd */
@@ -65,6 +69,7 @@ static double drive(const double *p, memory *m, double command, double h)
     if (p[LIMIT_FORM] == 1.0) command = p[LIMIT] * tanh(command / p[LIMIT]);
     if (p[LIMIT_FORM] == 2.0) command /= sqrt(1.0 + command * command / (p[LIMIT] * p[LIMIT]));
     if (p[LIMIT_FORM] == 3.0) command = clamp(command, -p[LIMIT], p[LIMIT]);
+    if (p[LIMIT_FORM] == 4.0) command = 2.0 * p[LIMIT] * sinh(asinh(1.5 * command / p[LIMIT]) / 3.0);
     return p[GAIN] * command;
 }
 
@@ -79,6 +84,11 @@ static double load(const double *p, double q, double v)
         torque -= p[PULL] * (p[PULL_FROM] - q) + p[PULL_FIRST];
     if (p[CABLE_SINE] != 0.0) torque += p[CABLE_SINE] * sin(q + p[CABLE_PHASE]);
     torque += q * q * (p[CABLE_SQUARE] + p[CABLE_CUBE] * q);
+    if (p[PACK] != 0.0) {
+        double a = p[PACK_RADIUS], b = p[PACK_POST], length = sqrt(a * a + b * b - 2.0 * a * b * cos(q - p[PACK_AT]));
+        if (length > p[PACK_FREE]) torque += p[PACK] * (1.0 - p[PACK_FREE] / length) * a * b * sin(q - p[PACK_AT]);
+    }
+    if (p[HOSE] != 0.0) torque += p[HOSE] * sinh((q - p[HOSE_AT]) / p[HOSE_WIDTH]);
     if (p[STOP] > 0.0) {
         double deep = p[STOP_SIDE] * (q - p[STOP_AT]);
         if (deep > 0.0) {
@@ -99,6 +109,8 @@ static double smooth(const double *p, memory *m, double q, double v, double othe
         double angle = p[RIPPLE_ORDER] * q + p[RIPPLE_PHASE];
         torque += p[RIPPLE] * (cos(angle) + p[RIPPLE_SECOND] * cos(2.0 * angle + 1.0));
     }
+    if (p[LINE_B] != 0.0) torque += p[LINE_B] * cos(p[LINE_B_ORDER] * q + p[LINE_B_PHASE]);
+    if (p[LINE_C] != 0.0) torque += p[LINE_C] * cos(p[LINE_C_ORDER] * q + p[LINE_C_PHASE]);
     if (p[HYSTERESIS] > 0.0 && p[HYSTERESIS_FORM] == 0.0)
         for (int e = 0; e < STOPS; e++) {
             double width = p[HYSTERESIS_WIDTH] * (e + 1.0) / STOPS;

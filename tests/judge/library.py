@@ -6,6 +6,8 @@ import numpy as np
 
 from .hidden import POSITION, Hidden, Rows, Setup, at, entry, more, same
 
+UPRIGHT = (0.0, -9.81)  # m/s^2
+
 # friction ------------------------------------------------------------------------------------------------------------
 
 
@@ -91,6 +93,12 @@ def patch(s: Setup, edge: float) -> Hidden:
     return Hidden("friction_patch", 0.3, (0.005, 5.0), put)
 
 
+@entry("load_friction_upright", gravity=UPRIGHT)
+def _(s: Setup) -> Hidden:
+    """Gravity is in the model file, and most of the load."""
+    return Hidden("load_friction", 0.06, (0.001, 0.4), at(s.joint, LOAD=same))
+
+
 @entry("friction_patch")
 def _(s: Setup) -> Hidden:
     return patch(s, 0.0)
@@ -128,6 +136,15 @@ def coupled(s: Setup, creep: float) -> Hidden:
 @entry("coupled_friction", least_joints=2, not_last=True)
 def _(s: Setup) -> Hidden:
     return coupled(s, 0.0)
+
+
+@entry("coupled_gear", least_joints=2, not_last=True)
+def _(s: Setup) -> Hidden:
+    """The motor of a wrist, on the sum or the difference of two rates; a planar arm's inertias take its own."""
+    ratio = float(s.rng.choice([-1.0, 1.0]) * s.rng.choice([1.0, s.rng.uniform(0.4, 0.8)]))
+    wet, inertia = s.rng.uniform(0.3, 0.9), 0.3 * s.bodies[s.joint + 1].rotor
+    put = at(s.joint, GEAR_DRY=same, GEAR_VISCOUS=lambda a: wet * a, GEAR_INERTIA=inertia, GEAR_RATIO=ratio)
+    return Hidden("coupled_gear", 0.2, (0.005, 2.0), put, rivals=("coupled_friction",) if ratio == 1.0 else ())
 
 
 # torques over the position -------------------------------------------------------------------------------------------
@@ -182,15 +199,49 @@ def _(s: Setup) -> Hidden:
 # drive and transmission ----------------------------------------------------------------------------------------------
 
 
-def ripple(s: Setup, second: float) -> Hidden:
-    order = 100.0 * s.rng.choice([1.0, 2.0])
+def ripple(s: Setup, second: float, *turns: float) -> Hidden:
+    """turns: orders per turn of the joint, one of which is drawn; without them once or twice a turn of the motor."""
+    order = float(s.rng.choice(turns or (s.ratio, 2.0 * s.ratio)))
     put = at(s.joint, RIPPLE=same, RIPPLE_ORDER=order, RIPPLE_PHASE=s.rng.uniform(0, 6), RIPPLE_SECOND=second)
-    return Hidden("torque_ripple", 0.2, (0.005, 3.0), put)
+    orders = (order / s.ratio, 2.0 * order / s.ratio) if second else (order / s.ratio,)
+    return Hidden("torque_ripple", 0.2, (0.005, 3.0), put, orders=orders)
 
 
 @entry("torque_ripple")
 def _(s: Setup) -> Hidden:
     return ripple(s, 0.0)
+
+
+@entry("ripple_direct", gear_ratio=1.0)
+def _(s: Setup) -> Hidden:
+    """Cogging of a motor without a gear: slots and poles."""
+    return ripple(s, 0.0, 18.0, 72.0, 144.0)
+
+
+@entry("ripple_geared", gear_ratio=30.0)
+def _(s: Setup) -> Hidden:
+    """Of the gear's teeth and not of the motor: no whole number of its turns."""
+    return ripple(s, 0.0, 200.0)
+
+
+@entry("ripple_lines", gear_ratio=1.0)
+def _(s: Setup) -> Hidden:
+    """Three lines at once, one half and one a third as large as the first."""
+    a, b, c = (float(x) for x in s.rng.permutation([18.0, 72.0, 144.0]))
+    phase = s.rng.uniform(0, 6, 3)
+    put = at(
+        s.joint,
+        RIPPLE=same,
+        RIPPLE_ORDER=a,
+        RIPPLE_PHASE=phase[0],
+        LINE_B=lambda x: x / 2,
+        LINE_B_ORDER=b,
+        LINE_B_PHASE=phase[1],
+        LINE_C=lambda x: x / 3,
+        LINE_C_ORDER=c,
+        LINE_C_PHASE=phase[2],
+    )
+    return Hidden("torque_ripple", 0.2, (0.005, 3.0), put, orders=(a / s.ratio, b / s.ratio, c / s.ratio))
 
 
 def limit(s: Setup, form: float) -> Hidden:
@@ -199,7 +250,7 @@ def limit(s: Setup, form: float) -> Hidden:
 
 @entry("torque_saturation")
 def _(s: Setup) -> Hidden:
-    return limit(s, 1.0)
+    return limit(s, 4.0)
 
 
 @entry("torque_scale", least_joints=2)
@@ -210,6 +261,13 @@ def _(s: Setup) -> Hidden:
 @entry("torque_delay")
 def _(s: Setup) -> Hidden:
     return Hidden("torque_delay", 1e-3, (5e-5, 2e-2), at(s.joint, DELAY=same), rivals=("elasticity",))
+
+
+@entry("delay_of_samples")
+def _(s: Setup) -> Hidden:
+    """2 to 3.5 steps of the recording, as bus cycles make it; no more than the controller bears."""
+    late = min(float(s.rng.uniform(2.0, 3.5)) * s.step, 0.012)
+    return Hidden("torque_delay", late, (late, late), at(s.joint, DELAY=same), rivals=("elasticity",))
 
 
 def spring(s: Setup, hardening: float) -> Hidden:
@@ -248,9 +306,20 @@ def _(s: Setup) -> Hidden:
     angle = s.rng.uniform(0, 2 * np.pi)
 
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
-        arm.update(GRAVITY_X=amount * np.cos(angle), GRAVITY_Y=amount * np.sin(angle))
+        arm["GRAVITY_X"] = arm.get("GRAVITY_X", 0.0) + amount * np.cos(angle)
+        arm["GRAVITY_Y"] = arm.get("GRAVITY_Y", 0.0) + amount * np.sin(angle)
 
     return Hidden("gravity", 0.2, (1e-3, 9.81), put, rivals=POSITION, of_arm=True)
+
+
+@entry("gravity_left_out", gravity=UPRIGHT)
+def _(_s: Setup) -> Hidden:
+    """An arm in the upright plane, and a model file of one that lies."""
+
+    def put(_rows: Rows, _arm: dict[str, float], _amount: float) -> None:
+        """It is in the plant already."""
+
+    return Hidden("gravity", 9.81, (9.81, 9.81), put, rivals=POSITION, of_arm=True, left_out=True)
 
 
 def carried(s: Setup, ahead: float, radius: float) -> Hidden:

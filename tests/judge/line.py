@@ -19,14 +19,16 @@ import numpy as np
 
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.experiments import design
+from runtime.recordings import recording
 from runtime.simulation.simulate import SimulationError
 from runtime.workspace import Source
 
 from . import cases as judging
-from . import limits, others, scoring
-from .bodies import BELIEVED, torque
+from . import coverage, limits, others, scoring
+from .bodies import BELIEVED
 from .cases import Case, Made
 from .held_out import error_and_floor
+from .recorder import Logger
 from .scoring import tag
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,8 +38,10 @@ _NONE = float("nan")
 @dataclass
 class Line:
     """One row. wanted: the size asked for; column: of the confusion matrix; among: the truth is among findings and
-    rivals; inside, of: true parameters in their intervals, of how many; ratio: error over floor on the recording that
-    was not fitted; pysindy, sysidentpy: what they named, and whether it was right; code: digest of what was judged."""
+    rivals; exact: what is hidden was named, and nothing else; other_form: one is said to have another form; lines: of a
+    ripple, those found of those hidden; inside, of: true parameters in their intervals, of how many; covered: all
+    intervals whose true value is known, see coverage.py; ratio: error over floor on the recording that was not fitted;
+    pysindy, sysidentpy: what they named, and whether it was right; code: digest of what was judged."""
 
     case: str
     kind: str
@@ -51,11 +55,14 @@ class Line:
     outcome: str = ""
     extra: int = 0
     among: bool = False
+    exact: bool = False
     column: str = ""
     verdict: str = ""
     named: str = ""
     rivals: str = ""
     remainder: bool = False
+    other_form: bool = False
+    lines: str = ""
     before: float = _NONE
     after: float = _NONE
     floor: float = _NONE
@@ -63,6 +70,7 @@ class Line:
     ratio: float = _NONE
     inside: int = 0
     of: int = 0
+    covered: str = ""
     cutoff: float = _NONE
     seconds: float = _NONE
     amount: str = ""
@@ -87,12 +95,7 @@ class Line:
 
 def blank(case: Case) -> Line:
     """The row of a case before it is made."""
-    s = case.setting
-    parts = [s.excitation, s.noise, f"x{s.coarse:g}"]
-    parts += ["jitter"] if s.jitter else []
-    parts += ["fine control"] if s.fine_control else []
-    parts += [] if s.temperature else ["no T"]
-    return Line(case.label, case.kind, s.joints, case.seed, " ".join(parts), case.size, code=code())
+    return Line(case.label, case.kind, case.setting.joints, case.seed, str(case.setting), case.size, code=code())
 
 
 def line(case: Case, held_out: bool = False, compared: bool = False, experiments: bool = False) -> Line:
@@ -113,6 +116,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         out.size = " ".join(f"{x:.2f}" for x in made.sizes)
         out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
+        made = logged(made)
         source = opened(made.model)
         model = source.model()
         start = time.process_time()
@@ -120,7 +124,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         answer = found.to_json()
         out.seconds = time.process_time() - start
         _judge(out, made, found, answer, experiments)
-        if compared:
+        if compared and _comparable(made):
             _compare(out, made)
     except Exception as error:
         out.outcome, out.reason = "failed", f"{type(error).__name__}: {error}"
@@ -133,6 +137,17 @@ def opened(text: str) -> Source:
         path = Path(directory) / "model.toml"
         path.write_text(text, encoding="utf-8")
         return Source.read(path, None)
+
+
+def logged(made: Made) -> Made:
+    """The case with recordings that went through a file, as a user's do."""
+    with tempfile.TemporaryDirectory() as directory:
+        path, n = Path(directory) / "judge.csv", made.case.setting.joints
+        recordings = []
+        for recorded in (made.recording, made.held_out):
+            recorded.save(path)
+            recordings.append(replace(recording.read(path, n), path=recorded.path))
+    return replace(made, recording=recordings[0], held_out=recordings[1])
 
 
 def _at_its_limit(case: Case) -> Made | None:
@@ -166,7 +181,10 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
     out.verdict, out.reason, out.cutoff = answer["verdict"], answer["reason"], answer["band"]["cutoff_hz"]
     out.named = " ".join(tag(f["effect"], f["joint"]) for f in findings)
     out.rivals = " ".join(tag(r["effect"], r["joint"]) for r in findings[0]["rivals"]) if findings else ""
+    out.exact = scoring.exact(score, answer["verdict"], made)
     out.remainder = any(f["remainder"] for f in findings)
+    out.other_form = any("another form" in f["remainder"] for f in findings if f["remainder"])
+    out.lines = scoring.lines(made, findings)
     at = next((j - 1 for j in made.joints if j), 0)
     out.before, out.floor = answer["joints"][at]["rms"], answer["joints"][at]["floor"]
     here = [f for f in findings if (f["joint"] or at + 1) == at + 1]
@@ -176,29 +194,24 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
     if out.kind == "unknown" and out.outcome == "wrong" and out.after < scoring.MIMIC * out.floor:
         out.outcome, out.extra = "mimic", 0
     out.parameters = json.dumps([{k: v["value"] for k, v in f["parameters"].items()} for f in findings])
-    if made.parameters is not None:
-        out.inside, out.of, together = _agreement(made, found)
-        if out.outcome == "right" and not together:
-            out.outcome = "off"
+    if out.exact or (made.parameters is not None and not findings):
+        held = _covered(made, found)
+        out.covered = coverage.to_text(held)
+        if made.parameters is not None:
+            out.inside, out.of, together = scoring.agreement([(c.low, c.high) for c in held], [c.true for c in held])
+            if out.outcome == "right" and not together:
+                out.outcome = "off"
 
 
-def _agreement(made: Made, found: Diagnosis) -> tuple[int, int, bool]:
-    """Fitted against true parameters; the true lumps are those that give the true bodies' torque."""
-    assert made.parameters is not None
+def _covered(made: Made, found: Diagnosis) -> list[coverage.Covered]:
     identification = found.steps[-1].identification
-    model, document = identification.model, identification.to_json()
-    states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, model.n, 40))
-    columns = np.moveaxis(model.regressor(*states), 1, 0).reshape(len(model.lumps), -1)
-    lumps = np.linalg.lstsq(columns.T, torque(made.parameters.bodies, states).ravel(), rcond=None)[0]
-    fitted = [(x["fit"], x["interval"]) for x in document["inertial"]]
-    true = list(lumps)
-    for effect in document["effects"]:
-        for name, x in effect["parameters"].items():
-            known = made.parameters.friction.get((effect["effect"], effect["joint"], name))
-            if known is not None:
-                fitted.append((x["value"], x["interval"]))
-                true.append(known)
-    return scoring.agreement(fitted, true)
+    lumps = coverage.true_lumps(made, identification.model.regressor)
+    return coverage.covered(made, identification.to_json(), lumps)
+
+
+def _comparable(made: Made) -> bool:
+    """Whether the other tools can be given the recording: at the drives' period, by a model file with the gravity."""
+    return made.case.setting.logger == Logger() and made.gravity == made.case.setting.gravity == (0.0, 0.0)
 
 
 def _compare(out: Line, made: Made) -> None:

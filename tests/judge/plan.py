@@ -1,18 +1,22 @@
-"""The judging set: its seeds and sizes, in one place. Nobody tunes on these.
+"""The judging set: its seeds, sizes and situations, in one place. Nobody tunes on these.
 
 Development runs cases at sizes of its choice with seeds below FIRST_JUDGING_SEED; the judging set has seeds from there
-on, and sizes drawn for each case. A round has every case of every class once; what ends early ends between rounds of
-cases that are in random order, so that a table of a part is a fair sample.
+on, and sizes and situations drawn for each case. `judging` is the whole of it, in rounds that have every case of every
+class once; `short` is a choice of some 400 that fits into an hour of one processor, half of them clean recordings of a brief
+motion, which tell a false name in a hundred. Both mix their classes evenly: what ends early has judged a share of
+each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .cases import KINDS, Case, Setting, cases
+from .cases import CLEAN, KINDS, PAIR_NAMES, Case, Setting, cases
+from .hidden import ENTRIES
+from .situations import SITUATIONS
 
 FIRST_JUDGING_SEED = 5000
 JOINTS = (1, 2, 4)
@@ -22,17 +26,116 @@ SIZES = {
     "large": lambda rng: 0.5 * 4.0 ** rng.uniform(),
 }
 """In units of the noise floor: too small to be named, hard to name, and to be named nearly always."""
+PLAIN = 0.5
+"""The part of the cases that are recorded plainly; the others are in a situation that is drawn."""
+FASTER = 2
+"""Periods of the drives a step, at most, where lines are hidden that slower ones would fold back."""
+GEARED = ("ripple_direct", "ripple_lines", "ripple_geared")
 
 
 def judging(kinds: Sequence[str] = KINDS, joints: Sequence[int] = JOINTS, rounds: int = 5) -> Iterator[Case]:
     """The judging set, round by round: single effects at the three sizes, everything else at a large one."""
     for seed in range(FIRST_JUDGING_SEED, FIRST_JUDGING_SEED + rounds):
         rng = np.random.default_rng([seed, *map(ord, "judging")])
-        drawn = []
+        groups: dict[tuple[str, int, str], list[Case]] = {}
         for case in cases(kinds, joints, [1.0], [seed], Setting()):
-            if case.size == 0.0:
-                drawn.append(case)
-                continue
-            sizes = SIZES if case.kind == "single" else {"large": SIZES["large"]}
-            drawn += [replace(case, size=round(float(draw(rng)), 3)) for draw in sizes.values()]
-        yield from (drawn[k] for k in rng.permutation(len(drawn)))
+            at = case if case.kind == "clean" else replace(case, setting=_situation(case, rng))
+            for size, sized in _sized(at, rng):
+                groups.setdefault((case.kind, case.setting.joints, size), []).append(sized)
+        yield from _mixed(groups.values(), rng)
+
+
+@dataclass(frozen=True)
+class Share:
+    """number cases of one class, by drawing from its names. excitation: of the motion, where it is not the full one."""
+
+    names: tuple[str, ...]
+    joints: int
+    number: int
+    size: str = "large"
+    excitation: str = "full"
+
+
+def _of_kind(kind: str, joints: int) -> tuple[str, ...]:
+    return tuple(name for name, e in ENTRIES.items() if e.kind == kind and e.least_joints <= joints)
+
+
+SHORT = (
+    Share(tuple(CLEAN), 1, 145, excitation="brief"),
+    Share(tuple(CLEAN), 2, 40, excitation="brief"),
+    Share(tuple(CLEAN), 4, 15, excitation="brief"),
+    Share(_of_kind("single", 1), 1, 45),
+    Share(_of_kind("single", 1), 1, 8, "small"),
+    Share(_of_kind("single", 1), 1, 4, "below"),
+    Share(_of_kind("single", 2), 2, 25),
+    Share(_of_kind("single", 4), 4, 12, excitation="brief"),
+    Share(GEARED, 1, 8),
+    Share(("coupled_gear",), 2, 4),
+    Share(("gravity_left_out+load_friction",), 1, 6),
+    Share(("gravity_left_out+load_friction",), 2, 2),
+    Share(_of_kind("forms", 1), 1, 20),
+    Share(("lugre_maxwell",), 1, 4),
+    Share(("cable_pack", "cable_hose", "cable_sine"), 1, 6),
+    Share(("elasticity", "backlash"), 1, 6),
+    Share(PAIR_NAMES, 1, 14),
+    Share(PAIR_NAMES, 2, 4),
+    Share(_of_kind("unknown", 1), 1, 6),
+    Share(_of_kind("inside", 1), 1, 4),
+    Share(("limits",), 1, 4),
+)
+
+
+def short() -> Iterator[Case]:
+    """The short judging set; its seeds are above those of the whole one."""
+    rng = np.random.default_rng([FIRST_JUDGING_SEED, *map(ord, "short")])
+    groups, seed = [], 2 * FIRST_JUDGING_SEED
+    for share in SHORT:
+        group: list[Case] = []
+        names = _cycled(share.names, share.number, rng)
+        for name in names:
+            base = Setting(excitation=share.excitation)
+            drawn = [c for c in cases([name], [share.joints], [1.0], [seed], base) if name in (c.label, c.kind)]
+            case = drawn[int(rng.integers(len(drawn)))]
+            at = case if case.kind == "clean" else replace(case, setting=_situation(case, rng))
+            sized = dict(_sized(at, rng))
+            group.append(sized.get(share.size, sized["large"]))
+            seed += 1
+        groups.append(group)
+    yield from _mixed(groups, rng)
+
+
+def _situation(case: Case, rng: np.random.Generator) -> Setting:
+    """The case's setting in a situation that is drawn, with what its entries need."""
+    needs = {k: v for part in case.names for k, v in ENTRIES[part].needs.items()}
+    slowest = FASTER if "gear_ratio" in needs else np.inf
+    names = [name for name, s in SITUATIONS.items() if name != "plain" and s.logger.every <= slowest]
+    name = "plain" if rng.random() < PLAIN else str(rng.choice(names))
+    kept = {k: getattr(case.setting, k) for k in ("joints", "temperature", "excitation")}
+    return replace(SITUATIONS[name], **kept, **needs)
+
+
+def _sized(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, Case]]:
+    """The case at the sizes at which its class is judged, by their names."""
+    if case.size == 0.0:
+        yield "large", case
+        return
+    sizes = SIZES if case.kind == "single" else {"large": SIZES["large"]}
+    for name, draw in sizes.items():
+        yield name, replace(case, size=round(float(draw(rng)), 3))
+
+
+def _cycled(names: Sequence[str], number: int, rng: np.random.Generator) -> list[str]:
+    """So many names at random, none a second time before all were drawn once."""
+    out: list[str] = []
+    while len(out) < number:
+        out += [names[k] for k in rng.permutation(len(names))]
+    return out[:number]
+
+
+def _mixed(groups: Iterable[Sequence[Case]], rng: np.random.Generator) -> list[Case]:
+    """All cases, each group in random order and spread evenly over the whole."""
+    placed: list[tuple[float, Case]] = []
+    for group in groups:
+        start = rng.random()
+        placed += [((k + start) / len(group), group[int(at)]) for k, at in enumerate(rng.permutation(len(group)))]
+    return [case for _, case in sorted(placed, key=lambda x: x[0])]

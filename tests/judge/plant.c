@@ -107,6 +107,22 @@ typedef struct {
     memory memory[MOST];
 } state;
 
+/* Motors between two joints: their inertia into D (n, n), their friction into the forces f. For rigid joints. */
+static void couple(const body *b, const double *w, double D[MOST][MOST], double *f)
+{
+    for (int i = 0; i + 1 < b->n; i++) {
+        const double *p = b->p[i];
+        double r = p[GEAR_RATIO], rate = w[i] + r * w[i + 1];
+        double rub = p[GEAR_DRY] * tanh(rate / 0.002) + p[GEAR_VISCOUS] * rate;
+        D[i][i] += p[GEAR_INERTIA];
+        D[i][i + 1] += p[GEAR_INERTIA] * r;
+        D[i + 1][i] += p[GEAR_INERTIA] * r;
+        D[i + 1][i + 1] += p[GEAR_INERTIA] * r * r;
+        f[i] -= rub;
+        f[i + 1] -= r * rub;
+    }
+}
+
 /* One substep. share (n, 2): the friction of this substep as a part of its level in each direction, 1 in motion. */
 static void step(const body *b, state *x, const double *torque, const double *outside, const double *warm, double h,
                  double share[MOST][2])
@@ -157,6 +173,7 @@ static void step(const body *b, state *x, const double *torque, const double *ou
             f[i] -= rub;
             f[i + 1] -= rub;
         }
+    couple(b, w, D, f);
     invert(n, D, W);
     for (int i = 0; i < n; i++) {
         free[i] = x->v[i];

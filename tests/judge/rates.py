@@ -8,15 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from .cases import NEAR
+from .coverage import FAMILIES, Covered, from_text
 from .line import Line
 from .others import MEMORY
 
-LARGE, SMALL, BELOW = 0.5, 0.3, 0.15
-"""Sizes in units of the noise floor; what was meant to be at least one is taken for it if it is near."""
+LARGE, SMALL, BELOW = 0.45, 0.27, 0.15
+"""Sizes in units of the noise floor."""
+FIRST = {1: 0.97, 2: 0.95, 4: 0.95}
+EXACT = 0.90
+"""What is asked of one effect of a large size, by the number of joints: its name first, and no other name."""
 TRANSMISSION = ("elasticity", "backlash")
 ERROR = {"static": 1.1, "transmission": 1.5}
 _REMAINS = 1.15
+COVERAGE = (0.90, 0.98)
+"""The share of 95 % intervals that hold the true value, at least and at most."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +49,9 @@ def _rate(name: str, lines: Iterable[Line], hit: Callable[[Line], bool], wanted:
 def band(x: Line) -> str:
     """Which of the three sizes a row's is; "" for one in between."""
     size = min(x.sizes, default=0.0)
-    if size >= LARGE * (1 - NEAR):
+    if size >= LARGE:
         return "large"
-    if size >= SMALL * (1 - NEAR):
+    if size >= SMALL:
         return "small"
     return "below" if size < BELOW else ""
 
@@ -61,14 +66,17 @@ def rates(lines: Sequence[Line]) -> list[Rate]:
 
 def _single(lines: Sequence[Line]) -> Iterator[Rate]:
     single = [x for x in lines if x.kind == "single"]
-    for size, text, wanted in (("large", ">= 0.5", 0.95), ("small", "0.3 to 0.5", 0.90)):
+    for size, text in (("large", f">= {LARGE}"), ("small", f"{SMALL} to {LARGE}")):
         rows = [x for x in single if band(x) == size]
         for n in sorted({x.joints for x in rows}):
-            of_n = [x for x in rows if x.joints == n]
+            of_n, wanted = [x for x in rows if x.joints == n], FIRST.get(n) if size == "large" else 0.90
             yield _rate(f"one effect of size {text}, {n}R: named first", of_n, lambda x: x.outcome == "right", wanted)
+            if size == "large":
+                yield _rate(f"one effect of size {text}, {n}R: exactly", of_n, lambda x: x.exact, EXACT)
         yield _rate(f"one effect of size {text}: named first, or its rival is", rows, _right_or_rival)
         yield _rate(f"one effect of size {text}: among findings and rivals", rows, lambda x: x.among, 0.99)
-        yield _rate(f"one effect of size {text}: no second name", rows, lambda x: not x.extra)
+    lines = [x for x in single if x.lines and band(x) == "large"]
+    yield _rate("a ripple's lines: all found", lines, lambda x: len(set(x.lines.split("/"))) == 1)
     small = [x for x in single if band(x) == "below"]
     yield _rate("one effect of size < 0.15: nothing named", small, lambda x: not x.named, 1.0)
 
@@ -104,17 +112,21 @@ def _inside(lines: Sequence[Line]) -> Iterator[Rate]:
 def _forms(lines: Sequence[Line]) -> Iterator[Rate]:
     forms = [x for x in lines if x.kind == "forms"]
     yield _rate("another form: the class named first", forms, lambda x: x.outcome == "right", 0.85)
+    yield _rate("another form: one name, right or a rival", forms, lambda x: _right_or_rival(x) and not x.extra)
     left = [x for x in forms if x.outcome == "right" and x.after > _REMAINS * x.floor]
     yield _rate("  ... and the remainder said where one is left", left, lambda x: x.remainder)
+    slip = [x for x in forms if x.case == "lugre_maxwell"]
+    yield _rate("lugre as Maxwell slip: named, or a rival of what is", slip, lambda x: x.among, 0.95)
     alike = [x for x in lines if x.kind == "single" and x.outcome == "right"]
+    yield _rate("the library's own form: never said to be another", alike, lambda x: not x.other_form, 1.0)
     yield _rate("the library's own form: no remainder claimed", alike, lambda x: not x.remainder)
 
 
 def _pairs(lines: Sequence[Line]) -> Iterator[Rate]:
     pairs = [x for x in lines if x.kind == "pairs"]
-    yield _rate("two effects: both found", pairs, lambda x: x.outcome == "right", 0.85)
+    yield _rate("two effects: both found", pairs, lambda x: x.outcome == "right", 0.90)
     yield _rate("  ... or their rivals", pairs, _right_or_rival)
-    yield _rate("two effects: both and no third", pairs, lambda x: x.outcome == "right" and not x.extra, 0.75)
+    yield _rate("two effects: both and no third", pairs, lambda x: x.outcome == "right" and not x.extra, 0.85)
 
 
 def _errors(lines: Sequence[Line]) -> Iterator[Rate]:
@@ -148,6 +160,31 @@ def rates_table(lines: Sequence[Line]) -> list[str]:
         )
     out.append("? below what is wanted, as far as this many cases can tell; ! surely below it")
     return out
+
+
+def coverage_table(lines: Sequence[Line]) -> list[str]:
+    """How many reported 95 % intervals hold the true value, by family and by parameter; empty without any."""
+    found = [c for x in lines for c in from_text(x.covered)]
+    groups: dict[str, list[Covered]] = {}
+    for family in FAMILIES:
+        of_family = [c for c in found if c.family == family]
+        groups[family] = of_family
+        for name in sorted({c.parameter for c in of_family}):
+            groups[f"  {name}"] = [c for c in of_family if c.parameter == name]
+    out = [f"{'parameter':40s}  hold    of    share   95 % interval    median half-width / error"]
+    for name, group in groups.items():
+        if not group:
+            continue
+        r = Rate(name, sum(c.holds for c in group), len(group))
+        low, high = r.interval
+        aside = "" if name.startswith(" ") or (low <= COVERAGE[1] and high >= COVERAGE[0]) else "  !"
+        ratio = np.median([0.5 * (c.high - c.low) / max(abs(c.true - 0.5 * (c.low + c.high)), 1e-12) for c in group])
+        out.append(
+            f"{name:40s} {r.hits:5d} {r.total:5d}  {100 * r.hits / r.total:5.1f} %  "
+            f"{100 * low:5.1f} to {100 * high:5.1f}    {ratio:5.2f}{aside}"
+        )
+    out.append(f"wanted in each family: {100 * COVERAGE[0]:.0f} to {100 * COVERAGE[1]:.0f} %; ! surely not so")
+    return out if len(out) > 2 else []
 
 
 def errors_table(lines: Sequence[Line]) -> list[str]:
@@ -184,8 +221,8 @@ def comparison(lines: Sequence[Line]) -> list[str]:
     static = [x for x in both if x.kind == "single" and x.case not in MEMORY]
     memory = [x for x in both if x.kind == "single" and x.case in MEMORY]
     groups = {
-        "static effect, size >= 0.5": [x for x in static if band(x) == "large"],
-        "static effect, size 0.3 to 0.5": [x for x in static if band(x) == "small"],
+        f"static effect, size >= {LARGE}": [x for x in static if band(x) == "large"],
+        f"static effect, size {SMALL} to {LARGE}": [x for x in static if band(x) == "small"],
         "static effect, size < 0.15: silent": [x for x in static if band(x) == "below"],
         "clean: silent": [x for x in both if x.kind == "clean" and x.case == "clean"],
         "clean, but hard to read: silent": [x for x in both if x.kind == "clean" and x.case != "clean"],

@@ -2,13 +2,18 @@
 
     python -m tests.judge.run --cases single --size 0.5 --seeds 3 --joints 1 --csv table.csv
     python -m tests.judge.run --judging --others --experiments --csv judged.csv --resume --budget 3600
+    python -m tests.judge.run --short --csv short.csv --resume --budget 1500
+    python -m tests.judge.run --cases cable_pack --situation low_noise --size 2 --save cases
 
 --cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
+--situation: how they are recorded (situations.py): uneven stamps, low rates, steps of the torque, an upright arm.
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
+--short runs some 400 of its kind; both mix their classes evenly, so that a part that --budget cuts has some of each.
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
 the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.
-Then totals by class and by name, the confusion matrix, rates with their 95 % intervals and, with --others, pysindy and
-sysidentpy on the same recordings. With --resume, rows that the CSV has are not made again.
+Then totals by class and by name, the confusion matrix, rates with their 95 % intervals, how many of the reported
+intervals hold the true value and, with --others, pysindy and sysidentpy on the same recordings. With --resume, rows
+that the CSV has are not made again.
 
     right   the truth was named first, or nothing where nothing should be (for pairs: both were named)
             With --experiments also the rival of a kind (scoring.ALIKE) that the proposed motion separates from it.
@@ -28,7 +33,7 @@ import os
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.pool import AsyncResult
 from pathlib import Path
 
@@ -37,9 +42,11 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from . import cases as judging  # noqa: E402
 from . import confusion, plan, rates  # noqa: E402
-from .cases import Case, Setting  # noqa: E402
+from .cases import Case  # noqa: E402
 from .line import Line, append, blank, code, line, read, write  # noqa: E402
 from .others import METHODS  # noqa: E402
+from .save import save  # noqa: E402
+from .situations import SITUATIONS  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -120,6 +127,8 @@ def report(lines: Sequence[Line]) -> list[str]:
         return ["no case was run"]
     out = [*totals(ordered), "--- hidden against named first, the wrong answers by name", *confusion.text(ordered)]
     out += ["--- rates", *rates.rates_table(ordered), "--- errors and times", *rates.errors_table(ordered)]
+    covered = rates.coverage_table(ordered)
+    out += ["--- 95 % intervals that hold the true value", *covered] if covered else []
     compared = rates.comparison(ordered)
     return [*out, "--- beside other tools, on the same recordings", *compared] if compared else out
 
@@ -131,18 +140,23 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seeds", type=int, help="how many, default 1; with --judging: rounds, default 5")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--joints", nargs="+", type=int, help="default 1; with --judging: 1 2 4")
-    parser.add_argument("--excitation", choices=judging.motion.KINDS, default="full")
-    parser.add_argument("--coarse", type=float, default=1.0, help="encoder counts as multiples of 2 pi / 200000")
-    parser.add_argument("--noise", choices=list(judging.NOISE), default="white")
-    parser.add_argument("--jitter", type=float, default=0.0, help="of the period, as a part of it")
+    parser.add_argument(
+        "--situation", nargs="+", choices=list(SITUATIONS), default=["plain"], help="how recordings are made"
+    )
+    parser.add_argument("--excitation", choices=judging.motion.KINDS)
+    parser.add_argument("--coarse", type=float, help="encoder counts as multiples of 2 pi / 200000")
+    parser.add_argument("--noise", choices=list(judging.NOISE))
+    parser.add_argument("--jitter", type=float, help="of the period, as a part of it")
     parser.add_argument("--held-out", action="store_true", help="diagnose with a second recording of the same plant")
     parser.add_argument("--judging", action="store_true", help="the judging set: its own seeds and sizes")
+    parser.add_argument("--short", action="store_true", help="the short judging set")
     parser.add_argument("--others", action="store_true", help="pysindy and sysidentpy on the same recordings")
     parser.add_argument("--experiments", action="store_true", help="ask `tendon experiment` about rivals of one kind")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--budget", type=float, default=float("inf"), help="seconds after which no case is begun")
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--resume", action="store_true", help="keep the rows of --csv and make only what it lacks")
+    parser.add_argument("--save", type=Path, metavar="DIR", help="write the cases there as files; diagnose none")
     parser.add_argument("--matrix", type=Path, help="the confusion matrix as CSV")
     parser.add_argument("--figure", type=Path, help="the confusion matrix as a picture (.png, .svg, .pdf)")
     return parser
@@ -154,11 +168,18 @@ def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[C
         if given.judging:
             rounds = 5 if given.seeds is None else given.seeds
             return list(plan.judging(given.cases or judging.KINDS, given.joints or plan.JOINTS, rounds))
+        if given.short:
+            return list(plan.short())
         seeds = range(given.first_seed, given.first_seed + (given.seeds or 1))
         if seeds.stop > plan.FIRST_JUDGING_SEED:
             parser.error(f"seeds from {plan.FIRST_JUDGING_SEED} on belong to the judging set; use --judging")
-        setting = Setting(excitation=given.excitation, coarse=given.coarse, noise=given.noise, jitter=given.jitter)
-        return list(judging.cases(given.cases or ["single"], given.joints or [1], given.size, seeds, setting))
+        chosen = {k: getattr(given, k) for k in ("excitation", "coarse", "noise", "jitter")}
+        own = {k: v for k, v in chosen.items() if v is not None}
+        todo: list[Case] = []
+        for name in given.situation:
+            setting = replace(SITUATIONS[name], **own)
+            todo += judging.cases(given.cases or ["single"], given.joints or [1], given.size, seeds, setting)
+        return todo
     except ValueError as error:
         parser.error(str(error))
 
@@ -172,6 +193,10 @@ def main() -> None:
     if given.resume and not given.csv:
         parser.error("--resume needs --csv FILE")
     todo, lines = wanted(parser, given), []
+    if given.save:
+        for case in todo:
+            print(save(case, given.save), flush=True)
+        return
     if given.resume and given.csv.exists():
         try:
             lines = read(given.csv)

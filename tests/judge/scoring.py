@@ -17,6 +17,8 @@ Separates = Callable[[str, str], bool]
 
 MIMIC = 1.05
 """Physics that the library lacks, explained to within this multiple of the floor, is a mimic and not an error."""
+NEAR_LINE = 0.01
+"""An order that is found within this part of a hidden one is that one."""
 ALIKE = (
     frozenset(("linear_spring", "gravity", "cable", "parallel_spring")),
     frozenset(("torque_delay", "elasticity")),
@@ -91,17 +93,33 @@ def column(made: Made, findings: Findings, verdict: str) -> str:
     return str(first["effect"])
 
 
-def agreement(
-    found: Sequence[tuple[float, tuple[float, float] | None]], true: Sequence[float]
-) -> tuple[int, int, bool]:
-    """How many true values lie in their 95 % intervals, of how many that have one, and whether all agree together.
+def exact(score: Score, verdict: str, made: Made) -> bool:
+    """Whether just what is hidden was named, in a case whose structure is the library's; nothing, where nothing is."""
+    if made.case.kind in ("forms", "unknown"):
+        return False
+    return score.outcome == "right" and not score.extra and (bool(made.hidden) or verdict == "clean")
+
+
+def lines(made: Made, findings: Findings) -> str:
+    """Of the lines of a hidden ripple, how many were found, within NEAR_LINE: "2/3"; "" where none is hidden."""
+    hidden = [order for what in made.hidden for order in what.orders]
+    found: list[float] = []
+    for f in findings:
+        for name, x in f["parameters"].items():
+            if name.startswith("order"):
+                found += [float(v) for v in np.atleast_1d(x["value"])]
+    hit = sum(any(abs(x - order) <= NEAR_LINE * order for x in found) for order in hidden)
+    return f"{hit}/{len(hidden)}" if hidden else ""
+
+
+def agreement(intervals: Sequence[tuple[float, float]], true: Sequence[float]) -> tuple[int, int, bool]:
+    """How many true values lie in their 95 % intervals, of how many, and whether all agree together.
 
     Together: each interval is widened (Bonferroni) until all of them hold at once in 95 % of recordings.
     """
-    pairs = [(value, interval, t) for (value, interval), t in zip(found, true, strict=True) if interval is not None]
-    inside = sum(interval[0] <= t <= interval[1] for _, interval, t in pairs)
-    if not pairs:
+    if not true:
         return 0, 0, False
-    wider = float(stats.norm.ppf(1 - 0.025 / len(pairs)) / stats.norm.ppf(0.975))
-    together = all(abs(t - value) <= wider * 0.5 * np.ptp(interval) for value, interval, t in pairs)
-    return inside, len(pairs), together
+    low, high, at = np.array(intervals).T[0], np.array(intervals).T[1], np.array(true)
+    wider = float(stats.norm.ppf(1 - 0.025 / len(true)) / stats.norm.ppf(0.975))
+    together = np.abs(at - 0.5 * (low + high)) <= wider * 0.5 * (high - low)
+    return int(np.sum((low <= at) & (at <= high))), len(true), bool(together.all())

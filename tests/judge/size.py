@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,15 +16,20 @@ Array = NDArray[np.float64]
 
 BAND = 45.0  # Hz
 EVERY = 10
-TAPS = signal.firwin(121, BAND, fs=1 / PERIOD)
+TAPS = 121
 STANDSTILL = 3e-4  # rad/s
 
 
-def in_band(x: Array) -> Array:
+@functools.cache
+def _taps(band: float) -> Array:
+    return np.asarray(signal.firwin(TAPS, band, fs=1 / PERIOD))
+
+
+def in_band(x: Array, band: float = BAND) -> Array:
     """x (..., N) low-passed and every tenth sample of it; the ends, where the filter is not full, are left out."""
-    filtered = signal.upfirdn(TAPS, x, 1, EVERY, axis=-1)
-    first = -(-(len(TAPS) - 1) // EVERY)
-    return np.asarray(filtered)[..., first : first + (x.shape[-1] - len(TAPS)) // EVERY + 1]
+    filtered = signal.upfirdn(_taps(band), x, 1, EVERY, axis=-1)
+    first = -(-(TAPS - 1) // EVERY)
+    return np.asarray(filtered)[..., first : first + (x.shape[-1] - TAPS) // EVERY + 1]
 
 
 def orthogonal(
@@ -33,6 +39,7 @@ def orthogonal(
     outside: Array,
     gravity: tuple[float, float] = (0.0, 0.0),
     free_delay: bool = False,
+    band: float = BAND,
 ) -> Array:
     """RMS (n,) of what the believed model cannot explain of the torque that the plant really took.
 
@@ -54,8 +61,8 @@ def orthogonal(
         rows = np.concatenate([inertial[i], friction_columns_of(believed, run, i)])
         used = np.any(rows != 0.0, axis=1)
         places[i] = places[i][used]
-        blocks.append(in_band(rows[used])[:, kept[i]])
-        left.append(in_band(run.tau[i] + outside[i])[kept[i]])
+        blocks.append(in_band(rows[used], band)[:, kept[i]])
+        left.append(in_band(run.tau[i] + outside[i], band)[kept[i]])
         gram[np.ix_(places[i], places[i])] += blocks[i] @ blocks[i].T
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-11, hermitian=True)
@@ -79,5 +86,5 @@ def _standing(rate: Array) -> NDArray[np.bool_]:
     """Rows of in_band within 4 ms of standstill."""
     still = np.abs(rate) < STANDSTILL
     near = np.array([np.convolve(row, np.ones(9), "same") > 0 for row in still])
-    half = len(TAPS) // 2
+    half = TAPS // 2
     return near[:, half : near.shape[1] - half : EVERY]

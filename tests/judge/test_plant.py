@@ -255,3 +255,95 @@ def test_every_parameter_that_an_entry_sets_is_one_of_the_plant() -> None:
             hidden.put(found, {}, hidden.amount)
         assert set(found[0]) | set(found[1]) <= known, name
         assert (hidden.put is None) != (hidden.push is None)
+
+
+# loads that arms have ------------------------------------------------------------------------------------------------
+
+
+GEARED = {"GEAR_INERTIA": 0.05, "GEAR_RATIO": -0.7}
+
+
+def falling(**more: float) -> tuple[Array, Array, Array]:
+    """Energy and coupled rate of a falling arm of two joints whose first row has more, and the times."""
+    gravity = (0.0, -9.81)
+    loose = rows(2, **FRICTIONLESS)
+    run = simulate([{**loose[0], **GEARED, **more}, loose[1]], still(2, 3.0), {"GRAVITY_Y": gravity[1]})
+    rate = np.gradient(run.q, PERIOD, axis=1)
+    coupled = rate[0] + GEARED["GEAR_RATIO"] * rate[1]
+    total = energy(2, run.q, rate, gravity) + 0.5 * GEARED["GEAR_INERTIA"] * coupled**2
+    return total[5:-5], coupled[5:-5], np.linspace(0.0, 3.0 - PERIOD, len(total))[5:-5]
+
+
+def test_a_coupled_gear_keeps_the_energy_without_friction() -> None:
+    total, coupled, _ = falling()
+    exchanged = 0.5 * GEARED["GEAR_INERTIA"] * np.max(coupled**2)
+    assert exchanged > 0.5
+    assert np.abs(total - total[0]).max() < 1e-2 * exchanged
+
+
+def test_a_coupled_gear_takes_the_power_of_its_frictions() -> None:
+    total, coupled, t = falling(GEAR_DRY=0.3, GEAR_VISCOUS=0.2)
+    power = 0.3 * np.abs(coupled) + 0.2 * coupled**2
+    taken = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))])
+    assert taken[-1] > 1.0
+    assert np.abs(total[0] - total - taken).max() < 1e-2 * taken[-1]
+
+
+def slipped(speed: float) -> tuple[Array, Array]:
+    """Angle and friction of Maxwell slip while the joint goes forwards, and back again."""
+    leg = round(0.4 / speed / PERIOD)
+    wanted = np.zeros((3, 1, 2 * leg))
+    wanted[0, 0] = np.concatenate([np.arange(leg), np.arange(leg)[::-1]]) * PERIOD * speed
+    wanted[1, 0] = np.repeat([speed, -speed], leg)
+    slip = {"BRISTLE": 60.0, "BRISTLE_FORM": 1.0}
+    body = rows(1, VISCOUS_POSITIVE=0.0, VISCOUS_NEGATIVE=0.0, CUBIC=0.0, **slip)[0]
+    run = simulate([{**body, "KP": 900.0, "KD": 40.0, "OBSERVER": 400.0}], wanted)
+    inertia = 0.1 + 0.0565 + 2.0 * 0.2**2
+    friction = run.tau[0] - inertia * run.acceleration[0]
+    back = slice(leg + round(0.02 / speed / PERIOD), None)
+    return run.q[0, back][::-1], friction[back][::-1]
+
+
+def test_maxwell_slip_depends_on_the_way_and_not_on_the_rate() -> None:
+    slow, fast = slipped(0.1), slipped(0.4)
+    at = np.linspace(0.05, 0.37, 60)
+    a, b = (np.interp(at, *curve) for curve in (slow, fast))
+    assert np.ptp(a) > 0.5 * ARMS[1][0].dry[1]
+    assert np.abs(a - b).max() < 0.03 * ARMS[1][0].dry[1]
+
+
+PACK = {"PACK": 300.0, "PACK_RADIUS": 0.1, "PACK_POST": 0.3, "PACK_FREE": 0.21, "PACK_AT": 0.2}
+HOSE = {"HOSE": 0.2, "HOSE_WIDTH": 0.3, "HOSE_AT": -0.1}
+LINES = {"RIPPLE": 0.3, "RIPPLE_ORDER": 18.0, "LINE_B": 0.2, "LINE_B_ORDER": 72.0, "LINE_C": 0.1, "LINE_C_ORDER": 144.0}
+
+
+def stretched(q: float) -> float:
+    """Energy of PACK's spring."""
+    a, b = np.array([PACK["PACK_RADIUS"], 0.0]), PACK["PACK_POST"] * np.array([np.cos(q - 0.2), -np.sin(q - 0.2)])
+    return float(0.5 * PACK["PACK"] * max(0.0, float(np.linalg.norm(a - b)) - PACK["PACK_FREE"]) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("law", "torque"),
+    [
+        (PACK, lambda q: (stretched(q + 1e-6) - stretched(q - 1e-6)) / 2e-6),
+        (HOSE, lambda q: 0.2 * np.sinh((q + 0.1) / 0.3)),
+        (LINES, lambda q: 0.3 * np.cos(18 * q) + 0.2 * np.cos(72 * q) + 0.1 * np.cos(144 * q)),
+    ],
+)
+@pytest.mark.parametrize("place", [-0.6, 0.25, 0.9])
+def test_a_loose_link_is_pulled_as_the_law_says(
+    law: dict[str, float], torque: Callable[[float], float], place: float
+) -> None:
+    run = simulate(rows(1, **FRICTIONLESS, **law), still(1, 0.01, place), {"SUBSTEPS": 64.0})
+    inertia = 0.1 + 0.0565 + 2.0 * 0.2**2
+    assert inertia * run.acceleration[0, 0] == pytest.approx(-torque(place), rel=1e-2, abs=1e-3)
+
+
+@pytest.mark.parametrize("push", [-30.0, 12.0])
+def test_a_cubic_saturation_leaves_the_torque_whose_cube_is_missing(push: float) -> None:
+    wanted = still(1, 0.01)
+    limited = rows(1, **FRICTIONLESS, LIMIT=10.0, LIMIT_FORM=4.0)
+    run = simulate(limited, wanted, forward=np.full(wanted.shape[1:], push))
+    torque = (0.1 + 0.0565 + 2.0 * 0.2**2) * run.acceleration[0, 0]
+    assert torque + torque**3 / (3 * 10.0**2) == pytest.approx(push, rel=1e-6)
