@@ -22,14 +22,15 @@ def complete(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
     """The search at its end: the best of those that follow the first finding that has rivals, or one of these."""
     _follow(search, on_step)
     number = next((k for k, f in enumerate(search.findings) if f.rivals), None)
-    if number is None or not _undecided(search, number):
-        return search
-    branches = [search]
-    for term in search.findings[number].rivals[:MOST_BRANCHES]:
-        branch = search.instead(number, term)
-        if branch is not None:
-            branches.append(_follow(branch))
-    return _best(branches, number)
+    if number is not None and _undecided(search, number):
+        branches = [search]
+        for term in search.findings[number].rivals[:MOST_BRANCHES]:
+            branch = search.instead(number, term)
+            if branch is not None:
+                branches.append(_follow(branch))
+        search = _best(branches, number)
+    search.findings = [replace(f, rivals=tuple(t for t in f.rivals if t not in f.refuted)) for f in search.findings]
+    return search
 
 
 def _follow(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
@@ -61,7 +62,7 @@ def _best(branches: list[Search], number: int) -> Search:
     refuted = {head for head, lost in zip(heads, worse, strict=True) if lost}
     finding = chosen.findings[number]
     rivals = tuple(t for t in finding.rivals if t not in refuted and t != finding.term)
-    chosen.findings[number] = replace(finding, rivals=rivals)
+    chosen.findings[number] = replace(finding, rivals=rivals, refuted=())
     return chosen
 
 

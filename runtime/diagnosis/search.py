@@ -155,9 +155,9 @@ class Search:
             joint = joints_of(self.model, other.term)[0]
             if _preferred(after, steps[best], joint):
                 best = k
-        refuted = {e.term for e, after in zip(tried, steps, strict=True) if _refuted(after, steps[best])}
-        left = tuple(t for t in (evidence.term, *rivals) if t != tried[best].term and t not in refuted)
-        return Finding(tried[best], left if rivals else (), self.last, step, steps[best])
+        refuted = tuple(e.term for e, after in zip(tried, steps, strict=True) if _refuted(after, steps[best]))
+        others = tuple(t for t in (evidence.term, *rivals) if t != tried[best].term)
+        return Finding(tried[best], others, self.last, step, steps[best], refuted)
 
     def instead(self, number: int, term: Term) -> Search | None:
         """A search that differs from this one from a finding on: it has one of its rivals in its place; None where

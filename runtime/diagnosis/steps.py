@@ -59,13 +59,17 @@ class Step:
 
 @dataclass(frozen=True)
 class Finding:
-    """A named effect: what speaks for it, what the data cannot tell from it, and against whom it was chosen."""
+    """A named effect: what speaks for it, what the data cannot tell from it, and against whom it was chosen.
+
+    refuted   those of the rivals that explain held-out recordings clearly less, with nothing else beside them
+    """
 
     evidence: Evidence
     rivals: tuple[Term, ...]
     verdict: Verdict
     before: Step
     after: Step
+    refuted: tuple[Term, ...] = ()
 
     @property
     def term(self) -> Term:
