@@ -43,8 +43,8 @@ class Piece:
 
     t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
     warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
-    were taken from which it was interpolated; None where they are those of the grid; rate_measured (n,) whether qd
-    and qdd are those of a measured rate.
+    were taken from which it was interpolated; None where they are those of the grid; rate_measured: joints
+    (0-based) whose qd and qdd are those of a measured rate.
     """
 
     recording: int
@@ -61,7 +61,7 @@ class Piece:
     low_pass: LowPass
     derive: Differentiator
     excited: tuple[Smoother, ...]
-    rate_measured: Mask
+    rate_measured: tuple[int, ...] = ()
     sensors: Sensors = NOTHING
     places: Array | None = None
 
@@ -76,8 +76,8 @@ class Piece:
             noise.append(self.derive(self._misread(q, step, density, rng)))
         parts = np.array(noise)
         rates, accelerations = parts[:, 1].copy(), parts[:, 2].copy()
-        for i in np.flatnonzero(self.rate_measured):
-            error = self._misread(self.qd[i], 0.0, band.rate_noise(int(i)) or 0.0, rng)
+        for i in self.rate_measured:
+            error = self._misread(self.qd[i], 0.0, band.rate_noise(i) or 0.0, rng)
             rates[i], accelerations[i], _ = self.derive(error)
         q, qd, qdd = self.q + parts[:, 0], self.qd + rates, self.qdd + accelerations
         slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
@@ -291,8 +291,8 @@ def _piece(
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
     measured_rate = np.full_like(recording.q, np.nan) if recording.qd is None else recording.qd
     rates = [band.rate_noise(i) if np.isfinite(measured_rate[i]).all() else None for i in range(n)]
-    rate_measured = np.array([noise is not None for noise in rates])
-    for k in np.flatnonzero(rate_measured):
+    rate_measured = tuple(i for i, noise in enumerate(rates) if noise is not None)
+    for k in rate_measured:
         qd[k], qdd[k], _ = derive(stretch.of(measured_rate[k, segment]))
     first = int(np.argmax(recording.run == recording.run[segment.start]))
     warmth, measured = np.zeros_like(q), np.zeros(n, dtype=bool)
