@@ -68,13 +68,12 @@ def _of_joint(
     if not pairs:
         return None
     measured, derived = (np.concatenate([p[k] for p in pairs], axis=-1) for k in (0, 1))
-    columns = np.vstack([derived, np.ones(derived.shape[1])])
-    theta = np.linalg.lstsq(columns.T, measured, rcond=None)[0]
-    scale, early, left = float(theta[0]), float(theta[1]), measured - theta @ columns
+    theta = np.linalg.lstsq(derived.T, measured, rcond=None)[0]
+    scale, early, left = float(theta[0]), float(theta[1]), measured - theta @ derived
     own = max(p[2] for p in pairs)
     period = grids[0].period
     words = f"qd{joint + 1}"
-    if np.var(left) > (1 - RATE_FOLLOWS) * np.var(measured):
+    if left @ left > (1 - RATE_FOLLOWS) * measured @ measured:
         return MeasuredRate(False, own, f"{words} does not follow the derivative of q{joint + 1}: it is not used", True)
     if not 1 / (1 + RATE_SCALE) < scale < 1 + RATE_SCALE:
         why = f"{words} is {scale:.3g} times the derivative of q{joint + 1}: is its unit right? It is not used"
@@ -84,9 +83,7 @@ def _of_joint(
         return MeasuredRate(False, own, f"{words} is no quieter than the derivative of q{joint + 1}: not used")
     late = -early / scale
     if abs(late) > RATE_DELAYED * period:
-        why = (
-            f"{words} is {1e3 * late:.2g} ms later than the derivative of q{joint + 1}, as a filter makes it: not used"
-        )
+        why = f"{words} is {late:.2g} s later than the derivative of q{joint + 1}, as a filter makes it: not used"
         return MeasuredRate(False, own, why)
     if between < RATE_OWN * of_position:
         return MeasuredRate(False, own, f"{words} has the noise of q{joint + 1}, whose difference it is: not used")

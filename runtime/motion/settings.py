@@ -52,8 +52,8 @@ construction."""
 # the inertia that chooses the band ----------------------------------------------------------------------------------
 
 INERTIA_GUESSED: Final = 2.0
-"""ratio; an inertia of the file that the recordings contradict by more is a guess, and does not choose the band, whose
-cut-off goes with its root; a choice."""
+"""ratio; an inertia of the file that is so much smaller than what the recordings show is a guess, and does not choose
+the band, whose cut-off goes with its root; a choice."""
 
 INERTIA_SEEN: Final = 0.3
 """part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it
@@ -142,7 +142,7 @@ RATE_SCALE: Final = 0.05
 would make every friction wrong by as much; a choice."""
 
 RATE_FOLLOWS: Final = 0.5
-"""part of a variance; a rate of which the positions explain less is none of this joint; a choice."""
+"""part of a power; a rate of which the positions explain less is none of this joint; a choice."""
 
 # filters ------------------------------------------------------------------------------------------------------------
 
