@@ -19,6 +19,7 @@ from runtime.motion.filters import differentiator
 from runtime.motion.settings import (
     DENSITY_SEGMENT,
     ENOUGH_FOR_NOISE,
+    LOWEST_CUTOFF,
     RATE_BETTER,
     RATE_DELAYED,
     RATE_FOLLOWS,
@@ -63,43 +64,50 @@ def _of_joint(
 ) -> MeasuredRate | None:
     if any(r.qd is None or np.isnan(r.qd[joint]).any() for r in recordings):
         return None
-    found = [_compared(r, g, joint, cutoff) for r, g in zip(recordings, grids, strict=True)]
-    pairs = [p for p in found if p is not None]
-    if not pairs:
+    # Scale and delay are told where the positions' noise is nothing, or it would make the rate seem too small.
+    slow = _compared(recordings, grids, joint, LOWEST_CUTOFF)
+    quick = _compared(recordings, grids, joint, cutoff)
+    if slow is None or quick is None:
         return None
-    measured, derived = (np.concatenate([p[k] for p in pairs], axis=-1) for k in (0, 1))
-    theta = np.linalg.lstsq(derived.T, measured, rcond=None)[0]
-    scale, early, left = float(theta[0]), float(theta[1]), measured - theta @ derived
-    own = max(p[2] for p in pairs)
-    period = grids[0].period
-    words = f"qd{joint + 1}"
-    if left @ left > (1 - RATE_FOLLOWS) * measured @ measured:
-        return MeasuredRate(False, own, f"{words} does not follow the derivative of q{joint + 1}: it is not used", True)
+    theta = np.linalg.lstsq(slow[1].T, slow[0], rcond=None)[0]
+    scale, late, period = float(theta[0]), -float(theta[1] / (theta[0] or 1.0)), grids[0].period
+    own = max(_density(r, g, joint) for r, g in zip(recordings, grids, strict=True))
+    between, of_position = _in_band(quick[0] - theta @ quick[1], 1 / period, cutoff, density)
+    rate, derivative = f"qd{joint + 1}", f"the derivative of q{joint + 1}"
+    left = slow[0] - theta @ slow[1]
+    if left @ left > (1 - RATE_FOLLOWS) * slow[0] @ slow[0]:
+        return MeasuredRate(False, own, f"{rate} does not follow {derivative}: it is not used", wrong=True)
     if not 1 / (1 + RATE_SCALE) < scale < 1 + RATE_SCALE:
-        why = f"{words} is {scale:.3g} times the derivative of q{joint + 1}: is its unit right? It is not used"
-        return MeasuredRate(False, own, why, True)
-    between, of_position = _in_band(left, 1 / period, cutoff, density)
+        why = f"{rate} is {scale:.3g} times {derivative}: is its unit right? It is not used"
+        return MeasuredRate(False, own, why, wrong=True)
     if own > RATE_BETTER * of_position:
-        return MeasuredRate(False, own, f"{words} is no quieter than the derivative of q{joint + 1}: not used")
-    late = -early / scale
+        return MeasuredRate(False, own, f"{rate} is no quieter than {derivative}: not used")
     if abs(late) > RATE_DELAYED * period:
-        why = f"{words} is {late:.2g} s later than the derivative of q{joint + 1}, as a filter makes it: not used"
-        return MeasuredRate(False, own, why)
+        return MeasuredRate(False, own, f"{rate} is {late:.2g} s later than {derivative}, as if filtered: not used")
     if between < RATE_OWN * of_position:
-        return MeasuredRate(False, own, f"{words} has the noise of q{joint + 1}, whose difference it is: not used")
+        return MeasuredRate(False, own, f"{rate} has the noise of q{joint + 1}, whose difference it is: not used")
     quieter = float(np.sqrt(of_position / own)) if own > 0 else float("inf")
-    return MeasuredRate(True, own, f"{words} is {quieter:.2g} times quieter than the derivative of q{joint + 1}: used")
+    return MeasuredRate(True, own, f"{rate} is {quieter:.2g} times quieter than {derivative}: used")
 
 
-def _compared(recording: Recording, clock: EvenGrid, joint: int, cutoff: float) -> tuple[Array, Array, float] | None:
-    """Of the longest stretch the measured rate (N,), the first and second derivatives of the positions (2, N), all
-    smoothed alike, and the density of the measured one's white noise."""
-    derive, stretch = differentiator(cutoff, 1 / clock.period), clock.longest
-    if stretch.size <= SEGMENT_HALVES * derive.half or recording.qd is None:
-        return None
-    position, rate = (stretch.of(x[joint, stretch.samples])[:ENOUGH_FOR_NOISE] for x in (recording.q, recording.qd))
-    _, qd, qdd = derive(position)
-    return derive(rate)[0], np.array([qd, qdd]), SampleNoise.on(stretch, 1 / clock.period).density(recording.qd[joint])
+def _compared(
+    recordings: Sequence[Recording], grids: Sequence[EvenGrid], joint: int, cutoff: float
+) -> tuple[Array, Array] | None:
+    """Of the longest stretches the measured rate (N,), and the first and second derivatives of the positions (2, N),
+    all smoothed alike; None if all are too short."""
+    measured, derived = [], []
+    for recording, clock in zip(recordings, grids, strict=True):
+        derive, stretch = differentiator(cutoff, 1 / clock.period), clock.longest
+        if recording.qd is not None and stretch.size > SEGMENT_HALVES * derive.half:
+            rows = np.array([recording.q[joint, stretch.samples], recording.qd[joint, stretch.samples]])
+            position, rate = stretch.of(rows)[:, :ENOUGH_FOR_NOISE]
+            derived.append(np.array(derive(position)[1:]))
+            measured.append(derive(rate)[0])
+    return (np.concatenate(measured), np.concatenate(derived, axis=1)) if measured else None
+
+
+def _density(recording: Recording, clock: EvenGrid, joint: int) -> float:
+    return 0.0 if recording.qd is None else SampleNoise.on(clock.longest, 1 / clock.period).density(recording.qd[joint])
 
 
 def _in_band(left: Array, rate: float, cutoff: float, density: float) -> tuple[float, float]:
