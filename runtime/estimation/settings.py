@@ -109,7 +109,7 @@ FAR_WORSE: Final = 2.0
 and more than that is not compensated; errors in variables, by construction."""
 
 LOWERINGS: Final = 6
-"""number of lower bands that are tried, down to an eighth of the first; a choice."""
+"""number of lower bands that are tried, down to an eighth of the first; time; a choice."""
 
 LOWERED_TO: Final = 0.7071
 """part of a cut-off; of a band that lets too much noise in, the next is so much lower: the noise of an acceleration

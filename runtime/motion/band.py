@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from runtime.motion.clock import Stretch, grid
+from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator
+from runtime.motion.rates import MeasuredRate, judged
 from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
-    DENSITY_SEGMENT,
     ENCODER_SHARE,
     ENOUGH_FOR_NOISE,
     EXCITATION_CAUTION,
@@ -32,9 +32,8 @@ from runtime.motion.settings import (
     STEP_QUANTILE,
     STEP_ROUNDED,
     STEP_SINGLE,
-    WHITE_FROM,
-    WHITE_TO,
 )
+from runtime.motion.white_noise import SampleNoise
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -43,49 +42,24 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Band:
     """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
-    resolution (n,) the positions' step, rad (m), 0 where they have none."""
+    resolution (n,) the positions' step, rad (m), 0 where they have none; rates: what is made of measured rates, by
+    joint; None where there are none."""
 
     cutoff: float
     reason: str
     torque_density: Array
     position_density: Array
     resolution: Array
+    rates: tuple[MeasuredRate | None, ...] = ()
+
+    def rate_noise(self, joint: int) -> float | None:
+        """One-sided density of a joint's (0-based) measured rate, (unit/s)²/Hz; None where it is not used."""
+        rate = self.rates[joint] if self.rates else None
+        return rate.density if rate is not None and rate.used else None
 
     def torque_floor(self) -> Array:
         """Standard deviation of white torque noise inside the band, (n,)."""
         return np.sqrt(self.torque_density * self.cutoff)
-
-
-def white_density(x: Array, rate: float) -> float:
-    """One-sided density of the white noise in x, near half the sampling rate, where no joint moves.
-
-    Medians over time and frequency, so that shocks and single lines do not count as noise.
-    """
-    f, density = welch(x[:ENOUGH_FOR_NOISE], rate, nperseg=min(DENSITY_SEGMENT, len(x)), average="median")
-    inside = (f > WHITE_FROM * rate) & (f < WHITE_TO * rate)
-    return float(np.median(density[inside]))
-
-
-@dataclass(frozen=True)
-class SampleNoise:
-    """How white noise of samples is measured on a grid to which they were brought: `passed` is the part of its density
-    that interpolation leaves where it is looked for."""
-
-    stretch: Stretch
-    rate: float
-    passed: float
-
-    @classmethod
-    def on(cls, stretch: Stretch, rate: float) -> SampleNoise:
-        if stretch.places is None:
-            return cls(stretch, rate, 1.0)
-        samples = stretch.samples.stop - stretch.samples.start
-        white = np.random.default_rng(samples).standard_normal(samples)
-        return cls(stretch, rate, white_density(stretch.of(white), rate) * rate / 2)
-
-    def density(self, x: Array) -> float:
-        """One-sided density of the samples' white noise in x, of the whole recording."""
-        return white_density(self.stretch.of(x[self.stretch.samples]), self.rate) / self.passed
 
 
 def resolution(q: Array) -> float:
@@ -102,11 +76,11 @@ def resolution(q: Array) -> float:
     return size if fits.mean() > STEP_OF_ALL and (multiples < STEP_ONE).mean() > STEP_SINGLE else 0.0
 
 
-def excitation(qdd: Array, rate: float, density: float) -> Array:
+def excitation(qdd: Array, rate: float, density: float, derivative: int) -> Array:
     """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
-    the rest is noise of positions of this density."""
+    the rest is white noise of this density of what they are the first or second derivative of."""
     f, power = welch(qdd[:ENOUGH_FOR_NOISE], rate, nperseg=min(len(qdd), round(EXCITATION_WINDOW_S * rate)) // 2 * 2)
-    noise = density * (2 * np.pi * f) ** 4
+    noise = density * (2 * np.pi * f) ** (2 * derivative)
     part = np.clip(1 - EXCITATION_CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
     return np.where(f < LOWEST_CUTOFF, 1.0, part)
 
@@ -145,18 +119,30 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
     with np.errstate(divide="ignore"):
         balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
-    joint = int(np.argmin(balance))
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
-    cutoff = float(np.clip(balance[joint], LOWEST_CUTOFF, ceiling))
-    cutoff = float(f"{cutoff:.3g}")
+    band = Band(*_cut(balance, ceiling), torque, position, step)
+    band = replace(band, rates=judged(recordings, grids, band.cutoff, position))
+    quiet = [i for i in range(n) if band.rate_noise(i) is not None]
+    if not quiet:
+        return band
+    density = np.array([band.rate_noise(i) for i in quiet], dtype=float)
+    with np.errstate(divide="ignore"):
+        balance[quiet] = (3 * ENCODER_SHARE * torque[quiet] / (inertia[quiet] ** 2 * density)) ** (1 / 2) / (2 * np.pi)
+    cutoff, reason = _cut(balance, ceiling)
+    return replace(band, cutoff=cutoff, reason=reason) if cutoff > band.cutoff else band
+
+
+def _cut(balance: Array, ceiling: float) -> tuple[float, str]:
+    """The cut-off and its reason; balance (n,): Hz, above which a joint's encoder, as an inertial torque, rivals the
+    torque noise."""
+    joint = int(np.argmin(balance))
+    cutoff = float(f"{np.clip(balance[joint], LOWEST_CUTOFF, ceiling):.3g}")
     if balance[joint] >= ceiling:
-        reason = f"the position is clean enough for the whole band up to {cutoff:g} Hz"
-    elif balance[joint] <= LOWEST_CUTOFF:
-        reason = f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
-    else:
-        who = f"the encoder noise of joint {joint + 1}"
-        reason = f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
-    return Band(cutoff, reason, torque, position, step)
+        return cutoff, f"the position is clean enough for the whole band up to {cutoff:g} Hz"
+    if balance[joint] <= LOWEST_CUTOFF:
+        return cutoff, f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
+    who = f"the encoder noise of joint {joint + 1}"
+    return cutoff, f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
 
 
 def lowered(band: Band, cutoff: float) -> Band | None:

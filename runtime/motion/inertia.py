@@ -23,12 +23,14 @@ Array = NDArray[np.float64]
 
 
 def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
-    """(n,) kg m² (kg): the stated inertias, those excepted that the recordings contradict by far, or that are unknown
-    (NaN): there what they show."""
+    """(n,) kg m² (kg): the stated inertias, those excepted that are far below what the recordings show, or unknown
+    (NaN): there what they show.
+
+    One that is too large costs bandwidth and no more. What a recording shows may be too small itself, where something
+    delays or withholds a torque.
+    """
     seen = shown(recordings)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far = np.abs(np.log(seen / stated)) > np.log(INERTIA_GUESSED)
-    return np.where(np.isfinite(seen) & (far | ~np.isfinite(stated)), seen, stated)
+    return np.where(np.isfinite(seen) & ~(INERTIA_GUESSED * stated > seen), seen, stated)
 
 
 def shown(recordings: Sequence[Recording]) -> Array:

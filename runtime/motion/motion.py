@@ -14,6 +14,7 @@ from runtime.motion import sensors
 from runtime.motion.band import Band, excitation
 from runtime.motion.clock import EvenGrid, Stretch, grid, interpolated
 from runtime.motion.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
+from runtime.motion.rates import MeasuredRate
 from runtime.motion.sensors import NOTHING, Sensors
 from runtime.motion.settings import (
     EXCERPT_WINDOW_KERNELS,
@@ -43,7 +44,8 @@ class Piece:
 
     t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
     warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
-    were taken from which it was interpolated; None where they are those of the grid.
+    were taken from which it was interpolated; None where they are those of the grid; rate_measured: joints
+    (0-based) whose qd and qdd are those of a measured rate.
     """
 
     recording: int
@@ -60,6 +62,7 @@ class Piece:
     low_pass: LowPass
     derive: Differentiator
     excited: tuple[Smoother, ...]
+    rate_measured: tuple[int, ...] = ()
     sensors: Sensors = NOTHING
     places: Array | None = None
 
@@ -73,7 +76,11 @@ class Piece:
         for q, step, density in zip(self.q, band.resolution, band.position_density, strict=True):
             noise.append(self.derive(self._misread(q, step, density, rng)))
         parts = np.array(noise)
-        q, qd, qdd = self.q + parts[:, 0], self.qd + parts[:, 1], self.qdd + parts[:, 2]
+        rates, accelerations = parts[:, 1].copy(), parts[:, 2].copy()
+        for i in self.rate_measured:
+            error = self._misread(self.qd[i], 0.0, band.rate_noise(i) or 0.0, rng)
+            rates[i], accelerations[i], _ = self.derive(error)
+        q, qd, qdd = self.q + parts[:, 0], self.qd + rates, self.qdd + accelerations
         slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
         return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(parts[:, 0], parts[:, 2]))
 
@@ -148,6 +155,11 @@ class Motion:
     def has(self, name: str, joint: int) -> bool:
         """Whether a signal of `Sensors` is measured at a joint (0-based), in all recordings."""
         return all(p.sensors.has(name, joint) for p in self.pieces)
+
+    @property
+    def rates(self) -> tuple[MeasuredRate | None, ...]:
+        """What is made of measured rates, by joint, and why; None where there are none."""
+        return self.band.rates
 
     @property
     def rigid_given(self) -> bool:
@@ -273,6 +285,8 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     top = np.max([np.abs(p.qd).max(axis=1) for p in pieces], axis=0)
     smoothing = 2 * band.cutoff
     noise = np.sqrt(band.position_density * (2 * np.pi) ** 2 * smoothing**3 / 3)
+    for i, density in enumerate(band.rate_noise(k) for k in range(n)):
+        noise[i] = noise[i] if density is None else np.sqrt(density * smoothing)
     standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)[:n]
     low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
@@ -296,6 +310,11 @@ def _piece(
     n, segment, dt, half = len(recording.q), stretch.samples, clock.period, derive.half
     parts = [derive(row) for row in stretch.of(recording.q[:, segment])]
     q, qd, qdd = (np.array([part[k] for part in parts]) for k in range(3))
+    measured_rate = np.full_like(recording.q, np.nan) if recording.qd is None else recording.qd
+    rates = [band.rate_noise(i) if np.isfinite(measured_rate[i]).all() else None for i in range(n)]
+    rate_measured = tuple(i for i, noise in enumerate(rates) if noise is not None)
+    for k in rate_measured:
+        qd[k], qdd[k], _ = derive(stretch.of(measured_rate[k, segment]))
     first = int(np.argmax(recording.run == recording.run[segment.start]))
     warmth, measured = np.zeros_like(q), np.zeros(n, dtype=bool)
     for i in range(n):
@@ -309,7 +328,8 @@ def _piece(
     run = int(recording.run[segment.start])
     rate = 1 / dt
     excited = tuple(
-        smoother(excitation(row, rate, density)) for row, density in zip(qdd, band.position_density, strict=True)
+        smoother(excitation(row, rate, density, 2) if noise is None else excitation(row, rate, noise, 1))
+        for row, density, noise in zip(qdd, band.position_density, rates, strict=True)
     )
     slow = np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)])
     places = None if stretch.places is None else stretch.places - half
@@ -328,6 +348,7 @@ def _piece(
         band_filter,
         derive,
         excited,
+        rate_measured,
         places=places,
     )
 

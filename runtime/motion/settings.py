@@ -52,12 +52,12 @@ construction."""
 # the inertia that chooses the band ----------------------------------------------------------------------------------
 
 INERTIA_GUESSED: Final = 2.0
-"""ratio; an inertia of the file that the recordings contradict by more is a guess, and does not choose the band, whose
-cut-off goes with its root; a choice."""
+"""ratio; an inertia of the file that is so much smaller than what the recordings show is a guess, and does not choose
+the band, whose cut-off goes with its root; a choice."""
 
 INERTIA_SEEN: Final = 0.3
-"""part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it does
-not tell its inertia; development recordings."""
+"""part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it
+does not tell its inertia; development recordings."""
 
 MOST_INERTIA_ROWS: Final = 20_000
 """rows; from so many an inertia is known far better than to a ratio of two; time."""
@@ -122,6 +122,27 @@ STEP_OF_ALL: Final = 0.95
 
 STEP_SINGLE: Final = 0.02
 """part of all differences; so many must be single steps, or the "step" is a chance divisor; development recordings."""
+
+# measured rates -----------------------------------------------------------------------------------------------------
+
+RATE_BETTER: Final = 0.5
+"""part of the density of the noise of differentiated positions, near the cut-off; a measured rate with less is used;
+noise that is half changes a cut-off by a sixth, and what changes it less is not worth a second instrument."""
+
+RATE_OWN: Final = 0.5
+"""part of the same density; a measured rate that differs by less from the differentiated positions has their noise, as
+a difference of them has; by construction."""
+
+RATE_DELAYED: Final = 0.25
+"""part of a period; a rate that is later is filtered, or a difference to the reading before, which is half a period
+late; between that and none."""
+
+RATE_SCALE: Final = 0.05
+"""part of one; a rate that is so much larger or smaller than the derivative of the positions has another unit, and
+would make every friction wrong by as much; a choice."""
+
+RATE_FOLLOWS: Final = 0.5
+"""part of a power; a rate of which the positions explain less is none of this joint; a choice."""
 
 # filters ------------------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,152 @@
+"""Stamps that are rounded, late, lost or truly uneven: one even grid, and the truth on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from runtime.diagnosis.diagnose import diagnose
+from runtime.estimation.identify import identify, prepared
+from runtime.model.loader import Model
+from runtime.motion.clock import grid
+from runtime.motion.white_noise import SampleNoise
+from runtime.recordings.recording import Recording
+from runtime.simulation.options import SimulationSettings
+from runtime.simulation.simulate import simulate
+
+Array = NDArray[np.float64]
+TRUE_INERTIA = 0.2365  # kg m^2, of the drive's rotor and link
+
+
+@pytest.fixture(scope="module")
+def run(drive: Model) -> Recording:
+    """At 1 kHz, evenly."""
+    return simulate(drive, settings=SimulationSettings(seconds=30.0, seed=3))[0]
+
+
+def sampled(recording: Recording, rows: NDArray[np.intp], stamps: Array | None = None) -> Recording:
+    """Some of the samples, with other stamps if wanted."""
+    t = recording.t[rows] if stamps is None else stamps
+    return replace(
+        recording,
+        t=t,
+        run=recording.run[rows],
+        q=recording.q[:, rows],
+        tau=recording.tau[:, rows],
+        q_desired=None,
+        segments=(slice(0, len(t)),),
+    )
+
+
+def steps(recording: Recording, choices: list[int], seed: int = 0) -> NDArray[np.intp]:
+    rows = np.cumsum(np.random.default_rng(seed).choice(choices, len(recording.t) // min(choices)))
+    return rows[rows < len(recording.t)]
+
+
+def uneven(run: Recording) -> Recording:
+    """A controller whose period is 10 or 12 ms, in no order."""
+    return sampled(run, steps(run, [10, 12]))
+
+
+def off_by_a_little(run: Recording) -> Recording:
+    """500 Hz of a clock that is 0.37 % slow, whose stamps are whole milliseconds."""
+    rows = np.arange(0, len(run.t), 2)
+    return sampled(run, rows, np.round(1.0037 * run.t[rows] + 3e-4, 3))
+
+
+def late(run: Recording) -> Recording:
+    """500 Hz, stamped by a host that is late by up to 1.3 ms, in whole milliseconds."""
+    rows = np.arange(0, len(run.t), 2)
+    return sampled(run, rows, np.round(run.t[rows] + np.random.default_rng(1).uniform(0, 1.3e-3, len(rows)), 3))
+
+
+def lossy(run: Recording) -> Recording:
+    """500 Hz, of which one sample in a hundred was lost."""
+    rows = np.arange(0, len(run.t), 2)
+    return sampled(run, rows[np.random.default_rng(2).random(len(rows)) > 0.01])
+
+
+@pytest.mark.parametrize(
+    ("logged", "inertia", "least"),
+    [
+        (uneven, TRUE_INERTIA, 17.0),
+        (off_by_a_little, TRUE_INERTIA * 1.0037**2, 25.0),
+        (late, TRUE_INERTIA, 25.0),
+        (lossy, TRUE_INERTIA, 25.0),
+    ],
+)
+def test_inertia_and_band_do_not_depend_on_the_stamps(
+    drive: Model, run: Recording, logged: Callable[[Recording], Recording], inertia: float, least: float
+) -> None:
+    """A clock that is slow makes seconds longer, and an inertia with their square."""
+    found = identify(drive, [logged(run)])
+    estimate = found.inference.lumps[0]
+    assert estimate.interval is not None
+    # A tenth of a per cent for one draw in twenty that lies beside its interval.
+    assert estimate.interval[0] - 1e-3 * inertia < inertia < estimate.interval[1] + 1e-3 * inertia
+    assert found.motion.band.cutoff > least
+
+
+@pytest.mark.parametrize("logged", [uneven, off_by_a_little, lossy])
+def test_a_clean_recording_stays_clean(drive: Model, run: Recording, logged: Callable[[Recording], Recording]) -> None:
+    assert diagnose(drive, [logged(run)]).verdict == "clean"
+
+
+def test_an_even_recording_is_not_touched(run: Recording) -> None:
+    found = grid(run)
+    assert found.stretches[0].places is None
+    assert found.period == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_a_lost_sample_is_a_place_left_out(run: Recording) -> None:
+    """Also two near each other, and beside stamps that are late."""
+    rows = np.delete(np.arange(2000), [300, 304, 305, 1000])
+    stamps = run.t[rows].copy()
+    stamps[[200, 201, 600]] += [1.7e-3, 0.9e-3, 2.1e-3]
+    logged = sampled(run, rows, stamps)
+    places = grid(logged).stretches[0].places
+    assert places is not None
+    assert places == pytest.approx(rows)
+
+
+def test_segments_have_one_period(run: Recording) -> None:
+    logged = uneven(run)
+    middle = len(logged.t) // 2
+    parts = replace(logged, segments=(slice(0, middle), slice(middle + 100, len(logged.t))))
+    found = grid(parts)
+    assert found.period == pytest.approx(11e-3, rel=0.02)
+    assert [s.size for s in found.stretches] == pytest.approx([middle, len(logged.t) - middle - 100], rel=0.02)
+
+
+def test_interpolation_does_not_change_the_noise(run: Recording) -> None:
+    """White noise of known density on uneven samples is measured as it is, though a spline smooths it."""
+    logged = uneven(run)
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(logged.t))
+    found = grid(logged)
+    measured = SampleNoise.on(found.longest, 1 / found.period).density(noise)
+    assert measured == pytest.approx(2 * 1e-6 * found.period, rel=0.25)
+
+
+def test_another_reading_passes_the_same_interpolation(drive: Model, run: Recording) -> None:
+    """What it changes has the noise's density where the spline passes it, and less where it does not."""
+    motion = prepared(drive, [uneven(run)])
+    piece, again = motion.pieces[0], motion.perturbed.pieces[0]
+    error = (again.q - piece.q)[0]
+    expected = motion.band.position_density[0] * 2 * motion.band.cutoff
+    assert np.var(error) == pytest.approx(expected, rel=0.5)
+    window = slice(200, 1200)
+    part = piece.cut(window).perturbed(motion.band, 7)
+    assert np.std(part.q - piece.q[:, window]) == pytest.approx(np.std(error), rel=0.3)
+
+
+def test_signals_that_are_not_measured_stay_absent(run: Recording) -> None:
+    logged = uneven(run)
+    stretch = grid(logged).stretches[0]
+    rows = np.vstack([logged.q, np.full_like(logged.q, np.nan)])
+    spread = stretch.of(rows)
+    assert np.isfinite(spread[0]).all()
+    assert np.isnan(spread[1]).all()
