@@ -39,7 +39,8 @@ from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, rigid_inertia
 from runtime.motion.motion import Motion, prepare
-from runtime.recordings.recording import Recording
+from runtime.recordings.plausible import given_twice
+from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 
@@ -239,9 +240,19 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
-    """Recordings in the band that suits their noise and the model's inertia."""
+    """Recordings in the band that suits their noise and the model's inertia. Raises RecordingError."""
+    refuse_copies(recordings)
     given = rigid_inertia(recordings)
     return prepare(recordings, choose_band(recordings, _diagonal(model) if given is None else given), model.library)
+
+
+def refuse_copies(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where two recordings hold the same samples: they would count twice, or judge themselves."""
+    same = given_twice([(r.q, r.tau) for r in recordings])
+    if same is not None:
+        one, other = (str(recordings[k].path) for k in same)
+        what = "is given twice" if one == other else f"holds the same samples as {one}"
+        raise RecordingError(f"{other}: {what}; expected every recording once, fitted or held out; leave one out")
 
 
 def identify_motion(

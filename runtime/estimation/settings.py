@@ -106,6 +106,31 @@ STRUCTURE_BINS: Final = 24
 STRUCTURE_LEAST_SHARE: Final = 0.02
 """part of the residual's variance; a signal that explains less is not named; development recordings."""
 
+# wrong data ---------------------------------------------------------------------------------------------------------
+
+SUSPECTED_FROM: Final = 0.05
+"""part of a joint's torque; a fit that leaves less has explained inertia and friction, and no torque of another sign,
+unit or joint does that; by construction, and development recordings."""
+
+TURNED_FALLS_TO: Final = 0.8
+"""part of a joint's error; to less it must fall with the other sign, or in degrees, before the data are suspected: on
+data that are right it rises, as inertia and friction then come to their bounds; development and real recordings."""
+
+EXCHANGED_FALLS_TO: Final = 0.6
+"""part of a torque's error; to less both must fall where two joints are exchanged: motions of neighbours may be alike;
+development and real recordings."""
+
+LEAST_TELLING_RATIO: Final = 20.0
+"""ratio of a gear; a missing one that is smaller is no surer than a guess: inertias that users guess are wrong by
+factors of 2 to 5; real recordings."""
+
+FACTOR_OF_INERTIA: Final = 2.0
+"""ratio; so near must a factor of the inertia come to the gear ratio, or to the degrees in a radian, to be that; within
+it lie what a drawing and a data sheet leave open; a choice."""
+
+SUSPICION_SAMPLES: Final = 20_000
+"""samples; on so many a suspicion is tried: it concerns most of the torque; time."""
+
 # friction outside the data ------------------------------------------------------------------------------------------
 
 FRICTION_RANGE: Final = 4

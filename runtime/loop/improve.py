@@ -9,7 +9,6 @@ from typing import Any
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_json
 from runtime.diagnosis.grammar_search import Wider
 from runtime.diagnosis.search import Finding, Step
-from runtime.diagnosis.settings import MOST_FINDINGS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
@@ -24,7 +23,7 @@ OnStep = Callable[[str], None]
 class Improvement:
     """What was added, what the error did, and what is left.
 
-    model_text   the model file with the effects and the identified values
+    model_text   the model file with the effects and the identified values; as it was where the data were refused
     found        the diagnosis of the model as given, with everything that was added
     left         the diagnosis of the improved model
     """
@@ -85,7 +84,7 @@ def improve(
     tell = on_step or (lambda _: None)
     search = begin(open_model(model_text), recordings, held_out)
     tell(_progress(search.steps[-1]))
-    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
+    while search.open and search.advance() is not None:
         tell(_progress(search.steps[-1]))
     found = conclude(search, wider)
     last, text = found.steps[-1], model_text
@@ -93,7 +92,8 @@ def improve(
         text = add(text, finding.term.effect, finding.term.joint, last.shapes[finding.term])
     search.model = _reloaded(open_model, text, last)
     left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
-    return Improvement(put(text, last.identification.to_json()), found, left)
+    believed = found.verdict != "refused"
+    return Improvement(put(text, last.identification.to_json()) if believed else text, found, left)
 
 
 def _reloaded(open_model: OpenModel, text: str, step: Step) -> Model:

@@ -118,8 +118,10 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         step[i] = max(resolution(r.q[i, s]) for r, s in longest)
         torque[i] = np.median([white_density(r.tau[i, s], 1 / r.dt) for r, s in longest])
         position[i] = np.median([white_density(r.q[i, s], 1 / r.dt) for r, s in longest])
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
+    # A torque that never changes has no noise to be rivalled: the joint is passive, and left out of the fit.
+    balance[torque == 0] = np.inf
     joint = int(np.argmin(balance))
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
     cutoff = float(np.clip(balance[joint], LOWEST_CUTOFF, ceiling))

@@ -28,6 +28,7 @@ from runtime.motion.settings import (
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
 )
+from runtime.recordings.plausible import unpowered
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
@@ -108,7 +109,7 @@ class Piece:
 class Motion:
     """All pieces, and which of their in-band rows may be used for each joint.
 
-    standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
+    standstill (n,): rates below which a joint counts as at rest, infinite for one that is held or passive.
     """
 
     band: Band
@@ -233,6 +234,8 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)[:n]
     low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
+    # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
+    held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
     motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
