@@ -162,10 +162,9 @@ INERTIA_MARGIN: Final = 1e-6
 SOLVER_ACCURACY: Final = 1e-8
 """part of the largest coefficient; nearer to a bound the solver means the bound; its own tolerance."""
 
-RIDGES: Final = (1e-12, 1e-9, 1e-6)
-"""parts of the mean curvature; makes directions that the data do not see unique and moves nothing that they do see. The
-solver gives up where a Hessian is singular to rounding, or is not positive definite after the noise is taken off: then
-the next is tried; double precision."""
+RIDGE: Final = 1e-12
+"""part of the mean curvature; makes directions that the data do not see, or that are not positive after the noise is
+taken off, unique and moves nothing that they do see; double precision."""
 
 # memory -------------------------------------------------------------------------------------------------------------
 
