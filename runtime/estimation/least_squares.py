@@ -195,8 +195,9 @@ def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, a: Array,
     bounds = np.concatenate([least, lower[has_lower], -upper[has_upper]])
     push, need = rows @ back, bounds - rows @ (back @ goal)
     size = np.maximum(np.linalg.norm(push, axis=1), 1e-300)
-    dual = np.vstack([(push / size[:, None]).T, need / size])
-    aim = np.append(np.zeros(len(m)), 1.0)
-    residual = dual @ nnls(dual, aim)[0] - aim
-    x: Array = back @ (goal - residual[:-1] / min(residual[-1], -1e-300))
+    push, need = push / size[:, None], need / size
+    pressing = nnls(np.vstack([push.T, need]), np.append(np.zeros(len(m)), 1.0))[0] > 0
+    # What presses is met exactly, and not to the accuracy of the dual.
+    shift = np.linalg.lstsq(push[pressing], need[pressing], rcond=None)[0] if pressing.any() else np.zeros(len(m))
+    x: Array = back @ (goal + shift)
     return x
