@@ -142,12 +142,12 @@ def _table(identification: Identification, number: int, name: str, floors: Seque
     """The common structure's linear unknowns from one recording."""
     common, motion = identification.fit, identification.motion
     own = replace(motion, pieces=tuple(p for p in motion.pieces if p.recording == number))
-    problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction)
+    problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction, common.ahead)
     problem.weights = common.weights
     solved = problem.solve(common.shapes, Skew(common.skew))
     theta = solved.coefficients
     prediction = problem.prediction(theta, common.shapes)
-    fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights)
+    fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights, common.ahead)
     rms = [np.sqrt(r @ r / max(1, own.moving(i).sum())) for i, r in enumerate(solved.residual)]
     left = max(float(r) / floor for r, floor in zip(rms, floors, strict=True))
     return Table(name, fit, infer(problem, fit), left)

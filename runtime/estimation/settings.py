@@ -30,6 +30,19 @@ SKEW_SIGMAS: Final = 4.0
 """standard deviations of white rows; they are smaller than those of rows that hang together, for which so many stand
 in; development recordings with delays."""
 
+LONGEST_DELAY: Final = 0.05
+"""s; a torque that is recorded further ahead of its motion belongs to no drive: a command over a field bus takes some
+cycles of 1 to 10 ms; a choice."""
+
+LONGEST_LAG: Final = 0.02
+"""s; likewise for one that is recorded after the motion, as through a current filter of 10 to 100 Hz; a choice."""
+
+DELAY_STEPS: Final = 8.0
+"""number of steps a period of the cut-off; between two of them no least error is missed; by construction."""
+
+DELAY_ACCURACY: Final = 0.01
+"""parts of such a step; finer, a delay changes no torque within the band; by construction."""
+
 # the search for shapes ----------------------------------------------------------------------------------------------
 
 PREDICTION_PASSES: Final = 3

@@ -19,6 +19,7 @@ from runtime.motion.settings import (
     EXCERPT_WINDOWS,
     HELD_RANGE,
     LEAST_ROWS,
+    MOST_DELAY,
     STANDSTILL_BLUR,
     STANDSTILL_NOISE,
     STANDSTILL_OF_TOP_SPEED,
@@ -186,7 +187,21 @@ class Motion:
 
     def torque(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
-        return np.concatenate([p.low_pass(p.tau[joint], skew) for p in self.pieces])
+        return np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
+
+    def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
+        """(M,) measured torque in the band, `skew` samples and `time` s later than recorded."""
+        return np.concatenate([_late(p, p.tau[joint], skew + time / p.dt) for p in self.pieces])
+
+
+def _late(piece: Piece, x: Array, delay: float) -> Array:
+    """In-band x, `delay` samples late; by whole samples what the filter has no room for, the ends held."""
+    whole = round(delay) if abs(delay) > MOST_DELAY - 0.5 else 0
+    if whole:
+        reach = min(abs(whole), len(x))
+        padded = np.pad(x, reach, mode="edge")
+        x = np.ascontiguousarray(padded[reach - whole : reach - whole + len(x)])
+    return piece.low_pass(x, delay - whole)
 
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
