@@ -17,7 +17,7 @@ from runtime.cli.options import (
     check_own,
     check_writable,
 )
-from runtime.cli.output import emit
+from runtime.cli.output import NO, emit
 
 app = typer.Typer()
 
@@ -42,10 +42,16 @@ def identify(
         check_own(model)
     check_writable(json)
     source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
+    from runtime.diagnosis.credibility import judged
     from runtime.estimation.identify import identify as fit
 
     with pages.working("fitting the model"):
-        document = fit(loaded, data, skew=skew).to_json()
-    if write:
+        found = judged(fit(loaded, data, skew=skew), data)
+        document = found.to_json()
+    if write and found.verdict == "fitted":
         source.replace(source.put(source.text, document))
     emit(json, document, pages.identify)
+    if found.verdict == "refused":
+        if write and json != "-":
+            pages.say(f"Nothing written to {source.path}.")
+        raise typer.Exit(NO)

@@ -20,7 +20,7 @@ from runtime.cli.options import (
     check_own,
     check_writable,
 )
-from runtime.cli.output import emit
+from runtime.cli.output import NO, emit
 from runtime.workspace import UsageError
 
 app = typer.Typer()
@@ -66,3 +66,5 @@ def improve(
         files.replace(out, result.model_text.encode())
     emit(json, summary.document, loop_pages.improvement)
     name_page(page, json)
+    if result.found.verdict == "refused":
+        raise typer.Exit(NO)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.search import Search
-from runtime.diagnosis.settings import BIC_APART, HELD_OUT_FALLS_TO, MOST_BRANCHES, MOST_FINDINGS
+from runtime.diagnosis.settings import BIC_APART, HELD_OUT_FALLS_TO, MOST_BRANCHES
 from runtime.diagnosis.steps import Step
 from runtime.diagnosis.worth import squared
 
@@ -34,7 +34,7 @@ def complete(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
 
 
 def _follow(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
-    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
+    while search.open and search.advance() is not None:
         on_step(search.steps[-1])
     return search
 

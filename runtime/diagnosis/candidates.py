@@ -58,7 +58,7 @@ class CandidateField:
 
     def __post_init__(self) -> None:
         self.model, self.motion = self.problem.model, self.problem.motion
-        self.regressors = Regressors(self.model, self.motion, self.fit.prediction)
+        self.regressors = Regressors(self.model, self.motion, self.fit.prediction, self.fit.ahead)
 
     def terms(self) -> list[Term]:
         """What could be missing at any joint, in the arm or in the contact."""
@@ -139,7 +139,7 @@ class CandidateField:
             )
             for r in self.ground.rows
         )
-        regressors = Regressors(self.model, motion, self.fit.prediction)
+        regressors = Regressors(self.model, motion, self.fit.prediction, self.fit.ahead)
         return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper)
 
     def replaced(self, term: Term) -> tuple[Term, ...]:
@@ -192,7 +192,8 @@ class CandidateField:
         """Regressors on the excerpt as the encoders might have read it another time."""
         if self.excerpt[0] is self.regressors:
             return self.regressors.perturbed
-        return Regressors(self.model, self.motion.perturbed.excerpt(self._excerpt_samples)[0], self.fit.prediction)
+        reread = self.motion.perturbed.excerpt(self._excerpt_samples)[0]
+        return Regressors(self.model, reread, self.fit.prediction, self.fit.ahead)
 
     def sample(self, term: Term, shape: Values) -> CandidateBlock:
         """As `block`, on the excerpt."""

@@ -92,21 +92,18 @@ class Tables:
     @property
     def refusal(self) -> str:
         """Why nothing can be named from recordings whose arm is not the same; empty if it is."""
-        if not self.inertial:
+        if self.inertial:
+            apart, why = self.inertial, "another payload, another arm, or a base model that is wrong"
+        elif self.effects:
+            apart, why = self.effects, "temperature, load or wear"
+        else:
             return ""
-        return (
-            f"the recordings contradict each other: {'; '.join(map(str, self.inertial))}: another payload, another "
-            "arm, or a base model that is wrong; diagnose them one by one"
-        )
+        return f"the recordings contradict each other: {'; '.join(map(str, apart))}: {why}; diagnose them one by one"
 
     @property
     def preface(self) -> str:
-        """What differs between the recordings without making them another arm's, as the beginning of a sentence."""
-        if self.inertial:
-            return f"{self.refusal}; "
-        if not self.effects:
-            return ""
-        return f"{'; '.join(map(str, self.effects))}: temperature, load or wear; "
+        """What differs between recordings that hold more than noise, as the beginning of a sentence."""
+        return f"{self.refusal}; " if self.refusal else ""
 
     def recordings_json(self) -> list[dict[str, Any]]:
         return [table.to_json(self.identification) for table in self.tables]
@@ -145,12 +142,12 @@ def _table(identification: Identification, number: int, name: str, floors: Seque
     """The common structure's linear unknowns from one recording."""
     common, motion = identification.fit, identification.motion
     own = replace(motion, pieces=tuple(p for p in motion.pieces if p.recording == number))
-    problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction)
+    problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction, common.ahead)
     problem.weights = common.weights
     solved = problem.solve(common.shapes, Skew(common.skew))
     theta = solved.coefficients
     prediction = problem.prediction(theta, common.shapes)
-    fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights)
+    fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights, common.ahead)
     rms = [np.sqrt(r @ r / max(1, own.moving(i).sum())) for i, r in enumerate(solved.residual)]
     left = max(float(r) / floor for r, floor in zip(rms, floors, strict=True))
     return Table(name, fit, infer(problem, fit), left)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from runtime.diagnosis import consistency, detection_limits, telling_signals
 from runtime.diagnosis.branches import complete
+from runtime.diagnosis.credibility import poor_excitation, wrong_data
 from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
 from runtime.diagnosis.remainder import after_effect, physics, remainder
@@ -16,7 +17,8 @@ from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
 from runtime.diagnosis.steps import Finding, Step, seconds_moving
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
-from runtime.estimation.identify import prepared
+from runtime.estimation.identify import prepared, refuse_copies
+from runtime.estimation.suspicions import suspicions
 from runtime.model.loader import Model
 from runtime.model.terms import at, structure
 from runtime.motion.motion import Motion, prepare
@@ -111,10 +113,11 @@ def diagnose(
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
     """A search on recordings; the held-out ones are judged in the same band and never fitted."""
+    refuse_copies([*recordings, *held_out])
     motion = prepared(model, recordings)
     search = Search(model, motion, _held_out(motion, held_out, model) if held_out else None)
     search.names = tuple(r.path.name for r in recordings)
-    search.start(structure(model))
+    search.suspicions = suspicions(search.start(structure(model)).identification)
     return search
 
 
@@ -139,7 +142,7 @@ def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
         verdict, reason = "unexplained", compared.preface + outdone
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
-    seen = tuple(detection_limits.of(ground, step.floors, able))
+    seen = () if search.suspicions else tuple(detection_limits.of(ground, step.floors, able))
     named = {f.term for f in search.findings}
     findings = tuple(
         replace(f, rivals=tuple(t for t in f.rivals if t not in named))
@@ -163,6 +166,8 @@ def _verdict(
     search: Search, compared: consistency.Tables
 ) -> tuple[Literal["effect", "clean", "unexplained", "refused"], str]:
     first, last = search.steps[0], search.steps[-1]
+    if search.suspicions:
+        return "refused", wrong_data(search.suspicions)
     disagreement = _disagreement(search.model, last.identification.inference)
     preface = compared.preface + disagreement
     unsound = next((why for s in search.steps if (why := s.identification.unsound)), None)
@@ -182,7 +187,7 @@ def _verdict(
     if search.findings:
         found = "; ".join(_sentence(f) for f in search.findings)
         return "effect", f"{preface}the model lacks {found}"
-    refusal = _refusal(first)
+    refusal = poor_excitation(first.identification)
     if refusal:
         return "refused", preface + refusal
     for i in range(search.model.n):
@@ -226,30 +231,6 @@ def _sentence(finding: Finding) -> str:
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
-
-
-def _refusal(step: Step) -> str | None:
-    """Why the data cannot decide; None if they can."""
-    motion, inference = step.identification.motion, step.identification.inference
-    seconds = [seconds_moving(motion, i) for i in range(motion.n)]
-    if max(seconds) < LEAST_MOVING_S:
-        return f"the joints move for {max(seconds):.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
-    able = [s >= LEAST_MOVING_S for s in seconds]
-    tangled = [
-        f"{term} {name}"
-        for term, values in inference.values.items()
-        for name, e in values.items()
-        if e.with_others and (term.joint is None or able[term.joint - 1])
-    ]
-    # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
-    tangled += [
-        lump.name
-        for lump, e in zip(step.identification.model.lumps, inference.lumps, strict=True)
-        if e.with_others and all(able)
-    ]
-    if tangled:
-        return f"the motion does not separate {', '.join(tangled)}; move over more speeds, accelerations and positions"
-    return None
 
 
 def _disagreement(model: Model, inference: Inference) -> str:

@@ -76,7 +76,7 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
 def _field(step: Step, model: Model) -> CandidateField:
     """The step's fit as a field for the candidates of another library."""
     found = step.identification
-    problem = Problem(model, found.motion, found.problem.layout.terms, found.fit.prediction)
+    problem = Problem(model, found.motion, found.problem.layout.terms, found.fit.prediction, found.fit.ahead)
     problem.weights = found.fit.weights
     return CandidateField(problem, found.fit)
 

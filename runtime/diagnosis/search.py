@@ -28,6 +28,7 @@ from runtime.diagnosis.worth import missing_at, needless, own_joints, same_signa
 from runtime.estimation.folds import bic
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
+from runtime.estimation.suspicions import Suspicion
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
@@ -41,6 +42,7 @@ class Search:
     findings  in the order in which they were added
     last      the last comparison of candidates
     names     files of the recordings, in their order
+    suspicions  what must be put right in the data before anything is sought
     """
 
     model: Model
@@ -50,12 +52,18 @@ class Search:
     findings: list[Finding] = field(default_factory=list)
     last: Verdict = field(default_factory=lambda: Verdict((), ()))
     names: tuple[str, ...] = ()
+    suspicions: tuple[Suspicion, ...] = ()
     _field: CandidateField | None = None
     _taken_back: set[Term] = field(default_factory=set)
 
     def start(self, known: Structure) -> Step:
         self.steps.append(self._step(None, known, None))
         return self.steps[-1]
+
+    @property
+    def open(self) -> bool:
+        """Whether more may be sought."""
+        return not self.suspicions and len(self.findings) < MOST_FINDINGS
 
     def ground(self) -> CandidateField:
         """The last step as the field on which candidates compete, with what was computed on it."""

@@ -104,7 +104,7 @@ def residuals_elsewhere(identification: Identification, motion: Motion) -> list[
     """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
     that do not count."""
     fit, model = identification.fit, identification.model
-    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
     found = []
     for i in range(model.n):
         x, fixed = problem.rows(i, fit.shapes)

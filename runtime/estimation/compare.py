@@ -19,6 +19,7 @@ from runtime.estimation.settings import (
     STRUCTURE_BINS,
     STRUCTURE_LEAST_SHARE,
 )
+from runtime.estimation.suspicions import suspicions
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
@@ -237,7 +238,25 @@ def _torque(signals: Signals, joint: int) -> Array:
 
 def warnings(identification: Identification) -> list[str]:
     """What a user should know before trusting the fitted model."""
-    return idle_terms(identification) + improper_inertia(identification) + range_warnings(identification)
+    wrong = suspicions(identification)
+    if wrong:  # whatever else is odd follows from it
+        return [f"the data look wrong: {suspicion}" for suspicion in wrong]
+    return [
+        *left_out(identification),
+        *idle_terms(identification),
+        *improper_inertia(identification),
+        *range_warnings(identification),
+    ]
+
+
+def left_out(identification: Identification) -> list[str]:
+    """Joints of which nothing is fitted, and why."""
+    motion, found = identification.motion, []
+    for i in np.flatnonzero(np.isinf(motion.standstill)):
+        passive = all(float(np.ptp(p.tau[i])) == 0 for p in motion.pieces)
+        why = f"tau{i + 1} is constant, as of a joint without a motor" if passive else "it is held"
+        found.append(f"joint {i + 1}: left out of the fit: {why}")
+    return found
 
 
 def idle_terms(identification: Identification) -> list[str]:

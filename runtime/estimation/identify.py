@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from runtime.estimation import grids, soundness
+from runtime.estimation import delays, grids, soundness
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.problem import Fit, Problem, Skew
-from runtime.estimation.regressors import Regressors
+from runtime.estimation.regressors import Ahead, Regressors
 from runtime.estimation.settings import (
     HOLD,
     LOWERED_TO,
@@ -43,6 +43,7 @@ from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, lowered, rigid_inertia
 from runtime.motion.inertia import believable
 from runtime.motion.motion import Motion, prepare
+from runtime.recordings.plausible import given_twice
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
@@ -102,15 +103,28 @@ def solve(
         # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
-    problem, fit = _refine(model, motion, known, shapes, at, free, prediction)
+    ahead = start.ahead if start else None
+    problem, fit = _refine(model, motion, known, shapes, at, free, prediction, ahead)
     for _ in range(PREDICTION_PASSES - 1 if needs else 0):
         before = fit.prediction.lumps
         if not _drivable(model, motion, needs, fit.prediction):
             break
-        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction)
+        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction, _delayed(model, fit))
         if np.allclose(before, fit.prediction.lumps, rtol=SAME_INERTIA):
             break
     return problem, fit
+
+
+def _delayed(model: Model, fit: Fit) -> Ahead | None:
+    """Where delays are exact, moved to the delays that were found."""
+    if fit.ahead is None:
+        return None
+    times = fit.ahead.times.copy()
+    for term, values in fit.prediction.values.items():
+        lead = model.library.effects[term.effect].of_kind("lead")
+        if lead is not None and term.joint is not None:
+            times[term.joint - 1] = values[lead.name]
+    return Ahead(fit.skew, times)
 
 
 def _drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
@@ -132,8 +146,9 @@ def _refine(
     skew: float,
     free_skew: bool,
     prediction: Prediction | None,
+    ahead: Ahead | None = None,
 ) -> tuple[Problem, Fit]:
-    problem = Problem(model, motion, tuple(known), prediction)
+    problem = Problem(model, motion, tuple(known), prediction, ahead)
     missing = {t: v for t, v in known.items() if t not in shapes}
     at = Skew(skew, "shared" if free_skew else "no")
     found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, at) if missing else shapes
@@ -151,7 +166,10 @@ def _refine(
             break
     solved = problem.solve(shapes, Skew(at.at))
     theta = solved.coefficients
-    return problem, Fit(problem.prediction(theta, shapes), theta, shapes, at.at, hold, solved.residual, problem.weights)
+    if free_skew and not hold:
+        ahead = delays.ahead(problem, shapes, at.at)
+    prediction = problem.prediction(theta, shapes)
+    return problem, Fit(prediction, theta, shapes, at.at, hold, solved.residual, problem.weights, ahead)
 
 
 def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Skew, bool]:
@@ -262,8 +280,9 @@ def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia.
 
     An inertia of the file that is far too small makes it too wide: then the first lower one in which the encoders'
-    noise is no more of an inertial column than can be compensated.
+    noise is no more of an inertial column than can be compensated. Raises RecordingError.
     """
+    refuse_copies(recordings)
     given = rigid_inertia(recordings)
     band = choose_band(recordings, believable(_diagonal(model), recordings) if given is None else given)
     first = motion = prepare(recordings, band, model.library)
@@ -276,6 +295,15 @@ def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
         motion = prepare(recordings, lower, model.library)
     # A joint that hardly moves has nothing but noise in any band, and the others shall not pay for it.
     return first
+
+
+def refuse_copies(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where two recordings hold the same samples: they would count twice, or judge themselves."""
+    same = given_twice([(r.q, r.tau) for r in recordings])
+    if same is not None:
+        one, other = (str(recordings[k].path) for k in same)
+        what = "is given twice" if one == other else f"holds the same samples as {one}"
+        raise RecordingError(f"{other}: {what}; expected every recording once, fitted or held out; leave one out")
 
 
 def identify_motion(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.least_squares import minimise
-from runtime.estimation.regressors import Regressors
+from runtime.estimation.regressors import Ahead, Regressors
 from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure
@@ -31,6 +31,7 @@ class Fit:
     skew_free     whether it was estimated, and is what a hold explains
     residual      per joint (M,), unweighted, zero in rows that do not count
     weights       (n,) 1/σ by which joints were weighted
+    ahead         by how much torques lead the motion beyond what a hold explains; None where nothing is beyond it
     """
 
     prediction: Prediction
@@ -40,6 +41,7 @@ class Fit:
     skew_free: bool
     residual: list[Array]
     weights: Array
+    ahead: Ahead | None = None
 
 
 @dataclass(frozen=True)
@@ -139,10 +141,17 @@ def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Ar
 class Problem:
     """Least squares of one structure on one motion, for any shapes and skew."""
 
-    def __init__(self, model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction | None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        motion: Motion,
+        terms: Sequence[Term],
+        prediction: Prediction | None,
+        ahead: Ahead | None = None,
+    ) -> None:
         self.model, self.motion = model, motion
         self.layout = LinearUnknowns.of(model, terms, motion.rigid_given)
-        self.regressors = Regressors(model, motion, prediction)
+        self.regressors = Regressors(model, motion, prediction, ahead)
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._systems: dict[tuple[Any, ...], _System] = {}
 

@@ -158,16 +158,30 @@ class Signals(SignalContext):
         return self.model.library.states(term.effect, read, shape, self.piece.dt)[name]
 
 
+@dataclass(frozen=True)
+class Ahead:
+    """By how much the recorded torques lead the motion: of all joints `skew` samples, and of each (n,) `times` s more.
+
+    At that time the column of a delay is exact: to first order, a delay of a sample would be one of a small angle at
+    every frequency, and of three samples at none.
+    """
+
+    skew: float
+    times: Array
+
+
 @dataclass
 class Regressors:
     """In-band regressors of one model along one motion; asked for again, they are not computed again.
 
+    ahead: where delays are exact; None: they are small
     extents: offset and scale of quantities over the motion, as `grids` has found them.
     """
 
     model: Model
     motion: Motion
     prediction: Prediction | None = None
+    ahead: Ahead | None = None
     extents: dict[tuple[str, tuple[int, ...]], tuple[float, float]] = field(default_factory=dict)
     _columns: dict[tuple[Hashable, ...], Array] = field(default_factory=dict)
 
@@ -178,7 +192,7 @@ class Regressors:
     @cached_property
     def perturbed(self) -> Regressors:
         """The same along the motion with a further realisation of the encoders' noise on it."""
-        return Regressors(self.model, self.motion.perturbed, self.prediction)
+        return Regressors(self.model, self.motion.perturbed, self.prediction, self.ahead)
 
     def _kept(self, key: tuple[Hashable, ...], of_motion: bool, make: Callable[[], Array]) -> Array:
         """What `make` gives, computed once: for this motion if it depends on nothing else, or for these regressors."""
@@ -215,6 +229,8 @@ class Regressors:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
 
         def make() -> Array:
+            if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
+                return self._late(joint, self.ahead)
             rows = [
                 p.in_band(self.raw_columns(s, term, joint, shape))
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
@@ -229,6 +245,17 @@ class Regressors:
         """(1 + k, N) at full rate along one piece."""
         library = self.model.library
         return library.columns(term.effect, signals.of(term, joint), shape, signals.piece.dt)
+
+    def _delays(self, term: Term) -> bool:
+        """Whether a term's only coefficient is the time by which the recorded torque is ahead."""
+        info = self.model.library.effects[term.effect]
+        return [p.kind for p in info.parameters] == ["lead"]
+
+    def _late(self, joint: int, ahead: Ahead) -> Array:
+        """(2, M) as `columns`: what the recorded torque has beside what it is a time later, over that time."""
+        time = float(ahead.times[joint])
+        given = self.motion.torque(joint, ahead.skew)
+        return np.stack([np.zeros_like(given), (given - self.motion.torque_ahead(joint, ahead.skew, time)) / time])
 
     def skew(self, joint: int) -> Array:
         """(M,) change of the in-band torque when it is taken one sample later."""

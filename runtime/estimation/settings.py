@@ -30,6 +30,19 @@ SKEW_SIGMAS: Final = 4.0
 """standard deviations of white rows; they are smaller than those of rows that hang together, for which so many stand
 in; development recordings with delays."""
 
+LONGEST_DELAY: Final = 0.05
+"""s; a torque that is recorded further ahead of its motion belongs to no drive: a command over a field bus takes some
+cycles of 1 to 10 ms; a choice."""
+
+LONGEST_LAG: Final = 0.02
+"""s; likewise for one that is recorded after the motion, as through a current filter of 10 to 100 Hz; a choice."""
+
+DELAY_STEPS: Final = 8.0
+"""number of steps a period of the cut-off; between two of them no least error is missed; by construction."""
+
+DELAY_ACCURACY: Final = 0.01
+"""parts of such a step; finer, a delay changes no torque within the band; by construction."""
+
 # the search for shapes ----------------------------------------------------------------------------------------------
 
 PREDICTION_PASSES: Final = 3
@@ -123,6 +136,31 @@ STRUCTURE_BINS: Final = 24
 STRUCTURE_LEAST_SHARE: Final = 0.02
 """part of the residual's variance; a signal that explains less is not named; development recordings."""
 
+# wrong data ---------------------------------------------------------------------------------------------------------
+
+SUSPECTED_FROM: Final = 0.05
+"""part of a joint's torque; a fit that leaves less has explained inertia and friction, and no torque of another sign,
+unit or joint does that; by construction, and development recordings."""
+
+TURNED_FALLS_TO: Final = 0.8
+"""part of a joint's error; to less it must fall with the other sign, or in degrees, before the data are suspected: on
+data that are right it rises, as inertia and friction then come to their bounds; development and real recordings."""
+
+EXCHANGED_FALLS_TO: Final = 0.6
+"""part of a torque's error; to less both must fall where two joints are exchanged: motions of neighbours may be alike;
+development and real recordings."""
+
+LEAST_TELLING_RATIO: Final = 20.0
+"""ratio of a gear; a missing one that is smaller is no surer than a guess: inertias that users guess are wrong by
+factors of 2 to 5; real recordings."""
+
+FACTOR_OF_INERTIA: Final = 2.0
+"""ratio; so near must a factor of the inertia come to the gear ratio, or to the degrees in a radian, to be that; within
+it lie what a drawing and a data sheet leave open; a choice."""
+
+SUSPICION_SAMPLES: Final = 20_000
+"""samples; on so many a suspicion is tried: it concerns most of the torque; time."""
+
 # friction outside the data ------------------------------------------------------------------------------------------
 
 FRICTION_RANGE: Final = 4
@@ -154,10 +192,9 @@ INERTIA_MARGIN: Final = 1e-6
 SOLVER_ACCURACY: Final = 1e-8
 """part of the largest coefficient; nearer to a bound the solver means the bound; its own tolerance."""
 
-RIDGES: Final = (1e-12, 1e-9, 1e-6)
-"""parts of the mean curvature; makes directions that the data do not see unique and moves nothing that they do see. The
-solver gives up where a Hessian is singular to rounding, or is not positive definite after the noise is taken off: then
-the next is tried; double precision."""
+RIDGE: Final = 1e-12
+"""part of the mean curvature; makes directions that the data do not see, or that are not positive after the noise is
+taken off, unique and moves nothing that they do see; double precision."""
 
 # memory -------------------------------------------------------------------------------------------------------------
 

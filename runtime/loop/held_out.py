@@ -19,7 +19,7 @@ def floors(identification: Identification, recordings: Sequence[Recording]) -> t
         return ()
     model, fit = identification.model, identification.fit
     motion = prepare(recordings, identification.motion.band, model.library)
-    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction)
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
     found = repeats.find(motion)
     floors = []
     for i, residual in enumerate(residuals_elsewhere(identification, motion)):

@@ -24,7 +24,7 @@ OnStep = Callable[[str], None]
 class Improvement:
     """What was added, what the error did, and what is left.
 
-    model_text   the model file with the effects and the identified values
+    model_text   the model file with the effects and the identified values; as it was where the data were refused
     found        the diagnosis of the model as given, with everything that was added
     left         the diagnosis of the improved model
     """
@@ -92,7 +92,8 @@ def improve(
         text = add(text, finding.term.effect, finding.term.joint, last.shapes[finding.term])
     search.model = _reloaded(open_model, text, last)
     left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
-    return Improvement(put(text, last.identification.to_json()), found, left)
+    believed = found.verdict != "refused"
+    return Improvement(put(text, last.identification.to_json()) if believed else text, found, left)
 
 
 def _reloaded(open_model: OpenModel, text: str, step: Step) -> Model:

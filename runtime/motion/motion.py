@@ -21,6 +21,7 @@ from runtime.motion.settings import (
     EXCERPT_WINDOWS,
     HELD_RANGE,
     LEAST_ROWS,
+    MOST_DELAY,
     SPLINE_DEGREE,
     STANDSTILL_BLUR,
     STANDSTILL_NOISE,
@@ -32,6 +33,7 @@ from runtime.motion.settings import (
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
 )
+from runtime.recordings.plausible import unpowered
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
@@ -226,7 +228,21 @@ class Motion:
 
     def torque(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
-        return np.concatenate([p.low_pass(p.tau[joint], skew) for p in self.pieces])
+        return np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
+
+    def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
+        """(M,) measured torque in the band, `skew` samples and `time` s later than recorded."""
+        return np.concatenate([_late(p, p.tau[joint], skew + time / p.dt) for p in self.pieces])
+
+
+def _late(piece: Piece, x: Array, delay: float) -> Array:
+    """In-band x, `delay` samples late; by whole samples what the filter has no room for, the ends held."""
+    whole = round(delay) if abs(delay) > MOST_DELAY - 0.5 else 0
+    if whole:
+        reach = min(abs(whole), len(x))
+        padded = np.pad(x, reach, mode="edge")
+        x = np.ascontiguousarray(padded[reach - whole : reach - whole + len(x)])
+    return piece.low_pass(x, delay - whole)
 
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
@@ -290,6 +306,8 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)[:n]
     low, high = (extreme([extreme(p.q, axis=1) for p in pieces], axis=0) for extreme in (np.min, np.max))
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
+    # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
+    held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
     motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill), np.full(n, np.inf))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)

@@ -9,9 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.estimation.compare import Comparison
-from runtime.estimation.identify import Identification
 from runtime.loop.improve import Improvement
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.plain_json import plain
@@ -72,7 +72,7 @@ class _Result(ABC):
 class IdentificationResult(_Result):
     """arm: with the values that were identified in its text."""
 
-    identification: Identification
+    judged: JudgedFit
     arm: LoadedArm
 
     _page = staticmethod(pages.identify)
@@ -80,7 +80,7 @@ class IdentificationResult(_Result):
     @cached_property
     def json(self) -> Document:
         """As `tendon identify --json`."""
-        found: Document = plain(self.identification.to_json())
+        found: Document = plain(self.judged.to_json())
         return found
 
     def save(self, path: PathOrText) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis import diagnose as diagnosis
+from runtime.diagnosis.credibility import judged
 from runtime.estimation import compare as comparison
 from runtime.estimation import identify as identification
 from runtime.loop import held_out as held_outs
@@ -40,7 +41,8 @@ def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) 
 
     skew   samples by which the torque leads the motion; None: estimated
     """
-    found = identification.identify(arm.model, arm.recordings(recordings), skew)
+    data = arm.recordings(recordings)
+    found = judged(identification.identify(arm.model, data, skew), data)
     return IdentificationResult(found, arm.with_text(arm.source.put(arm.text, found.to_json())))
 
 

@@ -2,7 +2,8 @@
 
 Header cells are `name` or `name [unit]`; without a unit, SI. A joint's position is an angle or a length
 and its torque a torque or a force, by the joint's type; a current counts as a torque where the model
-states the joint's torque constant.
+states the joint's torque constant. `--map` may state another unit than the header, and with a minus before the name the
+other sign.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Any, NoReturn
 
@@ -92,6 +93,8 @@ _KINDS = {
     ("tau", "_rigid"): "force",
     ("temperature", ""): "temperature",
 }
+_SIGNED = ("position", "rate", "force")
+"""What a drive may count the other way round."""
 _PLAIN = {"t": "time", "fx": "force", "fy": "force", "run": "run"}
 
 
@@ -121,10 +124,13 @@ def columns(
         name = raw_name.strip().replace("dq", "qd", 1) if raw_name.strip().startswith("dq") else raw_name.strip()
         if _kind(name, len(joints)) is None:
             fail(f"--map {name}: no such signal; {_signals(len(joints))}")
-        index, unit = _mapped(wanted, header, split, name, fail)
+        index, unit, sign = _mapped(wanted, header, split, name, fail)
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped twice")
-        found[name] = _column(name, index, unit, joints, fail)
+        column = _column(name, index, unit, joints, fail)
+        if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
+            fail(f"--map {name}: {quote(wanted)} has a minus; expected one before positions, rates and torques only")
+        found[name] = replace(column, factor=sign * column.factor)
     taken = {column.index for column in found.values()}
     mapped = set(found)
     for index, (cell, unit) in enumerate(split):
@@ -176,21 +182,31 @@ def _is_signal(name: str, n: int, fail: Fail) -> bool:
 
 def _mapped(
     wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]], name: str, fail: Fail
-) -> tuple[int, str | None]:
-    """The cell that `--map` means: the same text, or the same name where only one side states a unit."""
-    cell, unit = _split(wanted)
-    hits = [i for i, text in enumerate(header) if text.strip() == wanted.strip()]
-    if not hits:
-        hits = [i for i, (c, u) in enumerate(split) if c == cell and (u is None or unit is None or u == unit)]
-    if not hits:
-        hits = [i for i, text in enumerate(header) if text.strip() == cell]
+) -> tuple[int, str | None, int]:
+    """The cell that `--map` means, its unit and sign: the same text, or the same name in a corrected unit."""
+    hits, unit, sign = _hits(wanted, header, split), _split(wanted)[1], 1
+    if not hits and wanted.strip().startswith("-"):
+        wanted, sign = wanted.strip()[1:], -1
+        hits, unit = _hits(wanted, header, split), _split(wanted)[1]
     if len(hits) > 1:
         fail(f"--map {name}: {len(hits)} columns are called {quote(wanted)}; expected one")
     if not hits:
         close = difflib.get_close_matches(wanted, [h.strip() for h in header], n=1, cutoff=0.5)
         hint = f"did you mean {quote(close[0])}?" if close else f"the file has {_some(header)}"
         fail(f"--map {name}: no column {quote(wanted)}; {hint}")
-    return hits[0], unit if unit is not None else split[hits[0]][1]
+    return hits[0], unit if unit is not None else split[hits[0]][1], sign
+
+
+def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]]) -> list[int]:
+    """The cells that a text means, the surest way to read it first."""
+    cell, unit = _split(wanted)
+    ways = (
+        [i for i, text in enumerate(header) if text.strip() == wanted.strip()],
+        [i for i, (c, u) in enumerate(split) if c == cell and (u is None or unit is None or u == unit)],
+        [i for i, (c, _) in enumerate(split) if c == cell],
+        [i for i, text in enumerate(header) if text.strip() == cell],
+    )
+    return next(filter(None, ways), [])
 
 
 def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[str, Any]], fail: Fail) -> Column:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
+from runtime.recordings import plausible
 from runtime.recordings.columns import Column, columns
 from symbolic.model_file.checks import quote
 
@@ -299,6 +300,8 @@ class _Reader:
         step = _median_step(t, run)
         if not step > 0:
             self.fail("time never advances by as much as it goes back; expected seconds in t")
+        if wrong := plausible.slow_clock(step):
+            self.fail(wrong)
         gap = same & (steps > GAP * step * (1 + ROUNDING))
         if gap.any() and not self.allow_gaps:
             k = int(np.argmax(gap)) + 1
@@ -314,12 +317,13 @@ class _Reader:
         return pieces
 
     def moving(self, q: Array, tau: Array) -> None:
-        """One joint may be held while others move, but something must move, and what moves needs a torque."""
+        """Joints may be held or passive while others move, but something must move, and by a torque."""
         still = np.ptp(q, axis=1) == 0
         if still.all():
             which = "q1 is" if len(q) == 1 else f"q1 to q{len(q)} are"
             self.fail(f"{which} constant; nothing moves, so nothing can be learned from this recording")
-        for i in np.flatnonzero(~still & (np.ptp(tau, axis=1) == 0)):
+        if not (~still & ~plausible.unpowered(tau)).any():
+            i = int(np.flatnonzero(~still)[0])
             self.fail(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is the right column recorded?")
 
 

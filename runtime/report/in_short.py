@@ -17,7 +17,8 @@ def lines(document: Document) -> list[str]:
     if "objective" in document:
         return [_plan(document), *(_spring(spring) for spring in document["springs"])]
     if "inertial" in document:
-        return [_parameters(document)]
+        refused = [_verdict(document)] if document["verdict"] == "refused" else []
+        return [*refused, _parameters(document)]
     if "history" in document:
         return [*map(_step, document["history"]), f"What is left: {_verdict(document)}"]
     verdict = [_verdict(document)] if "verdict" in document else []

@@ -130,8 +130,8 @@ SIGNALS: tuple[Signal, ...] = (
     Signal(
         "load",
         u.FORCE,
-        "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else the transmission "
-        "carries: gravity, payloads, springs, contact",
+        "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else the "
+        "transmission carries: gravity, payloads, springs, contact",
         "arm",
         known_to="plan",
         seen_over="load",

@@ -31,6 +31,22 @@ def fit_table(document: Document) -> None:
     console().print(table)
 
 
+def joints_table(document: Document) -> None:
+    """What is left of each joint's torque, beside its noise floor."""
+    table = empty_table("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable")
+    for j in document["joints"]:
+        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")]
+        table.add_row(
+            joint_cell(j["joint"]),
+            figure(j["rms"]),
+            percent(j["relative"]),
+            figure(j["floor"]),
+            j["floor_source"],
+            repeats,
+        )
+    console().print(table)
+
+
 def console() -> Console:
     """Where tables go."""
     # Off a terminal, a fixed width keeps tables whole in files and pipes.

@@ -12,6 +12,7 @@ from runtime.report.terminal.cells import (
     fit_table,
     interval,
     joint_cell,
+    joints_table,
     percent,
     place,
     say,
@@ -26,7 +27,7 @@ _WORTH_A_LINE = 0.05
 
 def compare(document: Document) -> None:
     """Where the model fails: the residual's size, and what it follows."""
-    _joints(document)
+    joints_table(document)
     _structure(document)
     _warnings(document)
 
@@ -42,7 +43,7 @@ def _structure(document: Document) -> None:
 def diagnosis(document: Document) -> None:
     """The verdict in one sentence, then its evidence, and what to type next."""
     say(f"{document['verdict'].upper()}: {document['reason']}", "")
-    _joints(document)
+    joints_table(document)
     _structure(document)
     _draft(document)
     for finding in document["findings"]:
@@ -246,19 +247,4 @@ def _refit(before: Document, after: Document) -> None:
             values = [figure(fit[name]["value"]) if name in fit else "–" for fit in (old, new)]
             cells = ["–", *values, interval(p, "") if name in new else "–", unit(p)]
             table.add_row(joint_cell(joint), f"{effect}: {name}", *cells)
-    console().print(table)
-
-
-def _joints(document: Document) -> None:
-    table = empty_table("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable")
-    for j in document["joints"]:
-        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")]
-        table.add_row(
-            joint_cell(j["joint"]),
-            figure(j["rms"]),
-            percent(j["relative"]),
-            figure(j["floor"]),
-            j["floor_source"],
-            repeats,
-        )
     console().print(table)

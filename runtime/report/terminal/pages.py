@@ -10,7 +10,17 @@ from typing import Any
 
 from rich.console import Console
 
-from runtime.report.terminal.cells import Document, console, empty_table, figure, fit_table, interval, percent, say
+from runtime.report.terminal.cells import (
+    Document,
+    console,
+    empty_table,
+    figure,
+    fit_table,
+    interval,
+    joints_table,
+    percent,
+    say,
+)
 from symbolic.model_file.checks import at_joint
 
 _PATIENCE = 2.0  # s
@@ -68,7 +78,7 @@ def effect(document: Document) -> None:
 
 
 def identify(document: Document) -> None:
-    """Base inertial parameters and effects with their 95 % intervals, with and without skew correction."""
+    """Base inertial parameters and effects with their 95 % intervals, what they miss, and whether to believe them."""
     skew = document["skew"]
     origin = "estimated" if skew.get("estimated") else "given"
     say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
@@ -77,6 +87,10 @@ def identify(document: Document) -> None:
     if document.get("uncorrected"):
         say("Without skew correction:")
         fit_table(document["uncorrected"])
+    joints_table(document)
+    say(*(f"Warning: {warning}" for warning in document["warnings"]))
+    if document["verdict"] == "refused":
+        say("", f"REFUSED: {document['reason']}")
 
 
 def verify(document: Document) -> None:

@@ -1,0 +1,40 @@
+"""What the columns alone tell of wrong data: a time in another unit, a passive joint, samples given twice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.recordings.settings import SLOWEST_STEP
+
+Array = NDArray[np.float64]
+
+_FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of a clock and their length in s, the coarsest first."""
+
+
+def slow_clock(step: float) -> str | None:
+    """What is wrong with a time whose median step is `step` s, and the cure; None if nothing is."""
+    if not step > SLOWEST_STEP:
+        return None
+    unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
+    cure = f'if t is in {unit}, pass --map t="t [{unit}]"' if unit else "write t in seconds"
+    return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
+
+
+def unpowered(tau: Array) -> NDArray[np.bool_]:
+    """(n,) joints whose torque never changes: passive ones, or those of which no torque is recorded. tau (n, N)."""
+    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) == 0
+    return quiet
+
+
+def given_twice(samples: Sequence[tuple[Array, Array]]) -> tuple[int, int] | None:
+    """Indices of the first two of these positions and torques (n, N) each that are the same; None if none are."""
+    for one, other in combinations(range(len(samples)), 2):
+        pairs = list(zip(samples[one], samples[other], strict=True))
+        if all(x.shape == y.shape and np.array_equal(x, y) for x, y in pairs):
+            return one, other
+    return None

@@ -1,0 +1,195 @@
+"""Wrong data are loud: what is wrong, at which joint, and what to type; right data and odd arms pass."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from runtime.diagnosis.credibility import judged
+from runtime.diagnosis.diagnose import diagnose
+from runtime.estimation.compare import compare
+from runtime.estimation.identify import identify
+from runtime.estimation.suspicions import suspicions
+from runtime.loop.improve import improve
+from runtime.model.loader import Model
+from runtime.recordings.recording import Recording, RecordingError, read
+from runtime.simulation.options import SimulationSettings
+from runtime.simulation.simulate import simulate
+from tests.plants import SIZES
+from tests.runtime.conftest import recorded
+
+Array = NDArray[np.float64]
+
+DEGREES = 180 / np.pi
+INERTIA = 0.2365  # kg m^2, as the drive's file has it
+
+
+def analytic(seed: int, coulomb: float = 0.5, name: str = "run.csv") -> Recording:
+    """20 s of a rigid drive at 1 kHz, its torque in closed form: inertia, dry and viscous friction, noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(20_000) / 1000
+    q, qd, qdd = np.zeros((3, len(t)))
+    for f in (0.13, 0.41, 0.97, 2.3):
+        a, w, phase = 0.5 / (1 + f) ** 1.5, 2 * np.pi * f, rng.uniform(0, 2 * np.pi)
+        q += a * np.sin(w * t + phase)
+        qd += a * w * np.cos(w * t + phase)
+        qdd -= a * w**2 * np.sin(w * t + phase)
+    tau = INERTIA * qdd + coulomb * np.sign(qd) + 0.5 * qd + 0.03 * rng.standard_normal(len(t))
+    q = q + 1e-5 * rng.standard_normal(len(t))
+    whole = np.zeros(len(t), dtype=np.int64)
+    return Recording(Path(name), t, whole, q[None], tau[None], ("revolute",), (slice(0, len(t)),), (None,))
+
+
+@pytest.fixture(scope="module")
+def arm_recording(model: Model) -> Recording:
+    """Four joints, simulated."""
+    made, _ = simulate(model, settings=SimulationSettings(seed=4, seconds=20))
+    return made
+
+
+def kinds(model: Model, *recordings: Recording) -> list[tuple[str, int]]:
+    return [(s.kind, s.joint) for s in suspicions(identify(model, recordings))]
+
+
+WRONG = {
+    "sign": (lambda r: replace(r, tau=-r.tau), '--map tau1="-tau1"'),
+    "degrees": (lambda r: replace(r, q=r.q * DEGREES), '--map q1="q1 [deg]"'),
+    "ratio": (lambda r: replace(r, tau=r.tau / 100), "gear ratio of 100"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
+    """Every verb says it; diagnosis and loop add nothing, and the model file stays as it is."""
+    change, cure = WRONG[kind]
+    wrong = change(analytic(1))
+    found = suspicions(identify(drive, [wrong]))
+    assert [(s.kind, s.joint) for s in found] == [(kind, 1)]
+    assert cure in str(found[0])
+    fitted = judged(identify(drive, [wrong]), [wrong])
+    assert fitted.verdict == "refused"
+    assert cure in fitted.reason
+    assert any(cure in warning for warning in compare(drive, [wrong]).to_json()["warnings"])
+    verdict = diagnose(drive, [wrong])
+    assert (verdict.verdict, verdict.findings) == ("refused", ())
+    assert cure in verdict.reason
+    left = improve("text", lambda _: drive, _never, _never, [wrong])
+    assert left.model_text == "text"
+
+
+def _never(*_: object) -> str:
+    raise AssertionError("nothing is to be added or written")
+
+
+@pytest.mark.parametrize("hidden", [None, *SIZES])
+def test_right_data_are_not_suspected(drive: Model, hidden: str | None) -> None:
+    """Whatever effect is missing, and however large."""
+    assert kinds(drive, recorded(hidden, 2)) == []
+    if hidden is not None:
+        assert kinds(drive, recorded(hidden, 2, 2 * SIZES[hidden])) == []
+
+
+def test_wrong_data_of_one_joint_among_four(model: Model, arm_recording: Recording) -> None:
+    """The joint is named, and only it."""
+    r = arm_recording
+    assert kinds(model, r) == []
+
+    def scaled(values: Array, joint: int, factor: float) -> Array:
+        return values * np.where(np.arange(4) == joint - 1, factor, 1.0)[:, None]
+
+    assert kinds(model, replace(r, tau=scaled(r.tau, 3, -1.0))) == [("sign", 3)]
+    assert kinds(model, replace(r, q=scaled(r.q, 2, DEGREES))) == [("degrees", 2)]
+
+
+@pytest.mark.parametrize("what", ["tau", "q"])
+def test_exchanged_joints(model: Model, arm_recording: Recording, what: str) -> None:
+    order = [1, 0, 2, 3]
+    wrong = replace(arm_recording, **{what: np.ascontiguousarray(getattr(arm_recording, what)[order])})
+    found = suspicions(identify(model, [wrong]))
+    assert [s.kind for s in found] == ["exchanged"]
+    assert f'--map {what}1="{what}2" --map {what}2="{what}1"' in str(found[0])
+
+
+def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recording) -> None:
+    """Its torque never changes while it moves; the others are fitted as if it were recorded."""
+    tau = arm_recording.tau.copy()
+    tau[1] = 0.0
+    result = compare(model, [replace(arm_recording, tau=tau)])
+    warnings = result.to_json()["warnings"]
+    assert any(w.startswith("joint 2: left out of the fit: tau2 is constant") for w in warnings)
+    assert all(s.relative < 0.02 for s in result.joints)
+
+
+@pytest.mark.parametrize("copied", ["fitted", "held out"])
+def test_a_recording_given_twice(drive: Model, copied: str) -> None:
+    one = analytic(1)
+    copy = replace(one, path=Path("copy.csv"))
+    fitted, held = ([one, copy], []) if copied == "fitted" else ([one], [copy])
+    with pytest.raises(RecordingError, match=r"copy.csv: holds the same samples as run.csv; .* leave one out"):
+        diagnose(drive, fitted, held)
+
+
+def rows(tmp_path: Path, recording: Recording, step: float = 1.0) -> Path:
+    path = tmp_path / "run.csv"
+    cells = zip(step * recording.t[:2000], recording.q[0], recording.tau[0], strict=False)
+    path.write_text("t [s],q1,tau1\n" + "".join(f"{a:.12g},{b:.12g},{c:.12g}\n" for a, b, c in cells))
+    return path
+
+
+@pytest.mark.parametrize(("step", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_a_clock_in_another_unit(tmp_path: Path, step: float, unit: str) -> None:
+    """The error types the cure out, and the cure cures, against the unit that the header states."""
+    path = rows(tmp_path, analytic(1), step)
+    cure = f"t [{unit}]"
+    with pytest.raises(RecordingError) as error:
+        read(path, 1)
+    assert f'--map t="{cure}"' in str(error.value)
+    assert read(path, 1, {"t": cure}).dt == pytest.approx(1e-3)
+
+
+def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
+    path = rows(tmp_path, analytic(1))
+    given, turned = read(path, 1), read(path, 1, {"tau1": "-tau1 [mN m]", "q1": "-q1"})
+    np.testing.assert_allclose(turned.tau, -1e-3 * given.tau)
+    np.testing.assert_allclose(turned.q, -given.q)
+    with pytest.raises(RecordingError, match="has a minus; expected one before positions, rates and torques only"):
+        read(path, 1, {"t": "-t"})
+
+
+def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
+    document = judged(identify(drive, [analytic(1)]), [analytic(1)]).to_json()
+    assert document["verdict"] == "fitted"
+    joint = document["joints"][0]
+    assert joint["relative"] < 0.03
+    assert joint["rms"] == pytest.approx(joint["floor"], rel=0.5)
+
+
+def test_one_speed_tells_no_parameters(drive: Model) -> None:
+    t = np.arange(6000) / 1000
+    rng = np.random.default_rng(0)
+    q, tau = 0.5 * t + 1e-5 * rng.standard_normal(6000), 2.0 + 0.1 * rng.standard_normal(6000)
+    whole = np.zeros(6000, dtype=np.int64)
+    steady = Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, 6000),), (None,))
+    found = judged(identify(drive, [steady]), [steady])
+    assert found.verdict == "refused"
+    assert "does not separate" in found.reason
+
+
+@pytest.mark.parametrize(("friction", "verdict"), [((0.5, 0.5), "fitted"), ((0.5, 0.8), "refused")])
+def test_recordings_that_disagree_in_friction(drive: Model, friction: Sequence[float], verdict: str) -> None:
+    """The parameter is named, by the fit as by the diagnosis; without a thermometer nothing tells why."""
+    both = [analytic(k + 1, coulomb, f"run{k}.csv") for k, coulomb in enumerate(friction)]
+    fitted, found = judged(identify(drive, both), both), diagnose(drive, both)
+    assert fitted.verdict == verdict
+    assert (found.verdict == "refused") == (verdict == "refused")
+    assert [len(found.to_json()["recordings"]), len(fitted.to_json()["recordings"])] == [2, 2]
+    if verdict == "refused":
+        assert "coulomb_asymmetric@1" in found.reason
+        assert re.search(r"0\.(50|49)\d* N m in run0.csv and 0\.(80|79)\d* N m in run1.csv", found.reason)
+        assert not found.findings
