@@ -2,9 +2,9 @@
 
 Development runs cases at sizes of its choice with seeds below FIRST_JUDGING_SEED; the judging set has seeds from there
 on, and sizes and situations drawn for each case. `judging` is the whole of it, in rounds that have every case of every
-class once; `short` is a choice of some 400 that fits into an hour of one processor, half of them clean recordings of a brief
-motion, which tell a false name in a hundred. Both mix their classes evenly: what ends early has judged a share of
-each.
+class once; `short` is a choice of some 400 that fits into an hour of one processor, half of them clean recordings of a
+brief motion, which tell a false name in a hundred. Both mix their classes evenly: what ends early has judged a share
+of each.
 """
 
 from __future__ import annotations
