@@ -136,6 +136,6 @@ def _mixed(groups: Iterable[Sequence[Case]], rng: np.random.Generator) -> list[C
     """All cases, each group in random order and spread evenly over the whole."""
     placed: list[tuple[float, Case]] = []
     for group in groups:
-        start = rng.random()
+        start = 0.5 * rng.random()  # the first of a small group comes early
         placed += [((k + start) / len(group), group[int(at)]) for k, at in enumerate(rng.permutation(len(group)))]
     return [case for _, case in sorted(placed, key=lambda x: x[0])]
