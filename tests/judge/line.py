@@ -41,7 +41,8 @@ class Line:
     rivals; exact: what is hidden was named, and nothing else; other_form: one is said to have another form; lines: of a
     ripple, those found of those hidden; inside, of: true parameters in their intervals, of how many; covered: all
     intervals whose true value is known, see coverage.py; ratio: error over floor on the recording that was not fitted;
-    pysindy, sysidentpy: what they named, and whether it was right; code: digest of what was judged."""
+    pysindy, sysidentpy: what they named, and whether it was right; code: digest of what was judged;
+    said: of the remainders."""
 
     case: str
     kind: str
@@ -82,6 +83,7 @@ class Line:
     sysidentpy_named: str = ""
     sysidentpy_seconds: float = _NONE
     code: str = ""
+    said: str = ""
     reason: str = ""
 
     @property
@@ -182,8 +184,8 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
     out.named = " ".join(tag(f["effect"], f["joint"]) for f in findings)
     out.rivals = " ".join(tag(r["effect"], r["joint"]) for r in findings[0]["rivals"]) if findings else ""
     out.exact = scoring.exact(score, answer["verdict"], made)
-    out.remainder = any(f["remainder"] for f in findings)
-    out.other_form = any("another form" in f["remainder"] for f in findings if f["remainder"])
+    out.said = " | ".join(f["remainder"] for f in findings if f["remainder"])
+    out.remainder, out.other_form = bool(out.said), "another form" in out.said
     out.lines = scoring.lines(made, findings)
     at = next((j - 1 for j in made.joints if j), 0)
     out.before, out.floor = answer["joints"][at]["rms"], answer["joints"][at]["floor"]

@@ -1,10 +1,10 @@
 """The judging set: its seeds, sizes and situations, in one place. Nobody tunes on these.
 
-Development runs cases at sizes of its choice with seeds below FIRST_JUDGING_SEED; the judging set has seeds from
-there on, and sizes and situations drawn for each case. `judging` is the whole of it, in rounds that have every case
-of every class once; `short` is a choice of some 400 that fits into an hour of one processor, half of them clean
-recordings of a brief motion, which tell a false name in a hundred. Both mix their classes evenly: what ends early
-has judged a share of each.
+Development runs cases at sizes of its choice with seeds below FIRST_JUDGING_SEED; the judging set has seeds from there
+on, and sizes and situations drawn for each case. `judging` is the whole of it, in rounds that have every case of every
+class once; `short` is a choice of some 400 that fits into an hour of one processor, half of them clean recordings of a
+brief motion, which tell a false name in a hundred. Both mix their classes evenly: what ends early has judged a share
+of each.
 """
 
 from __future__ import annotations
@@ -136,6 +136,6 @@ def _mixed(groups: Iterable[Sequence[Case]], rng: np.random.Generator) -> list[C
     """All cases, each group in random order and spread evenly over the whole."""
     placed: list[tuple[float, Case]] = []
     for group in groups:
-        start = rng.random()
+        start = 0.5 * rng.random()  # the first of a small group comes early
         placed += [((k + start) / len(group), group[int(at)]) for k, at in enumerate(rng.permutation(len(group)))]
     return [case for _, case in sorted(placed, key=lambda x: x[0])]

@@ -32,7 +32,7 @@ import multiprocessing
 import os
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.pool import AsyncResult
 from pathlib import Path
@@ -106,9 +106,14 @@ def show(x: Line, progress: str = "") -> str:
 
 
 def totals(lines: Sequence[Line]) -> list[str]:
-    """Counts of outcomes by class and number of joints, then by name."""
+    """Counts of outcomes by class and number of joints, by name, and by how they were recorded."""
     out = []
-    for title, key in (("class", lambda x: f"{x.kind} {x.joints}R"), ("case", lambda x: f"{x.case} {x.joints}R")):
+    keys: dict[str, Callable[[Line], str]] = {
+        "class": lambda x: f"{x.kind} {x.joints}R",
+        "case": lambda x: f"{x.case} {x.joints}R",
+        "recording": lambda x: x.setting,
+    }
+    for title, key in keys.items():
         groups: dict[str, Counter[str]] = defaultdict(Counter)
         for x in lines:
             groups[key(x)].update([x.outcome, *(["extra"] if x.extra and x.outcome in ("right", "rival") else [])])

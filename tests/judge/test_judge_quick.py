@@ -20,6 +20,7 @@ from .hidden import ENTRIES, Hidden, Setup
 from .line import Line, append, blank, line, read, write
 from .motion import desired
 from .save import save
+from .situations import SITUATIONS
 
 SEED = 42
 
@@ -44,6 +45,30 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert not row.named
     assert row.outcome in ("right", row.verdict)
     assert row.ratio < 1.5
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "situation", "truth"),
+    [
+        ("load_friction_upright", 1, "bus", "load_friction@1"),
+        ("gravity_left_out+load_friction", 1, "hz500", "gravity load_friction@1"),
+        ("ripple_lines", 1, "rate_filtered", "torque_ripple@1"),
+        ("coupled_gear", 2, "quantised", "coupled_gear@1"),
+        ("cable_pack", 1, "lost", "cable@1"),
+        ("delay_of_samples", 1, "link_late", "torque_delay@1"),
+    ],
+)
+def test_a_case_of_an_arm_as_real_ones_are_is_judged(name: str, joints: int, situation: str, truth: str) -> None:
+    """Whatever the answer: it is made, it has its size, it goes through a file and is counted."""
+    setting = replace(SITUATIONS[situation], excitation="brief")
+    (case,) = cases([name], [joints], [1.0], [SEED], setting)
+    row = line(case)
+    assert row.outcome in ("right", "rival", "missed", "half", "wrong"), row.reason
+    assert row.truth == truth
+    if name != "delay_of_samples":  # which is as large as its time makes it
+        assert row.sizes[-1] == pytest.approx(1.0, rel=0.11)
+    assert row.lines.endswith("/3") == (name == "ripple_lines")
+    assert np.isfinite(row.ratio)
 
 
 def test_a_case_is_saved_to_be_looked_at(tmp_path: Path) -> None:
