@@ -21,6 +21,7 @@ from runtime.estimation.covariance import Estimate
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
+from symbolic.described import DescribedParameter
 
 
 def worth_its_name(before: Step, after: Step, term: Term) -> bool:
@@ -64,9 +65,14 @@ def told(step: Step, term: Term) -> bool:
     info = step.identification.model.library.effects[term.effect]
     values = step.identification.inference.values[term]
     sizes = [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
-    if any(values[p.name].with_others for p in sizes):
+    if any(values[p.name].with_others or _at_a_bound(values[p.name].value, p) for p in sizes):
         return False
     return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
+
+
+def _at_a_bound(value: float, p: DescribedParameter) -> bool:
+    """Whether a value stopped at the bound of what is physical, and not where the effect vanishes."""
+    return value in p.bounds and value != p.neutral
 
 
 def _away(e: Estimate, neutral: float) -> bool:

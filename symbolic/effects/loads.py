@@ -12,14 +12,21 @@ QD, T = SIGNAL["qd"].symbol, SIGNAL["t"].symbol
 NEXT, PREVIOUS, HAS_NEXT = SIGNAL["qd_next"].symbol, SIGNAL["qd_previous"].symbol, SIGNAL["has_next"].symbol
 MOMENT_X, MOMENT_Y, TIP_LOAD = SIGNAL["moment_x"].symbol, SIGNAL["moment_y"].symbol, SIGNAL["tip_load"].symbol
 
+TWICE_G = (-2 * 9.81, 2 * 9.81)
+
 GRAVITY = Effect(
     name="gravity",
     scope="arm",
     family="load",
     torque=-(parameter("gx") * MOMENT_X + parameter("gy") * MOMENT_Y),
     parameters=(
-        Parameter("gx", u.METRE / u.SECOND**2, "acceleration of gravity along base x, beyond the model file's"),
-        Parameter("gy", u.METRE / u.SECOND**2, "acceleration of gravity along base y, beyond the model file's"),
+        # A model file that has the whole of it in the wrong direction lacks twice as much.
+        Parameter(
+            "gx", u.METRE / u.SECOND**2, "acceleration of gravity along base x, beyond the model file's", bounds=G
+        ),
+        Parameter(
+            "gy", u.METRE / u.SECOND**2, "acceleration of gravity along base y, beyond the model file's", bounds=G
+        ),
     ),
     carried=True,
     summary="Gravity that the model leaves out, or a base that is not level.",
