@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.identify import Identification, identify
+from runtime.estimation.left_out import untold
 from runtime.estimation.problem import least_inertia
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.estimation.settings import (
@@ -22,6 +23,7 @@ from runtime.estimation.settings import (
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
+from runtime.motion.inertia import asked_inertia, moment
 from runtime.motion.motion import Motion
 from runtime.motion.noise_floor import Floor, floor
 from runtime.recordings.recording import Recording
@@ -203,12 +205,14 @@ def _share(r: Array, total: float, values: Array, independent: float) -> float:
 def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
     """(rms, relative) a joint with the file's own values; None where the file leaves values open."""
     model, motion = identification.model, identification.motion
+    if not model.lumps_known and not motion.rigid_given:
+        return None
     known = structure(model)
     for term, values in known.items():
         info = model.library.effects[term.effect]
         if any(p.name not in values and p.role != "given" for p in info.parameters):
             return None
-    prediction = Prediction(model.lump_values, known)
+    prediction = Prediction(identification.problem.layout.stated[: len(model.lumps)], known)
     out = []
     for i in range(model.n):
         predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces])
@@ -237,7 +241,8 @@ def _torque(signals: Signals, joint: int) -> Array:
 
 def warnings(identification: Identification) -> list[str]:
     """What a user should know before trusting the fitted model."""
-    return idle_terms(identification) + improper_inertia(identification) + range_warnings(identification)
+    found = idle_terms(identification) + improper_inertia(identification) + range_warnings(identification)
+    return found + untold(identification.model, identification.fit.prediction.values)
 
 
 def idle_terms(identification: Identification) -> list[str]:
@@ -257,13 +262,25 @@ def improper_inertia(identification: Identification) -> list[str]:
     if motion.rigid_given:
         return []
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    fitted, given = (least_inertia(model, motion, x)[0] for x in (lumps, model.lump_values))
+    fitted = least_inertia(model, motion, lumps)[0]
+    given = least_inertia(model, motion, model.lump_values)[0] if model.lumps_known else _least_apparent(motion)
     if fitted > HARDLY_POSITIVE * given:
         return []
     return [
         "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
         "or the data is wrong"
     ]
+
+
+def _least_apparent(motion: Motion) -> float:
+    """The least inertia that the torque of a joint which moves asks for, kg m² (kg)."""
+    found = []
+    for i in range(motion.n):
+        use = motion.moving(i)
+        q, qd, qdd = (motion.rows(name)[i, use] for name in ("q", "qd", "qdd"))
+        if use.any():
+            found.append(asked_inertia(moment(q, qd, qdd, motion.torque(i, 0.0)[use])))
+    return min(found, default=0.0)
 
 
 def range_warnings(identification: Identification) -> list[str]:

@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 class Estimate:
     """A value with its 95 % interval; `with_others`: parameters with which it can only be told together.
 
-    No interval and no others: no row says anything of it, and it is as the model file has it.
+    No interval and no others: no row says anything of it, and it is as the model file has it; NaN where that has
+    nothing.
     """
 
     value: float
@@ -109,7 +110,7 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     layout = problem.layout
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
-        if problem.motion.rigid_given
+        if problem.motion.rigid_given or (info.value is None and not bread[k, k])
         else _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )

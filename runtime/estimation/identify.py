@@ -38,6 +38,7 @@ from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, structure
 from runtime.motion.band import choose_band, rigid_inertia
+from runtime.motion.inertia import apparent_inertia
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 
@@ -239,9 +240,12 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
-    """Recordings in the band that suits their noise and the model's inertia."""
-    given = rigid_inertia(recordings)
-    return prepare(recordings, choose_band(recordings, _diagonal(model) if given is None else given), model.library)
+    """Recordings in the band that suits their noise and the model's inertia; where the model file does not tell it,
+    that which the recordings show."""
+    inertia = rigid_inertia(recordings)
+    if inertia is None:
+        inertia = _diagonal(model) if model.lumps_known else apparent_inertia(recordings)
+    return prepare(recordings, choose_band(recordings, inertia), model.library)
 
 
 def identify_motion(

@@ -109,7 +109,7 @@ class Signals(SignalContext):
         """
         p = self.piece
         if p.sensors.tau_rigid is not None:
-            rotors = np.array([[joint.rotor_inertia] for joint in self.model.joints])
+            rotors = np.array([[joint.rotor_inertia or 0.0] for joint in self.model.joints])
             whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
             return whole - rotors * p.slow
         loads = self.model.call(TRANSMITTED, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)

@@ -94,6 +94,10 @@ INERTIA_CONFIGURATIONS: Final = 60
 """number of configurations a piece; D must be positive definite at them: it changes slowly with the posture;
 development recordings."""
 
+NEUTRAL_INERTIA: Final = 1e-6
+"""unit kg m² or kg; an inertia that the model file leaves out begins there, and stays where no row tells it, so that D
+is positive definite; less than any joint moves, more than the rounding of D's eigenvalues; by construction."""
+
 HARDLY_POSITIVE: Final = 0.01
 """part of the smallest eigenvalue of the file's own D; a fit that has less stopped at the bound of what is physical;
 development recordings."""
