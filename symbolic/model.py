@@ -18,6 +18,9 @@ from symbolic.rigid_body.kinematics import Author, Coordinates
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.layout import LayoutConstant, RecursionLayout, choose_layout
 
+ASSUMED_SHARE = sp.Rational(1, 2)
+"""Of a rotor in the base parameter into which its inertia is merged, where neither file nor rigid motion tell it."""
+
 
 @dataclass(frozen=True)
 class Lump:
@@ -70,12 +73,16 @@ def derive(arm: Arm) -> ArmModel:
 
 def _rotor(joint: Joint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
     """What the link side of a joint does without: the rotor's inertia as the file has it. Where it is not known, the
-    base parameter that is nothing else, as joints further out have it; where none is, no motion tells the rotor from
-    its link, and it counts as the link's."""
+    base parameter that is nothing else, as joints further out have it; where none is, no rigid motion tells the rotor
+    from its link, and half of what both are in is taken for it: the gear that accelerates its load best makes them
+    equal (Pasch & Seering 1984, On the drive systems for high-performance machines)."""
     if joint.rotor_inertia is not None:
         return rational(joint.rotor_inertia)
     own: Column = ("I", i)
-    return symbols[own] if len(base.merged.get(own, ())) == 1 else sp.Integer(0)
+    if len(base.merged.get(own, ())) == 1:
+        return symbols[own]
+    shared = [c for c, parts in base.merged.items() if own in dict(parts)]
+    return ASSUMED_SHARE * symbols[shared[0]] if len(shared) == 1 else sp.Integer(0)
 
 
 def _struct(lumps: tuple[Lump, ...], fields: tuple[LayoutConstant, ...]) -> Struct:

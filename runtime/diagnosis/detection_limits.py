@@ -214,9 +214,11 @@ def _freed(field: CandidateField, term: Term) -> float:
     if not field.model.library.effects[term.effect].gives_way:
         return 1.0
     own = joints_of(field.model, term)[0]
-    # A rotor that the file leaves out is counted to the link, as in its load.
-    rotor = field.model.joints[own].rotor_inertia or 0.0
-    link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in field.excerpt[0].signals])))
+    signals = field.excerpt[0].signals
+    link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in signals])))
+    rotor = field.model.joints[own].rotor_inertia
+    if rotor is None:
+        rotor = float(np.median(np.concatenate([s.arm("inertia")[own, own] - s.link_inertia(own) for s in signals])))
     return (rotor + link) / rotor if rotor > 0 < link else 1.0
 
 

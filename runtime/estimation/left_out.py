@@ -25,8 +25,8 @@ def _rotor(model: Model, term: Term) -> str | None:
     if not open_rotor or any(lump.name == f"I{term.joint}" for lump in model.lumps):
         return None
     return (
-        f"joint {term.joint}: the model file leaves rotor_inertia out, and no motion tells it from the link's inertia: "
-        f"the values of {term} hold if the whole of it is the link's; state it if you know it"
+        f"joint {term.joint}: the model file leaves rotor_inertia out, and no rigid motion tells it from the link's "
+        f"inertia: the values of {term} hold if the two are equal; state it if you know it"
     )
 
 
