@@ -13,7 +13,7 @@ from runtime.diagnosis.remainder import after_effect, physics, remainder
 from runtime.diagnosis.search import Finding, Search, Step, seconds_moving
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, MOST_FINDINGS
 from runtime.estimation.compare import warnings
-from runtime.estimation.covariance import Inference
+from runtime.estimation.covariance import ROTOR, Estimate, Inference
 from runtime.estimation.identify import prepared
 from runtime.model.loader import Model
 from runtime.model.terms import at, structure
@@ -237,7 +237,7 @@ def _refusal(step: Step) -> str | None:
         f"{term} {name}"
         for term, values in inference.values.items()
         for name, e in values.items()
-        if e.with_others and (term.joint is None or able[term.joint - 1])
+        if e.with_others and (term.joint is None or able[term.joint - 1]) and not _by_a_rotor(e)
     ]
     # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
     tangled += [
@@ -248,6 +248,11 @@ def _refusal(step: Step) -> str | None:
     if tangled:
         return f"the motion does not separate {', '.join(tangled)}; move over more speeds, accelerations and positions"
     return None
+
+
+def _by_a_rotor(e: Estimate) -> bool:
+    """Whether it is told together with a rotor that the model file leaves out: no other motion would change that."""
+    return any(name.startswith(ROTOR) for name in e.with_others)
 
 
 def _disagreement(model: Model, inference: Inference) -> str:

@@ -13,21 +13,16 @@ _OF_MASSES = frozenset({"moment_jacobian"})
 """The arm's functions that need a joint's rotor apart from its link, and the links' masses apart from one another."""
 
 
+def open_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
+    """Joints (0-based) whose rotor's inertia the model file leaves out, no rigid motion tells, and a term hangs on."""
+    found = {term.joint - 1 for term in terms if term.joint is not None and _reads(model, term) & _OF_LINK}
+    told = {lump.name for lump in model.lumps}
+    return tuple(sorted(i for i in found if model.joints[i].rotor_inertia is None and f"I{i + 1}" not in told))
+
+
 def untold(model: Model, terms: Iterable[Term]) -> list[str]:
-    """For every term that hangs on such a number, in words: on which, and what was taken in its place."""
-    return [text for term in terms for text in (_rotor(model, term), _masses(model, term)) if text is not None]
-
-
-def _rotor(model: Model, term: Term) -> str | None:
-    if term.joint is None or not _reads(model, term) & _OF_LINK:
-        return None
-    open_rotor = model.joints[term.joint - 1].rotor_inertia is None
-    if not open_rotor or any(lump.name == f"I{term.joint}" for lump in model.lumps):
-        return None
-    return (
-        f"joint {term.joint}: the model file leaves rotor_inertia out, and no rigid motion tells it from the link's "
-        f"inertia: the values of {term} hold if the two are equal; state it if you know it"
-    )
+    """For every term whose values hang on masses that nobody knows, in words: what was taken in their place."""
+    return [text for term in terms for text in (_masses(model, term),) if text is not None]
 
 
 def _masses(model: Model, term: Term) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -150,8 +150,17 @@ class Problem:
         self.model, self.motion = model, motion
         self.layout = LinearUnknowns.of(model, terms, motion.rigid_given)
         self.regressors = Regressors(model, motion, prediction)
+        self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._systems: dict[tuple[Any, ...], _System] = {}
+
+    def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
+        """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
+        prediction = self.regressors.prediction
+        assert prediction is not None
+        made = Problem(self.model, self.motion, self.layout.terms, replace(prediction, rotors=dict(rotors)))
+        made.weights = self.weights
+        return made
 
     def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
         """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
@@ -234,7 +243,7 @@ class Problem:
 
     def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:
         values = {t: self._values(t, theta, shapes[t]) for t in self.layout.terms}
-        return Prediction(theta[self.layout.lumps], values)
+        return Prediction(theta[self.layout.lumps], values, self.rotors)
 
     def _values(self, term: Term, theta: Array, shape: Values) -> Values:
         return self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)

@@ -17,6 +17,7 @@ from runtime.diagnosis.diagnose import diagnose
 from runtime.estimation.compare import compare
 from runtime.estimation.identify import identify
 from runtime.loop.improve import improve
+from runtime.model.terms import Term
 from runtime.motion.inertia import apparent_inertia
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
@@ -46,7 +47,7 @@ def sourced(cache: Path, tmp_path: Path) -> Sourced:  # noqa: ARG001 - the cache
     return make
 
 
-@pytest.mark.parametrize("hidden", ["stribeck", slow(None), slow("linear_spring"), slow("lugre")])
+@pytest.mark.parametrize("hidden", [slow("stribeck"), slow(None), slow("linear_spring"), slow("lugre")])
 def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourced, hidden: str | None) -> None:
     recording = recorded(hidden, seed=1)
     true, unknown = (diagnose(sourced(text).model(), [recording]) for text in (DRIVE, bare(DRIVE)))
@@ -62,12 +63,13 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
 
 def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: Sourced) -> None:
     source = sourced(bare(wrist.MODEL))
-    recording = wrist.record(wrist.CoupledMotor(0.5, 0.4, 0.0), seed=5)
-    better = improve(source.text, source.model, source.add, source.put, [recording])
-    assert [str(f.term) for f in better.findings] == ["coupled_gear@1"]
-    fitted = better.steps[-1].identification.fit.coefficients
-    model = source.model(better.model_text)
-    np.testing.assert_allclose(model.lump_values, fitted[: len(model.lumps)], rtol=1e-6)
+    fitted = identify(source.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
+    model = source.model(source.put(source.text, fitted.to_json()))
+    np.testing.assert_allclose(model.lump_values, fitted.fit.coefficients[: len(model.lumps)], rtol=1e-6)
+    true = sourced(wrist.MODEL).model()
+    stated = dict(zip((lump.name for lump in true.lumps), true.lump_values, strict=True))
+    for name, value in zip((lump.name for lump in model.lumps), model.lump_values, strict=True):
+        assert value == pytest.approx(stated.get(name, 0.0), rel=0.02, abs=0.002)
     made, _ = simulate.simulate(model, settings=SimulationSettings(seconds=10))
     assert np.isfinite(made.tau).all()
     Plant(model, {}, 1e-3).advance([0.1, 0.1])
@@ -101,10 +103,33 @@ def test_the_band_follows_the_inertia_that_the_recordings_show() -> None:
     assert apparent_inertia([recorded(None, seed=4)])[0] == pytest.approx(0.2365, rel=0.1)
 
 
-def test_values_that_hang_on_a_rotor_that_nobody_knows_say_so(sourced: Sourced) -> None:
+@pytest.mark.slow
+def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
+    source = sourced(bare(DRIVE))
+    better = improve(source.text, source.model, source.add, source.put, [recorded("elasticity", seed=1)])
+    assert [str(f.term) for f in better.findings] == ["elasticity@1"]
+    fitted = better.steps[-1].identification
+    values = fitted.inference.values[better.findings[0].term]
+    assert values["stiffness"].value == pytest.approx(3000.0, rel=0.03)
+    assert fitted.inference.rotors[0].value == pytest.approx(0.10, rel=0.05)
+    # The written file says so, and is a whole one.
+    model = source.model(better.model_text)
+    assert model.joints[0].rotor_inertia == pytest.approx(fitted.inference.rotors[0].value, rel=1e-6)
+    assert model.lumps_known
+
+
+def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced: Sourced) -> None:
     text = bare(DRIVE).replace("[joint.effects.viscous]", "[joint.effects.viscous]\n[joint.effects.load_friction]")
-    warnings = compare(sourced(text).model(), [recorded(None, seed=2)]).to_json()["warnings"]
-    assert any("rotor_inertia" in w and "load_friction@1" in w for w in warnings)
+    source = sourced(text)
+    truth = DRIVE.replace("rotor_inertia = 0.10", "rotor_inertia = 0.12")
+    told = truth.replace("[joint.effects.viscous]", "[joint.effects.viscous]\n[joint.effects.load_friction]")
+    made, _ = simulate.simulate(sourced(told).model(), settings=SimulationSettings(seconds=20))
+    found = diagnose(source.model(), [made])
+    assert found.verdict == "clean"
+    inference = found.steps[-1].identification.inference
+    others = inference.values[Term("load_friction", 1)]["coefficient"].with_others
+    assert "rotor_inertia 1" in others
+    assert {p["name"] for p in found.to_json()["parameters"]} == {"J1", "rotor_inertia"}
 
 
 @pytest.mark.parametrize(
