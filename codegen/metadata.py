@@ -48,7 +48,8 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
 
 def _joint(joint: Joint) -> dict[str, Any]:
     units = {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)}
-    return {**to_json(joint, DescribedJoint), "units": units}
+    document = {**to_json(joint, DescribedJoint), "units": units}
+    return {**document, "unknown": list(joint.unknown)} if joint.unknown else document
 
 
 def _values(effects: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:

@@ -150,8 +150,16 @@ class Source:
             (entry["effect"], entry["joint"]): known({name: p["value"] for name, p in entry["parameters"].items()})
             for entry in identification["effects"]
         }
-        inertial = known({entry["name"]: entry["fit"] for entry in identification["inertial"]})
-        return editor.set_values(text, str(self.path), self.library, values, inertial)
+        rotor = [entry for entry in identification["inertial"] if entry["name"] == editor.ROTOR]
+        lumps = [entry for entry in identification["inertial"] if entry not in rotor]
+        return editor.set_values(
+            text,
+            str(self.path),
+            self.library,
+            values,
+            known({entry["name"]: entry["fit"] for entry in lumps}),
+            {entry["joint"]: entry["fit"] for entry in rotor},
+        )
 
     def recordings(
         self, paths: Sequence[Path], mapping: Mapping[str, str] | None = None, allow_gaps: bool = False

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import nan
 from typing import Any
 
 import sympy as sp
@@ -130,7 +129,7 @@ class Compensation:
 
     springs         that a trajectory may bring, joint by joint, the usual one first
     touched         effects of the contact that it brings
-    effects         struct of c_u, c_e and the parameters of the compensated effects; nan where the file has no value
+    effects         struct of c_u, c_e and the parameters of the compensated effects; None where the file has no value
     compensated     sites in the order of their fields
     uncompensated   the other active effects
     functions       joint_compensation, contact_compensation
@@ -172,8 +171,8 @@ def _active(model: ArmModel, library: Mapping[str, Effect]) -> Iterable[tuple[Si
 
 def _struct(model: ArmModel, sites: Sequence[Site], values: Mapping[str, Mapping[str, float]]) -> Struct:
     arm, coordinates = model.arm, _coordinates(model)
-    scale, slope = (arm.controller.friction_scale, arm.controller.friction_slope) if arm.controller else (nan, nan)
-    fields: list[tuple[sp.Symbol, str, str, float]] = [
+    scale, slope = (arm.controller.friction_scale, arm.controller.friction_slope) if arm.controller else (None, None)
+    fields: list[tuple[sp.Symbol, str, str, float | None]] = [
         (C_U, "1", "c_u of (7); 0: friction is not compensated", scale),
         (C_E, coordinates.unit("s/rad", "s/m"), "c_e of (7)", slope),
     ]
@@ -181,7 +180,7 @@ def _struct(model: ArmModel, sites: Sequence[Site], values: Mapping[str, Mapping
         kind = "revolute" if site.joint is None else arm.joints[site.joint - 1].type
         for p in site.effect.parameters:
             value = values[str(site)].get(p.name, p.default)
-            fields.append((site.symbol(p), p.unit.text(kind), p.meaning, nan if value is None else value))
+            fields.append((site.symbol(p), p.unit.text(kind), p.meaning, value))
     symbols, units, meanings, defaults = zip(*fields, strict=True)
     return Struct("effects", symbols, units, meanings, defaults)
 

@@ -34,14 +34,14 @@ class Output:
 class Struct:
     """Parameters that generated code takes as one C struct, so that identified values need no regeneration.
 
-    `defaults` are the values that follow from the model file, field by field.
+    `defaults` are the values that follow from the model file, field by field; None where it leaves one open.
     """
 
     name: str
     symbols: tuple[sp.Symbol, ...]
     units: tuple[str, ...]
     meanings: tuple[str, ...]
-    defaults: tuple[float, ...]
+    defaults: tuple[float | None, ...]
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -9,24 +10,28 @@ import sympy as sp
 
 from symbolic import contact
 from symbolic.functions import Struct, SymbolicFunction
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import Arm, Joint
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body import dynamics, kinematics
-from symbolic.rigid_body.base_parameters import BaseParameters, base_parameters, exact
+from symbolic.rigid_body.base_parameters import BaseParameters, Column, base_parameters, exact
 from symbolic.rigid_body.kinematics import Author, Coordinates
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.layout import LayoutConstant, RecursionLayout, choose_layout
 
+ASSUMED_SHARE = sp.Rational(1, 2)
+"""Of a rotor in the base parameter into which its inertia is merged, where neither file nor rigid motion tell it."""
+
 
 @dataclass(frozen=True)
 class Lump:
-    """A base inertial parameter. unit: e.g. "kg m^2"; joint: 1-based; value: what the model file says."""
+    """A base inertial parameter. unit: e.g. "kg m^2"; joint: 1-based; value: what the model file says, None where it
+    leaves out a number behind it."""
 
     name: str
     unit: str
     meaning: str
     joint: int
-    value: float
+    value: float | None
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def derive(arm: Arm) -> ArmModel:
     layout = choose_layout(arm, base)
     lumps = named_lumps(arm, base, layout)
     symbols = {c: sp.Symbol(lump.name, real=True) for c, lump in zip(base.values, lumps, strict=True)}
-    rotors = [rational(joint.rotor_inertia) for joint in arm.joints]
+    rotors = [_rotor(joint, i, base, symbols) for i, joint in enumerate(arm.joints)]
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, layout.fields))
     functions = [
         *dynamics.functions(author, layout.scaled, symbols, layout.frame, rotors),
@@ -66,13 +71,27 @@ def derive(arm: Arm) -> ArmModel:
     return ArmModel(arm, lumps, struct, tuple(replace(f, struct=struct) for f in functions))
 
 
+def _rotor(joint: Joint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
+    """What the link side of a joint does without: the rotor's inertia as the file has it. Where it is not known, the
+    base parameter that is nothing else, as joints further out have it; where none is, no rigid motion tells the rotor
+    from its link, and half of what both are in is taken for it: the gear that accelerates its load best makes them
+    equal (Pasch & Seering 1984, On the drive systems for high-performance machines)."""
+    if joint.rotor_inertia is not None:
+        return rational(joint.rotor_inertia)
+    own: Column = ("I", i)
+    if len(base.merged.get(own, ())) == 1:
+        return symbols[own]
+    shared = [c for c, parts in base.merged.items() if own in dict(parts)]
+    return ASSUMED_SHARE * symbols[shared[0]] if len(shared) == 1 else sp.Integer(0)
+
+
 def _struct(lumps: tuple[Lump, ...], fields: tuple[LayoutConstant, ...]) -> Struct:
     return Struct(
         "parameters",
         tuple(sp.Symbol(lump.name, real=True) for lump in lumps) + tuple(f.symbol for f in fields),
         tuple(lump.unit for lump in lumps) + tuple(f.unit for f in fields),
         tuple(lump.meaning for lump in lumps) + tuple(f.meaning for f in fields),
-        tuple(lump.value for lump in lumps) + tuple(float(f.value) for f in fields),
+        (*(lump.value for lump in lumps), *(float(f.value) for f in fields)),
     )
 
 
@@ -91,9 +110,9 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
         unit = "kg m^2" if power else own
         note = f", times l{layout.reference}{'^2' if power == 2 else ''}" if power else ""
         also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
-        scaled = value * scale**power
+        stated = None if value is None else float(value * scale**power)
         text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
-        lumps.append(Lump(name, unit, text, i + 1, arm.inertial.get(name, float(scaled))))
+        lumps.append(Lump(name, unit, text, i + 1, arm.inertial.get(name, stated)))
     names = [lump.name for lump in lumps]
     for name in arm.inertial:
         if name not in names:

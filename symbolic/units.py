@@ -1,8 +1,9 @@
 """Physical dimensions of signals and parameters, written once and printed per joint type.
 
 A dimension is a product of powers of `force` (a joint's generalised force), `position` (a joint's
-coordinate), and of N, m, kg, s, K. A revolute joint reads force as N m and position as rad, a
-prismatic one as N and m; so one declaration of an effect serves both.
+coordinate), `inertia` (what force does by acceleration), and of N, m, kg, s, K. A revolute joint reads
+force as N m, position as rad and inertia as kg m^2, a prismatic one as N, m and kg; so one declaration
+of an effect serves both.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
-# Exponents of (kg, m, s, K) of the two joint-dependent units.
+# Exponents of (kg, m, s, K) of the units.
 _SI = {
     "N": (1, 1, -2, 0),
     "m": (0, 1, 0, 0),
@@ -19,14 +20,14 @@ _SI = {
     "K": (0, 0, 0, 1),
 }
 _JOINT: dict[str, dict[str, tuple[str, ...]]] = {
-    "revolute": {"force": ("N", "m"), "position": ("rad",)},
-    "prismatic": {"force": ("N",), "position": ("m",)},
+    "revolute": {"force": ("N", "m"), "position": ("rad",), "inertia": ("kg", "m", "m")},
+    "prismatic": {"force": ("N",), "position": ("m",), "inertia": ("kg",)},
 }
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A product of powers: ((symbol, exponent), ...), symbols out of force, position, N, m, kg, s, K."""
+    """A product of powers: ((symbol, exponent), ...), symbols out of force, position, inertia, N, m, kg, s, K."""
 
     powers: tuple[tuple[str, Fraction], ...] = ()
 
@@ -81,4 +82,4 @@ RATE = POSITION / SECOND
 ACCELERATION = POSITION / SECOND**2
 STIFFNESS = FORCE / POSITION
 VISCOUS = FORCE * SECOND / POSITION
-INERTIA = FORCE * SECOND**2 / POSITION
+INERTIA = Unit((("inertia", Fraction(1)),))

@@ -48,6 +48,8 @@ KEYS = {
     "deflection": "a kind of state",
     "width": "of the smooth switches",
     "mass": "of a link in the model file",
+    "inertia": "of a link in the model file, a function of an arm",
+    "ratio": "of an error to what is allowed, in what verify prints",
 }
 """Names of parameters and states that are keys of something else, and of what."""
 

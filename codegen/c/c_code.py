@@ -122,9 +122,10 @@ def struct_type(prefix: str, struct: Struct, precision: Precision) -> str:
 
 
 def defaults(prefix: str, struct: Struct, precision: Precision) -> Routine:
-    """Fills the struct with the values that follow from the model file."""
+    """Fills the struct with the values that follow from the model file; those that it leaves open are 0."""
     lines = [
-        f"    {struct.name}->{s.name} = {precision.language.literal(Fraction(value))};"
+        f"    {struct.name}->{s.name} = {precision.language.literal(Fraction(value or 0.0))};"
+        + ("" if value is not None else f" {comment('not in the model file: to be set')}")
         for s, value in zip(struct.symbols, struct.defaults, strict=True)
     ]
     name = f"{prefix}_default_{struct.name}_{precision.suffix}"

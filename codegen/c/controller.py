@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from math import isfinite
 from typing import Any
 
 import sympy as sp
@@ -138,7 +137,7 @@ class Controller:
             "max_degree": MAX_DEGREE,
             "springs": {p.name: _powers(c.springs[0], product) for p, product in c.springs[0].lumps},
             **_others(c),
-            "effects": {symbol.name: value if isfinite(value) else None for symbol, value in values},
+            "effects": {symbol.name: value for symbol, value in values},
             "compensated": [str(site) for site in c.compensated],
             "uncompensated": [{"effect": str(site), "reason": site.obstacle} for site in c.uncompensated],
             "operations": {f.name: Tape.of(f).count() for f in c.functions},

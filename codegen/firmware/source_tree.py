@@ -20,6 +20,7 @@ from codegen.toolchain.cross import HOST, TARGETS, Target, Toolchain
 from codegen.toolchain.stack import EXCEPTION_FRAME
 from symbolic.effects.declaration import Effect
 from symbolic.model import ArmModel
+from symbolic.model_file.checks import check_stated
 
 BOARD = "boards/mps2"
 """The board that is emulated."""
@@ -35,8 +36,11 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
     """Relative path -> text.
 
     library   all effects by name; those that the model file activates are compensated
+    Raises ModelError where the model file leaves base inertial parameters open.
     """
     name = model.arm.name
+    open_lumps = [lump.name for lump in model.lumps if lump.value is None]
+    check_stated(name, open_lumps, [joint.unknown for joint in model.arm.joints])
     code = render.arm_files(model) | render.controller_files(model, library)
     files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
     files |= {**handwritten_files(), **machine_files(model, library, files)}

@@ -33,7 +33,9 @@ def arm_values(
     """Arguments of an arm's function; contact coordinates are those of a random posture: they can be reached."""
     values: Values = {}
     if function.struct is not None:
-        values |= {s: single(v) for s, v in zip(function.struct.symbols, function.struct.defaults, strict=True)}
+        stated = zip(function.struct.symbols, function.struct.defaults, strict=True)
+        # What the model file leaves open is an input like others.
+        values |= {s: single(rng.lognormvariate(0.0, 1.0) if v is None else v) for s, v in stated}
     posture = [single(rng.uniform(-pi, pi) if j.type == "revolute" else rng.uniform(-1, 1)) for j in arm.joints]
     for argument in function.inputs:
         if argument.name == "q":

@@ -10,6 +10,7 @@ from runtime.diagnosis import consistency
 from runtime.diagnosis.settings import FAR_ABOVE_NOISE, LEAST_MOVING_S
 from runtime.diagnosis.steps import seconds_moving
 from runtime.estimation.compare import JointSeries, improper_inertia, series, warnings
+from runtime.estimation.covariance import ROTOR, Estimate
 from runtime.estimation.identify import Identification
 from runtime.estimation.suspicions import Suspicion, suspicions
 from runtime.recordings.recording import Recording
@@ -78,7 +79,7 @@ def poor_excitation(identification: Identification) -> str | None:
         f"{term} {name}"
         for term, values in inference.values.items()
         for name, e in values.items()
-        if e.with_others and (term.joint is None or able[term.joint - 1])
+        if e.with_others and (term.joint is None or able[term.joint - 1]) and not _by_a_rotor(e)
     ]
     # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
     tangled += [
@@ -89,6 +90,11 @@ def poor_excitation(identification: Identification) -> str | None:
     if tangled:
         return f"the motion does not separate {', '.join(tangled)}; move over more speeds, accelerations and positions"
     return None
+
+
+def _by_a_rotor(e: Estimate) -> bool:
+    """Whether it is told together with a rotor that the model file leaves out: no other motion would change that."""
+    return any(name.startswith(ROTOR) for name in e.with_others)
 
 
 def _unphysical(identification: Identification, joints: Sequence[JointSeries]) -> str:

@@ -225,8 +225,11 @@ def _freed(field: CandidateField, term: Term) -> float:
     if not field.model.library.effects[term.effect].gives_way:
         return 1.0
     own = joints_of(field.model, term)[0]
+    signals = field.excerpt[0].signals
+    link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in signals])))
     rotor = field.model.joints[own].rotor_inertia
-    link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in field.excerpt[0].signals])))
+    if rotor is None:
+        rotor = float(np.median(np.concatenate([s.arm("inertia")[own, own] - s.link_inertia(own) for s in signals])))
     return (rotor + link) / rotor if rotor > 0 < link else 1.0
 
 

@@ -237,6 +237,6 @@ def _disagreement(model: Model, inference: Inference) -> str:
     """Inertial parameters of the file that the data contradict, as the beginning of a sentence."""
     wrong = []
     for lump, e in zip(model.lumps, inference.lumps, strict=True):
-        if consistency.contradict(lump.value, e.value, consistency.deviation(e)):
+        if lump.value is not None and consistency.contradict(lump.value, e.value, consistency.deviation(e)):
             wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
     return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""

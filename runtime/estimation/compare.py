@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.identify import Identification, identify
+from runtime.estimation.left_out import untold
 from runtime.estimation.problem import least_inertia
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.estimation.settings import (
@@ -23,6 +24,7 @@ from runtime.estimation.suspicions import suspicions
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
+from runtime.motion.inertia import asked
 from runtime.motion.motion import Motion
 from runtime.motion.noise_floor import Floor, floor
 from runtime.recordings.recording import Recording
@@ -204,12 +206,14 @@ def _share(r: Array, total: float, values: Array, independent: float) -> float:
 def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
     """(rms, relative) a joint with the file's own values; None where the file leaves values open."""
     model, motion = identification.model, identification.motion
+    if not model.lumps_known and not motion.rigid_given:
+        return None
     known = structure(model)
     for term, values in known.items():
         info = model.library.effects[term.effect]
         if any(p.name not in values and p.role != "given" for p in info.parameters):
             return None
-    prediction = Prediction(model.lump_values, known)
+    prediction = Prediction(identification.problem.layout.stated[: len(model.lumps)], known)
     out = []
     for i in range(model.n):
         predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces])
@@ -246,6 +250,7 @@ def warnings(identification: Identification) -> list[str]:
         *idle_terms(identification),
         *improper_inertia(identification),
         *range_warnings(identification),
+        *untold(identification.model, identification.fit.prediction.values),
     ]
 
 
@@ -276,13 +281,26 @@ def improper_inertia(identification: Identification) -> list[str]:
     if motion.rigid_given:
         return []
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    fitted, given = (least_inertia(model, motion, x)[0] for x in (lumps, model.lump_values))
+    fitted = least_inertia(model, motion, lumps)[0]
+    given = least_inertia(model, motion, model.lump_values)[0] if model.lumps_known else _least_apparent(motion)
     if fitted > HARDLY_POSITIVE * given:
         return []
     return [
         "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
         "or the data is wrong"
     ]
+
+
+def _least_apparent(motion: Motion) -> float:
+    """The least inertia that the torque of a joint which moves asks for, kg m² (kg); 0 if none asks for any."""
+    q, qd, qdd = (motion.rows(name) for name in ("q", "qd", "qdd"))
+    torque = np.array([motion.torque(i, 0.0) for i in range(motion.n)])
+    found = []
+    for i in range(motion.n):
+        use = motion.moving(i)
+        if use.any():
+            found.append(asked(i, q[:, use], qd[:, use], qdd[:, use], torque[:, use]))
+    return min((x for x in found if np.isfinite(x)), default=0.0)
 
 
 def range_warnings(identification: Identification) -> list[str]:

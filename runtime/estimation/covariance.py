@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import (
     INTERVAL_SIGMAS,
+    ROTOR_STEP,
     SCORE_BLOCK_S,
     SEPARABLE,
     SHAPE_STEP,
@@ -28,12 +29,16 @@ from runtime.wording import number
 
 Array = NDArray[np.float64]
 
+ROTOR = "rotor_inertia"
+"""The key of the model file under which a rotor's inertia stands."""
+
 
 @dataclass(frozen=True)
 class Estimate:
     """A value with its 95 % interval; `with_others`: parameters with which it can only be told together.
 
-    No interval and no others: no row says anything of it, and it is as the model file has it.
+    No interval and no others: no row says anything of it, and it is as the model file has it; NaN where that has
+    nothing.
     """
 
     value: float
@@ -55,13 +60,15 @@ class Estimate:
 class Inference:
     """Estimates of everything that a fit has found.
 
-    lumps   base inertial parameters; NaN where the user's own model takes their place and nothing tells them
+    lumps    base inertial parameters; NaN where the user's own model takes their place and nothing tells them
+    rotors   inertias of rotors that the model file leaves out and a term told, by joint (0-based)
     """
 
     lumps: tuple[Estimate, ...]
     values: dict[Term, dict[str, Estimate]]
     skew: float
     skew_interval: tuple[float, float] | None
+    rotors: dict[int, Estimate] = field(default_factory=dict)
 
     def skew_json(self) -> dict[str, Any]:
         return {
@@ -76,7 +83,8 @@ class Inference:
             "inertial": [
                 {"joint": info.joint, "name": info.name, "model": info.value, **_as_fit(e)}
                 for info, e in zip(model.lumps, self.lumps, strict=True)
-            ],
+            ]
+            + [{"joint": joint + 1, "name": ROTOR, "model": None, **_as_fit(e)} for joint, e in self.rotors.items()],
             "effects": [
                 {"effect": term.effect, "joint": term.joint, "parameters": {k: e.to_json() for k, e in values.items()}}
                 for term, values in self.values.items()
@@ -109,16 +117,21 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     layout = problem.layout
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
-        if problem.motion.rigid_given
+        if problem.motion.rigid_given or (info.value is None and not bread[k, k])
         else _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )
     values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
+    rotors = {}
+    for joint, found in problem.rotors.items():
+        k, kind = names.index(_rotor_name(joint)), problem.model.joints[joint].type
+        unit = "kg m^2" if kind == "revolute" else "kg"
+        rotors[joint] = _estimate(found, covariance[k, k], unit, tangled.get(k, ()))
     interval = None
     if fit.skew_free:
         spread = INTERVAL_SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
         interval = (fit.skew - spread, fit.skew + spread)
-    return Inference(lumps, values, fit.skew, interval)
+    return Inference(lumps, values, fit.skew, interval, rotors)
 
 
 def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
@@ -132,10 +145,37 @@ def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
         names.append(f"{term} {name}")
         for i in range(model.n):
             rows[i] = np.vstack([rows[i], shape_derivative(problem, fit, term, name, step, i)])
+    for joint, sides in _rotor_sides(problem).items():
+        names.append(_rotor_name(joint))
+        for i in range(model.n):
+            rows[i] = np.vstack([rows[i], _difference(sides, fit, i)])
     if fit.skew_free:
         names.append("skew")
         rows = [np.vstack([r, -problem.regressors.skew(i)]) for i, r in enumerate(rows)]
     return names, rows
+
+
+def _rotor_name(joint: int) -> str:
+    return f"{ROTOR} {joint + 1}"
+
+
+def _rotor_sides(problem: Problem) -> dict[int, tuple[Problem, Problem, float]]:
+    """By joint (0-based) of a rotor that a fit told: the problem with a little more and a little less of it, and what
+    lies between."""
+    found = {}
+    for joint, value in problem.rotors.items():
+        more, less = (
+            problem.with_rotors({**problem.rotors, joint: (1 + s) * value}) for s in (ROTOR_STEP, -ROTOR_STEP)
+        )
+        found[joint] = (more, less, 2 * ROTOR_STEP * value)
+    return found
+
+
+def _difference(sides: tuple[Problem, Problem, float], fit: Fit, joint: int) -> Array:
+    """(M,) derivative of a joint's predicted torque by what two problems differ in."""
+    more, less = (fixed + fit.coefficients @ x for x, fixed in (p.rows(joint, fit.shapes) for p in sides[:2]))
+    derivative: Array = (more - less) / sides[2]
+    return derivative
 
 
 def shape_steps(problem: Problem, fit: Fit) -> list[tuple[Term, str, float]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.optimize import least_squares
 from runtime.estimation import delays, grids, soundness
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
+from runtime.estimation.left_out import open_rotors
 from runtime.estimation.problem import Fit, Problem, Skew
 from runtime.estimation.regressors import Ahead, Regressors
 from runtime.estimation.settings import (
@@ -28,6 +29,8 @@ from runtime.estimation.settings import (
     MOST_COMPENSATED,
     NOMINAL_SKEW,
     PREDICTION_PASSES,
+    ROTOR_ASSUMED,
+    ROTOR_SHARES,
     SAME_INERTIA,
     SEARCH_EVALUATIONS,
     SEARCH_FALL,
@@ -155,7 +158,7 @@ def _refine(
     shapes = {t: found[t] for t in known}
     hold = free_skew
     for _ in range(2):
-        shapes = _search(problem, shapes, at)
+        problem, shapes = _search(problem, shapes, at)
         if free_skew:
             at, hold = _settled(problem, shapes, at)
         solved = problem.solve(shapes, at)
@@ -199,8 +202,9 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     return Skew(nearest if held else NOMINAL_SKEW), False
 
 
-def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Term, Values]:
-    """Shape parameters that minimise the weighted residual, from a start that a grid gave."""
+def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Problem, dict[Term, Values]]:
+    """Shape parameters that minimise the weighted residual, from a start that a grid gave, and with them the parts that
+    rotors have in the inertia of their joints, where the model file leaves them out and a term tells them."""
     names, x0, lower, upper = [], [], [], []
     for term, shape in shapes.items():
         for parameter in problem.model.library.effects[term.effect].shape:
@@ -213,23 +217,45 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> dict[Te
                 lower.append(low)
                 upper.append(high)
                 x0.append(float(np.clip(shape[parameter.name], low, high)))
+    rotors = _open_rotors(problem)
+    for joint, (share, both) in rotors.items():
+        lower.append(ROTOR_SHARES[0] * both)
+        upper.append(ROTOR_SHARES[1] * both)
+        x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
     if not x0:
-        return shapes
+        return problem, shapes
     lo, scale = np.array(lower), np.array(upper) - np.array(lower)
 
-    def unpack(z: Array) -> dict[Term, Values]:
-        changed = {t: dict(s) for t, s in shapes.items()}
-        for (term, name), value in zip(names, lo + z * scale, strict=True):
+    @lru_cache(maxsize=2)  # a step of a rotor, and its place
+    def with_rotors(*found: float) -> Problem:
+        return problem.with_rotors(dict(zip(rotors, found, strict=True))) if found else problem
+
+    def unpack(z: Array) -> tuple[Problem, dict[Term, Values]]:
+        changed, values = {t: dict(s) for t, s in shapes.items()}, lo + z * scale
+        for (term, name), value in zip(names, values, strict=False):
             changed[term][name] = float(value)
-        return changed
+        return with_rotors(*map(float, values[len(names) :])), changed
 
     def residual(z: Array) -> Array:
-        parts = problem.solve(unpack(z), skew).residual
+        there, changed = unpack(z)
+        parts = there.solve(changed, skew).residual
         return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
 
     z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
     ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
     return unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
+
+
+def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
+    """By joint (0-based) of a rotor that only a term tells: the part that is assumed, and of what inertia."""
+    if problem.regressors.prediction is None or problem.motion.rigid_given:
+        return {}
+    found = {}
+    for joint in open_rotors(problem.model, problem.layout.terms):
+        assumed = problem.regressors.signals[0].assumed_rotor(joint)
+        if assumed > 0:
+            found[joint] = (ROTOR_ASSUMED, assumed / ROTOR_ASSUMED)
+    return found
 
 
 @dataclass(frozen=True)
@@ -284,7 +310,8 @@ def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
     """
     refuse_copies(recordings)
     given = rigid_inertia(recordings)
-    band = choose_band(recordings, believable(_diagonal(model), recordings) if given is None else given)
+    stated = _diagonal(model) if model.lumps_known else np.full(model.n, np.nan)
+    band = choose_band(recordings, believable(stated, recordings) if given is None else given)
     first = motion = prepare(recordings, band, model.library)
     for _ in range(LOWERINGS):
         if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Ahead, Regressors
-from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS
-from runtime.model.loader import Model
+from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS, NEUTRAL_INERTIA
+from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure
 from runtime.motion.motion import Motion
 
@@ -48,7 +48,8 @@ class Fit:
 class LinearUnknowns:
     """Order of the linear unknowns: base inertial parameters, then each term's coefficients.
 
-    lower, upper  (K,) bounds     stated  (K,) what the model file says, 0 where nothing: what no row tells stays there
+    lower, upper  (K,) bounds     stated  (K,) what the model file says, a neutral value where nothing: what no row
+    tells stays there
     """
 
     terms: tuple[Term, ...]
@@ -66,9 +67,9 @@ class LinearUnknowns:
     def of(cls, model: Model, terms: Sequence[Term], rigid_given: bool) -> LinearUnknowns:
         """rigid_given: the inertial parameters act on no torque and stay at the file's values."""
         start, slices, known = len(model.lumps), {}, structure(model)
-        stated = [*model.lump_values]
-        lower = [*model.lump_values] if rigid_given else [-np.inf] * start
-        upper = [*model.lump_values] if rigid_given else [np.inf] * start
+        stated = [_neutral(lump) if lump.value is None else lump.value for lump in model.lumps]
+        lower = [*stated] if rigid_given else [-np.inf] * start
+        upper = [*stated] if rigid_given else [np.inf] * start
         for term in terms:
             info = model.library.effects[term.effect]
             slices[term] = slice(start, start + len(info.coefficients))
@@ -79,6 +80,12 @@ class LinearUnknowns:
             values = known.get(term, {}) if info.recover is None else {}
             stated += [values.get(c.name, 0.0) for c in info.coefficients]
         return cls(tuple(terms), slices, slice(0, len(model.lumps)), *map(np.array, (lower, upper, stated)))
+
+
+def _neutral(lump: LumpInfo) -> float:
+    """Of a base inertial parameter that the file leaves open: next to nothing for an inertia or a mass that moves with
+    its own joint, so that D is positive definite whatever the data tell; 0 for the others."""
+    return NEUTRAL_INERTIA if lump.name in (f"J{lump.joint}", f"M{lump.joint}") else 0.0
 
 
 @dataclass(frozen=True)
@@ -152,8 +159,17 @@ class Problem:
         self.model, self.motion = model, motion
         self.layout = LinearUnknowns.of(model, terms, motion.rigid_given)
         self.regressors = Regressors(model, motion, prediction, ahead)
+        self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._systems: dict[tuple[Any, ...], _System] = {}
+
+    def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
+        """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
+        prediction = self.regressors.prediction
+        assert prediction is not None
+        made = Problem(self.model, self.motion, self.layout.terms, replace(prediction, rotors=dict(rotors)))
+        made.weights = self.weights
+        return made
 
     def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
         """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
@@ -236,7 +252,7 @@ class Problem:
 
     def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:
         values = {t: self._values(t, theta, shapes[t]) for t in self.layout.terms}
-        return Prediction(theta[self.layout.lumps], values)
+        return Prediction(theta[self.layout.lumps], values, self.rotors)
 
     def _values(self, term: Term, theta: Array, shape: Values) -> Values:
         return self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 LINK_LOAD = "link_load"
 """The arm's function whose value a recording may know better."""
+LINK_SIDE = "link_inertia"
+"""The arm's function of the inertias without the rotors."""
 
 
 @dataclass
@@ -66,7 +68,11 @@ class Signals(SignalContext):
             return self._link_load
         inputs = self.model.metadata["functions"][function]["inputs"]
         lumps = None if self.prediction is None else self.prediction.lumps
-        return self.model.call(function, {name: self.coordinate(name) for name, _ in inputs}, lumps)
+        output = self.model.call(function, {name: self.coordinate(name) for name, _ in inputs}, lumps)
+        if function == LINK_SIDE:
+            for joint, change in self._moved_to_link.items():
+                output[joint, joint] += change
+        return output
 
     def given(self, name: str) -> float | None:
         return given(self.model.library, self._known.values, name)
@@ -109,11 +115,27 @@ class Signals(SignalContext):
         """
         p = self.piece
         if p.sensors.tau_rigid is not None:
-            rotors = np.array([[joint.rotor_inertia] for joint in self.model.joints])
+            rotors = np.array([[joint.rotor_inertia or 0.0] for joint in self.model.joints])
             whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
             return whole - rotors * p.slow
         loads = self.model.call(LINK_LOAD, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)
+        for joint, change in self._moved_to_link.items():
+            loads[joint] += change * p.slow[joint]
         return loads if self.measured is None else loads + self.measured
+
+    def assumed_rotor(self, joint: int) -> float:
+        """What the generated functions take for the rotor's inertia at a joint (0-based): all that it moves less what
+        its link side does."""
+        at, lumps = self.piece.q[:, :1], self._known.lumps
+        link = self.model.call(LINK_SIDE, {"q": at}, lumps)
+        return float(self.model.inertia(at, lumps)[joint, joint, 0] - link[joint, joint, 0])
+
+    @cached_property
+    def _moved_to_link(self) -> dict[int, float]:
+        """By how much the inertia on the link side of a joint (0-based) is larger, where its rotor is known from a
+        fit alone."""
+        rotors = {} if self.prediction is None else self.prediction.rotors
+        return {joint: self.assumed_rotor(joint) - rotor for joint, rotor in rotors.items()}
 
     @property
     def _known(self) -> Prediction:

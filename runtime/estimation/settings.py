@@ -91,6 +91,9 @@ TANGLED_SHARE: Final = 0.2
 """part of an unseen direction of length 1; an unknown with more of it can only be told together with the others;
 development recordings."""
 
+ROTOR_STEP: Final = 1e-3
+"""part of a rotor's inertia; a step for a derivative, far above rounding; numerical analysis."""
+
 SHAPE_STEP: Final = 1e-3
 """part of a shape's value (its unit where that is 0); over it a derivative is taken; between rounding and curvature."""
 
@@ -106,6 +109,18 @@ VALUE_STEP_AT_0: Final = 1e-8
 INERTIA_CONFIGURATIONS: Final = 60
 """number of configurations a piece; D must be positive definite at them: it changes slowly with the posture;
 development recordings."""
+
+ROTOR_ASSUMED: Final = 0.5
+"""part of the inertia into which a rotor's is merged; what the derived equations take for it (symbolic/model.py); the
+gear that accelerates its load best makes rotor and load equal, Pasch & Seering 1984."""
+
+ROTOR_SHARES: Final = (0.02, 0.98)
+"""parts of that inertia; between them a rotor is looked for, so that on either side something is left; by
+construction."""
+
+NEUTRAL_INERTIA: Final = 1e-6
+"""unit kg m² or kg; an inertia that the model file leaves out begins there, and stays where no row tells it, so that D
+is positive definite; less than any joint moves, more than the rounding of D's eigenvalues; by construction."""
 
 HARDLY_POSITIVE: Final = 0.01
 """part of the smallest eigenvalue of the file's own D; a fit that has less stopped at the bound of what is physical;

@@ -114,7 +114,7 @@ class Settings:
             uncompensated=tuple(item["effect"] for item in page["uncompensated"]),
             drive=_drive(model, per_count),
             safety=_safety(model, per_count, dt, tracking),
-            parameters={field["name"]: field["default"] for field in model.metadata["struct"]},
+            parameters=dict(zip((f["name"] for f in model.metadata["struct"]), model.struct_values, strict=True)),
             effects=effects,
             trajectory=_trajectory(page, model, trajectory),
             phases=phases,

@@ -48,11 +48,6 @@ def evaluate(model: Model, name: str, struct: Any, coordinate: Callable[[str], A
     return arm_function(model, name)(struct, *(coordinate(argument) for argument, _ in inputs))
 
 
-def struct_values(model: Model) -> list[float]:
-    """Values of the struct of parameters: lumps, then geometry."""
-    return [float(field["default"]) for field in model.metadata["struct"]]
-
-
 def effect_torque(
     model: Model, effect: str, read: Callable[[str], Any], values: Any, width: Any, states: Any = None
 ) -> Any:

@@ -62,20 +62,25 @@ class EffectInfo(DescribedEffect[DescribedParameter]):
 
 @dataclass(frozen=True)
 class LumpInfo:
-    """A base inertial parameter: value from the model file; joint counts from 1."""
+    """A base inertial parameter: value from the model file, None where it leaves a number behind it out; joint counts
+    from 1."""
 
     name: str
     unit: str
     meaning: str
     joint: int
-    value: float
+    value: float | None
 
 
 @dataclass(frozen=True)
 class JointInfo(DescribedJoint):
-    """A joint as the model file has it, and the units of its "force" and "position"."""
+    """A joint as the model file has it, and the units of its "force" and "position".
+
+    unknown   keys of its inertia that the file leaves out
+    """
 
     units: Mapping[str, str] = field(kw_only=True)
+    unknown: tuple[str, ...] = field(kw_only=True)
 
     @property
     def position_limits(self) -> tuple[float, float] | None:
@@ -99,7 +104,7 @@ class JointInfo(DescribedJoint):
 
 
 def joint_info(data: Mapping[str, Any]) -> JointInfo:
-    return cast(JointInfo, from_json(JointInfo, data))
+    return cast(JointInfo, from_json(JointInfo, {"unknown": [], **data}))
 
 
 def evaluate(form: Any, known: Mapping[str, float]) -> float:

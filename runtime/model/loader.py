@@ -26,6 +26,7 @@ from runtime.model.catalogue import (
     evaluate,
     joint_info,
 )
+from symbolic.model_file.checks import check_stated
 
 __all__ = [
     "EffectInfo",
@@ -64,7 +65,8 @@ def _pointer(array: Array) -> ctypes.c_void_p:
 
 
 class Model:
-    """An arm's functions. `lumps` (p,) replaces the base inertial parameters of the model file for one call."""
+    """An arm's functions. `lumps` (p,) replaces the base inertial parameters of the model file for one call; where that
+    leaves some open, the equations of motion cannot be called without, and say so (ModelError)."""
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
@@ -77,12 +79,31 @@ class Model:
         self.controller: dict[str, float] | None = self.metadata["controller"]
         self.joints = tuple(joint_info(data) for data in self.metadata["joints"])
         self.lumps = tuple(LumpInfo(**data) for data in self.metadata["lumps"])
-        self.lump_values: Array = np.array([lump.value for lump in self.lumps])
-        self._defaults: Array = np.array([field["default"] for field in self.metadata["struct"]])
+        self._defaults: Array = np.array([field["default"] for field in self.metadata["struct"]], dtype=np.float64)
         self.functions = tuple(self.metadata["functions"])
 
+    @property
+    def lump_values(self) -> Array:
+        """(p,) base inertial parameters of the model file. Raises ModelError where one is not known."""
+        open_lumps = [lump.name for lump in self.lumps if lump.value is None]
+        check_stated(self.name, open_lumps, [joint.unknown for joint in self.joints])
+        return self._defaults[: len(self.lumps)]
+
+    @property
+    def lumps_known(self) -> bool:
+        """Whether the model file tells every base inertial parameter."""
+        return all(lump.value is not None for lump in self.lumps)
+
+    @property
+    def struct_values(self) -> list[float]:
+        """Base inertial parameters, then geometry, as the generated functions take them. Raises ModelError."""
+        return [*self.lump_values.tolist(), *self._defaults[len(self.lumps) :].tolist()]
+
     def call(self, function: str, arguments: Mapping[str, ArrayLike], lumps: ArrayLike | None = None) -> Array:
-        """Any generated function by name. Inputs (*shape, N), output (*shape, N); see metadata["functions"]."""
+        """Any generated function by name. Inputs (*shape, N), output (*shape, N); see metadata["functions"].
+
+        Without lumps, what hangs on one that the model file leaves open is NaN.
+        """
         if function not in self.metadata["functions"]:
             raise LoaderError(f'arm "{self.name}" has no function "{function}"; it has: {", ".join(self.functions)}')
         page = self.metadata["functions"][function]
@@ -121,17 +142,20 @@ class Model:
         if lumps is None:
             return self._defaults
         values = np.asarray(lumps, dtype=np.float64)
-        if values.shape != self.lump_values.shape:
-            raise LoaderError(f"lumps has shape {values.shape}, expected {self.lump_values.shape} for {self.name}")
+        if values.shape != (len(self.lumps),):
+            raise LoaderError(f"lumps has shape {values.shape}, expected ({len(self.lumps)},) for {self.name}")
         return np.concatenate([values, self._defaults[len(values) :]])
+
+    def _or_stated(self, lumps: ArrayLike | None) -> ArrayLike:
+        return self.lump_values if lumps is None else lumps
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, lumps: ArrayLike | None = None) -> Array:
         """Motor torques of the rigid arm, (n, N) N m or N."""
-        return self.call("inverse_dynamics", {"q": q, "qd": qd, "qdd": qdd}, lumps)
+        return self.call("inverse_dynamics", {"q": q, "qd": qd, "qdd": qdd}, self._or_stated(lumps))
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, lumps: ArrayLike | None = None) -> Array:
         """Accelerations under the torques tau, (n, N)."""
-        return self.call("forward_dynamics", {"q": q, "qd": qd, "tau": tau}, lumps)
+        return self.call("forward_dynamics", {"q": q, "qd": qd, "tau": tau}, self._or_stated(lumps))
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Derivative of the inverse dynamics by the lumps, (n, p, N)."""
@@ -139,11 +163,11 @@ class Model:
 
     def inertia(self, q: ArrayLike, lumps: ArrayLike | None = None) -> Array:
         """D(q), (n, n, N)."""
-        return self.call("inertia", {"q": q}, lumps)
+        return self.call("inertia", {"q": q}, self._or_stated(lumps))
 
     def coriolis(self, q: ArrayLike, qd: ArrayLike, lumps: ArrayLike | None = None) -> Array:
         """C(q, qd), (n, n, N)."""
-        return self.call("coriolis", {"q": q, "qd": qd}, lumps)
+        return self.call("coriolis", {"q": q, "qd": qd}, self._or_stated(lumps))
 
     def tip(self, q: ArrayLike) -> Array:
         """End-effector's x, y and angle in the base frame, (3, N)."""

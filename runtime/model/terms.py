@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,10 +83,14 @@ def unit_of(model: Model, term: Term, parameter: str) -> str:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Base inertial parameters (p,) and all parameter values of all terms: what a fit found."""
+    """Base inertial parameters (p,) and all parameter values of all terms: what a fit found.
+
+    rotors   inertia of the rotors, by joint (0-based), where the model file leaves it out and a term told it
+    """
 
     lumps: Array
     values: Mapping[Term, Values]
+    rotors: Mapping[int, float] = field(default_factory=dict)
 
 
 def at(term: Term) -> str:

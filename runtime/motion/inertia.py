@@ -24,24 +24,37 @@ Array = NDArray[np.float64]
 
 def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
     """(n,) kg m² (kg): the stated inertias, those excepted that are far below what the recordings show, or unknown
-    (NaN): there what they show.
+    (NaN): there what they show, or if they show none the most that their torque can be for.
 
     One that is too large costs bandwidth and no more. What a recording shows may be too small itself, where something
     delays or withholds a torque.
     """
-    seen = shown(recordings)
-    return np.where(np.isfinite(seen) & ~(INERTIA_GUESSED * stated > seen), seen, stated)
+    motion = _slow_motion(recordings)
+    if motion is None:
+        return np.where(np.isfinite(stated), stated, 1.0)
+    seen = _asked_at_all(motion)
+    _, _, qdd, tau = motion
+    most = np.linalg.norm(tau, axis=1) / np.maximum(np.linalg.norm(qdd, axis=1), 1e-300)
+    known = np.where(np.isfinite(stated), stated, most)
+    return np.where(np.isfinite(seen) & ~(INERTIA_GUESSED * stated > seen), seen, known)
 
 
 def shown(recordings: Sequence[Recording]) -> Array:
-    """(n,) what a joint's torque asks for its acceleration below the lowest cut-off, beside friction, gravity and what
-    the other joints' accelerations ask; NaN where that explains too little of the torque to be told."""
-    n = len(recordings[0].q)
+    """(n,) as `asked`, of every joint, below the lowest cut-off; NaN where no stretch is long enough."""
+    motion = _slow_motion(recordings)
+    return np.full(len(recordings[0].q), np.nan) if motion is None else _asked_at_all(motion)
+
+
+def _asked_at_all(motion: tuple[Array, Array, Array, Array]) -> Array:
+    return np.array([asked(i, *motion) for i in range(len(motion[0]))])
+
+
+def _slow_motion(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array] | None:
     parts = [p for r in recordings if (p := _smooth(r)) is not None]
     if not parts:
-        return np.full(n, np.nan)
+        return None
     q, qd, qdd, tau = (np.concatenate(signals, axis=1) for signals in zip(*parts, strict=True))
-    return np.array([_of_joint(i, q, qd, qdd, tau) for i in range(n)])
+    return q, qd, qdd, tau
 
 
 def _smooth(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
@@ -59,7 +72,9 @@ def _smooth(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
     return q, qd, qdd, np.array([derive(row)[0][::thin] for row in torque])
 
 
-def _of_joint(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
+def asked(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
+    """kg m² (kg), what a joint's torque asks for its acceleration, signals (n, M), beside friction, gravity and what
+    the other joints' accelerations ask; NaN where that explains too little of the torque to be told."""
     turns = [f(row) for row in q for f in (np.sin, np.cos)]
     others = [row for k, row in enumerate(qdd) if k != joint]
     rest = np.array([qd[joint], np.sign(qd[joint]), np.ones(q.shape[1]), *turns, *others])

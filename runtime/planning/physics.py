@@ -44,12 +44,12 @@ class Physics:
     def sizes(self) -> dict[str, int]:
         """Of the parts of p that the equations read."""
         own = {str(term): len(self.model.library[term.effect].parameters) for term in self.terms}
-        return {"struct": len(casadi_functions.struct_values(self.model)), "width": len(casadi_functions.WIDTHS), **own}
+        return {"struct": len(self.model.struct_values), "width": len(casadi_functions.WIDTHS), **own}
 
     def values(self, width: float) -> dict[str, list[float]]:
         """The same parts' values; width of the switches in rad/s (m/s), and their other widths with it."""
         own = {str(term): casadi_functions.ordered(self.model, term.effect, v) for term, v in self.terms.items()}
-        return {"struct": casadi_functions.struct_values(self.model), "width": widths(width), **own}
+        return {"struct": self.model.struct_values, "width": widths(width), **own}
 
     def given(self, signal: str, p: Callable[[str], ca.SX]) -> ca.SX | None:
         """The signal that a parameter of a term is; None where there is none."""

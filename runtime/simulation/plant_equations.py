@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, struct_values
+from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered
 from runtime.model.loader import Model
 from runtime.model.signals import OF_DRIVE, SignalContext
 from runtime.model.terms import Structure, Term, given, joints_of
@@ -248,7 +248,7 @@ class _Signals(SignalContext):
         return getattr(self.instant, name)
 
     def evaluate(self, function: str) -> Any:
-        return evaluate(self.model, function, struct_values(self.model), self.coordinate)
+        return evaluate(self.model, function, self.model.struct_values, self.coordinate)
 
     def given(self, name: str) -> float | None:
         return given(self.model.library, self.equations.terms, name)

@@ -8,8 +8,9 @@ from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, Parameter, parameter
 from symbolic.primitives import WIDTH_RATE, WIDTH_TIME, sgn, step
 
-QD, T = SIGNAL["qd"].symbol, SIGNAL["t"].symbol
+QD, QDD, T = (SIGNAL[name].symbol for name in ("qd", "qdd", "t"))
 NEXT, PREVIOUS, HAS_NEXT = SIGNAL["qd_next"].symbol, SIGNAL["qd_previous"].symbol, SIGNAL["has_next"].symbol
+NEXT_ACCELERATION, PREVIOUS_ACCELERATION = (SIGNAL[name].symbol for name in ("qdd_next", "qdd_previous"))
 MOMENT_X, MOMENT_Y, TIP_LOAD = SIGNAL["moment_x"].symbol, SIGNAL["moment_y"].symbol, SIGNAL["tip_load"].symbol
 
 TWICE_G = (-2 * 9.81, 2 * 9.81)
@@ -21,12 +22,8 @@ GRAVITY = Effect(
     torque=-(parameter("gx") * MOMENT_X + parameter("gy") * MOMENT_Y),
     parameters=(
         # A model file that has the whole of it in the wrong direction lacks twice as much.
-        Parameter(
-            "gx", u.METRE / u.SECOND**2, "acceleration of gravity along base x, beyond the model file's", bounds=G
-        ),
-        Parameter(
-            "gy", u.METRE / u.SECOND**2, "acceleration of gravity along base y, beyond the model file's", bounds=G
-        ),
+        Parameter("gx", u.METRE / u.SECOND**2, "of gravity along base x, beyond the model file's", bounds=TWICE_G),
+        Parameter("gy", u.METRE / u.SECOND**2, "of gravity along base y, beyond the model file's", bounds=TWICE_G),
     ),
     carried=True,
     summary="Gravity that the model leaves out, or a base that is not level.",
@@ -78,4 +75,48 @@ COUPLED_FRICTION = Effect(
     dissipates=True,
 )
 
-EFFECTS = (GRAVITY, PAYLOAD, COUPLED_FRICTION)
+_RATIO = parameter("ratio")
+# Of the motor, in motion of the first joint: both joints' places see the same motor.
+_MOTOR_RATE = HAS_NEXT * (QD + _RATIO * NEXT) + (1 - HAS_NEXT) * (PREVIOUS + _RATIO * QD)
+_MOTOR_ACCELERATION = HAS_NEXT * (QDD + _RATIO * NEXT_ACCELERATION) + (1 - HAS_NEXT) * (
+    PREVIOUS_ACCELERATION + _RATIO * QDD
+)
+# What works on the motor's rate works on each joint by the part that the joint has in that rate.
+_PART = HAS_NEXT + (1 - HAS_NEXT) * _RATIO
+
+COUPLED_GEAR = Effect(
+    name="coupled_gear",
+    scope="joints",
+    family="load",
+    torque=_PART
+    * (
+        parameter("coulomb") * sgn(_MOTOR_RATE, WIDTH_RATE)
+        + parameter("viscous") * _MOTOR_RATE
+        + parameter("inertia") * _MOTOR_ACCELERATION
+    ),
+    parameters=(
+        Parameter("coulomb", u.FORCE, "dry friction on the motor's rate, at the first joint", bounds=(0.0, inf)),
+        Parameter("viscous", u.VISCOUS, "viscous friction on the motor's rate, at the first joint", bounds=(0.0, inf)),
+        Parameter("inertia", u.INERTIA, "of what turns at the motor's rate, at the first joint", bounds=(0.0, inf)),
+        Parameter(
+            "ratio",
+            u.ONE,
+            "turns of the motor for a turn of the second joint over those for a turn of the first; 1 or -1 are tried",
+            "shape",
+            grid=Grid(-1.0, 1.0, 2, "one", "linear"),
+        ),
+    ),
+    summary="A motor that turns with two joints at once, as in wrists: its friction and inertia are felt at both.",
+    equation="F sgn(w) + c w + I w_d,  w = qd_i + r qd_(i+1), on joint i; r times that on joint i+1",
+    trace="Two joints jump together, and drag and lag together, where the sum or difference of their rates does.",
+    experiment="Two joints moving at once, in the same and in opposite directions, with different reversals, slow and "
+    "fast.",
+    source="Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot "
+    "identification, IEEE Trans. Control Systems Technology 22(1): the wrist of the TX40; Gautier, Janot & Vandanjon "
+    "2012, A new closed-loop output error method for parameter identification of robot dynamics, likewise 21(2)",
+    # Of which the dry friction alone, on the sum of the rates, is the other effect.
+    generalises=("coupled_friction",),
+    sits_at="motor",
+)
+
+EFFECTS = (GRAVITY, PAYLOAD, COUPLED_FRICTION, COUPLED_GEAR)

@@ -277,5 +277,23 @@ SIGNALS: tuple[Signal, ...] = (
         known_to="controller",
         span=(1.0, 160.0),
     ),
+    Signal(
+        "qdd_next",
+        u.ACCELERATION,
+        "acceleration of the next joint outwards; 0 at the last",
+        source=Coordinate("qdd", 1),
+        known_to="plan",
+        seen_over="acceleration",
+        span=(-20.0, 20.0),
+    ),
+    Signal(
+        "qdd_previous",
+        u.ACCELERATION,
+        "acceleration of the joint before; 0 at the first",
+        source=Coordinate("qdd", -1),
+        known_to="plan",
+        seen_over="acceleration",
+        span=(-20.0, 20.0),
+    ),
 )
 SIGNAL = {s.name: s for s in SIGNALS}

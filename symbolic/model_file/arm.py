@@ -11,12 +11,15 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class Link:
-    """Length and centre of mass (along, across) in m; mass in kg; inertia about the centre of mass in kg m²."""
+    """Length and centre of mass (along, across) in m; mass in kg; inertia about the centre of mass in kg m².
+
+    None: not known.
+    """
 
     length: float
-    mass: float
-    com: tuple[float, float]
-    inertia: float
+    mass: float | None = None
+    com: tuple[float, float] | None = None
+    inertia: float | None = None
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,12 @@ class Drive:
 class DescribedJoint:
     """A joint without its link: what the generated metadata says of it.
 
-    rotor_inertia    at the joint's output (kg m² or kg); torque_constant at the joint (N m/A or N/A)
+    rotor_inertia    at the joint's output (kg m² or kg), None: not known; torque_constant at the joint (N m/A or N/A)
     encoder_counts   per turn of the motor; encoder_zero: of them where the position is 0
     """
 
     type: Literal["revolute", "prismatic"]
-    rotor_inertia: float
+    rotor_inertia: float | None
     gear_ratio: float
     torque_constant: float | None = None
     limits: Limits = field(default_factory=Limits)
@@ -91,6 +94,12 @@ class Joint(DescribedJoint):
     """A joint of the model file."""
 
     link: Link = field(kw_only=True)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Keys of the model file that say what inertia it moves, and are left out."""
+        stated = {"mass": self.link.mass, "com": self.link.com, "inertia": self.link.inertia}
+        return tuple(key for key, value in {**stated, "rotor_inertia": self.rotor_inertia}.items() if value is None)
 
 
 @dataclass(frozen=True)

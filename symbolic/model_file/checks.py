@@ -10,7 +10,7 @@ import json
 import keyword
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -85,6 +85,20 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     """The known name that a mistyped one most likely means, or None."""
     close = difflib.get_close_matches(name[:100], list(known), n=1, cutoff=0.6)
     return close[0] if close else None
+
+
+def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Sequence[str]]) -> None:
+    """Raise ModelError where the file of an arm leaves base inertial parameters open.
+
+    open_lumps     their names     unknown_keys   of each joint, those that the file leaves out
+    """
+    if not open_lumps:
+        return
+    left_out = "; ".join(f"joint {k}: {', '.join(keys)}" for k, keys in enumerate(unknown_keys, 1) if keys)
+    raise ModelError(
+        f"{name}: this needs numbers that the model file leaves out ({left_out}), and so does not tell "
+        f"{', '.join(open_lumps)}; state them, or let tendon identify MODEL RECORDING --write find what they come to"
+    )
 
 
 def unknown(place: Place, what: str, key: str, known: tuple[str, ...]) -> NoReturn:

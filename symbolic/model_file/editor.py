@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
 
 DIGITS = 7
+ROTOR = "rotor_inertia"
 Owner = tuple[str, int | None]
 """Whose effects: ("joint", i counted from 1), ("arm", None) or ("contact", None)."""
 
@@ -109,11 +110,13 @@ def set_values(
     library: Mapping[str, Effect],
     effects: Mapping[tuple[str, int | None], Mapping[str, float]],
     inertial: Mapping[str, float] | None = None,
+    rotors: Mapping[int, float] | None = None,
 ) -> str:
-    """`text` with new parameter values of active effects and of [inertial].
+    """`text` with new parameter values of active effects and of [inertial], and new inertias of rotors.
 
     effects    (effect, joint or None) -> parameter -> value in SI
     inertial   base inertial parameter -> value in SI
+    rotors     joint, counted from 1 -> kg m² (kg) at its output
     Raises ModelError: an effect that is not active, no such parameter, a value out of its bounds.
     """
     arm = parse(text, where, library)
@@ -124,6 +127,7 @@ def set_values(
         if effect not in _active(arm, owner):
             place.fail(f'effect "{effect}" is not in the file; add it first')
         changes.append(((*_prefix(owner), effect), owner[1], {k: _rounded(v) for k, v in values.items()}))
+    changes += [(("joint",), joint, {ROTOR: _rounded(value)}) for joint, value in (rotors or {}).items()]
     if inertial:
         rounded = {identifier(place.inside("inertial"), "key", k): _rounded(v) for k, v in inertial.items()}
         changes.append((("inertial",), None, rounded))

@@ -49,11 +49,13 @@ def _joint_type(table: Table) -> JointType:
     return "prismatic" if table.get("type") == "prismatic" else "revolute"
 
 
+UNKNOWN = "if left out, unknown"
+
 LINK = (
     Number("length", "to the next joint, or to the tip", unit="m", low=0.0),
-    Number("mass", "of the link", unit="kg", low=0.0),
-    Pair("com", "centre of mass, along and across the link", unit="m"),
-    Number("inertia", "about the centre of mass", unit="kg m^2", low=0.0),
+    Number("mass", f"of the link; {UNKNOWN}", unit="kg", low=0.0, default=None),
+    Pair("com", f"centre of mass, along and across the link; {UNKNOWN}", unit="m", default=None),
+    Number("inertia", f"about the centre of mass; {UNKNOWN}", unit="kg m^2", low=0.0, default=None),
 )
 LIMITS = (
     Interval("position", "range, the smaller end first", unit=("rad", "m"), default=None),
@@ -105,9 +107,10 @@ JOINT = (
     Choice("type", "revolute, or prismatic", ("revolute", "prismatic"), '"revolute" or "prismatic"'),
     Number(
         "rotor_inertia",
-        "motor and gear at the joint's output: that of the motor times gear_ratio squared",
+        f"motor and gear at the joint's output: that of the motor times gear_ratio squared; {UNKNOWN}",
         unit=("kg m^2", "kg"),
         low=0.0,
+        default=None,
     ),
     Number("gear_ratio", "turns of the motor a turn of the joint (rad of the motor a metre)", positive=True),
     Inner("link", "the body that the joint moves", LINK),

@@ -216,19 +216,20 @@ def check_effect(place: Place, name: str, scope: str, library: Mapping[str, Effe
 
 
 def _check_inertia_seen(top: Place, arm: Arm) -> None:
-    """Every joint must move some inertia, or D is singular and the arm cannot be simulated or identified."""
+    """Every joint must move some inertia, or D is singular and the arm cannot be simulated or identified; what is not
+    known may be there."""
     for i, joint in enumerate(arm.joints):
-        seen, offset = joint.rotor_inertia, False
+        seen, offset = [joint.rotor_inertia], False
         for k, outer in enumerate(arm.joints[i:]):
             if joint.type == "prismatic":
-                seen += outer.link.mass
+                seen.append(outer.link.mass)
                 continue
             slides = k > 0 and outer.type == "prismatic"
             if offset or slides or outer.link.com != (0.0, 0.0):
-                seen += outer.link.mass
-            seen += outer.link.inertia
+                seen.append(outer.link.mass)
+            seen.append(outer.link.inertia)
             offset = offset or slides or outer.link.length > 0
-        if seen <= 0:
+        if not any(value is None or value > 0 for value in seen):
             top.inside(f"joint {i + 1}").fail(
                 "moves no inertia at all; expected a rotor_inertia, or a mass or inertia on this link or further out"
             )

@@ -12,6 +12,7 @@ Source: Gautier & Khalil 1990 (minimum inertial parameters), by exact instead of
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isqrt
@@ -30,9 +31,10 @@ Column = tuple[str, int]
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """values: the base parameters in order; merged: what went into each, (column, coefficient) pairs."""
+    """values: the base parameters in order, None where a number behind one is not known; merged: what went into each,
+    (column, coefficient) pairs."""
 
-    values: dict[Column, Fraction]
+    values: dict[Column, Fraction | None]
     merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
 
 
@@ -50,30 +52,33 @@ def exact_chain(arm: Arm) -> Chain:
     )
 
 
-def link_values(link: Link, revolute: bool) -> dict[str, Fraction]:
-    """The elementary parameters of one link: its whole mass stands at the distal point."""
-    m, inertia = exact(link.mass), exact(link.inertia)
+def link_values(link: Link, revolute: bool) -> Mapping[str, Fraction | None]:
+    """The elementary parameters of one link: its whole mass stands at the distal point. None: not known."""
+    m = None if link.mass is None else exact(link.mass)
+    inertia = None if link.inertia is None else exact(link.inertia)
+    if m is None or link.com is None:
+        return {"J": None, "mu": m, "h": None, "hy": None}
     along, across = exact(link.com[0]), exact(link.com[1])
     h, hy = m * (along - exact(link.length)), m * across
     if revolute:  # moments about the joint, less what the point mass contributes
-        J = inertia + m * (along**2 + across**2 - exact(link.length) ** 2)
+        offset = m * (along**2 + across**2 - exact(link.length) ** 2)
     else:
-        J = inertia + (m * ((along - exact(link.length)) ** 2 + across**2))
-    return {"J": J, "mu": m, "h": h, "hy": hy}
+        offset = m * ((along - exact(link.length)) ** 2 + across**2)
+    return {"J": None if inertia is None else inertia + offset, "mu": m, "h": h, "hy": hy}
 
 
-def elementary(arm: Arm) -> dict[Column, Fraction]:
-    """All elementary parameters in order of preference; hy only where a centre of mass is off its link's line."""
+def elementary(arm: Arm) -> dict[Column, Fraction | None]:
+    """All elementary parameters in order of preference; hy only where a centre of mass may be off its link's line."""
     n = len(arm.joints)
-    values: dict[Column, Fraction] = {}
+    values: dict[Column, Fraction | None] = {}
     for i, joint in enumerate(arm.joints):
         for kind, value in link_values(joint.link, joint.type == "revolute").items():
             values[kind, i] = value
-        values["I", i] = exact(joint.rotor_inertia)
+        values["I", i] = None if joint.rotor_inertia is None else exact(joint.rotor_inertia)
     sliding = {i for i, j in enumerate(arm.joints) if j.type == "prismatic"}
     order: list[Column] = [("J", i) for i in range(n)] + [("mu", i) for i in sorted(sliding)]
     order += [("I", i) for i in range(n)] + [("mu", i) for i in range(n - 1)] + [("h", n - 1)]
-    order += [("hy", i) for i in range(n) if values["hy", i]] + [("mu", n - 1)]
+    order += [("hy", i) for i in range(n) if values["hy", i] != 0] + [("mu", n - 1)]
     order += [("h", i) for i in reversed(range(n - 1))]
     return {c: values[c] for c in dict.fromkeys(order)}
 
@@ -82,14 +87,25 @@ def base_parameters(arm: Arm) -> BaseParameters:
     """Merge the dependent columns; the result is in the order J, I, mu, h, hy and then by joint."""
     values = elementary(arm)
     coefficients = _dependencies(arm, tuple(values))
-    base = {c: v for c, v in values.items() if c not in coefficients}
-    merged: dict[Column, list[tuple[Column, Fraction]]] = {c: [(c, Fraction(1))] for c in base}
+    merged: dict[Column, list[tuple[Column, Fraction]]] = {
+        c: [(c, Fraction(1))] for c in values if c not in coefficients
+    }
     for column, combination in coefficients.items():
         for target, factor in combination.items():
-            base[target] += factor * values[column]
             merged[target].append((column, factor))
-    order = sorted(base, key=lambda c: (KINDS.index(c[0]), c[1]))
-    return BaseParameters({c: base[c] for c in order}, {c: tuple(merged[c]) for c in order})
+    order = sorted(merged, key=lambda c: (KINDS.index(c[0]), c[1]))
+    return BaseParameters({c: _sum(values, merged[c]) for c in order}, {c: tuple(merged[c]) for c in order})
+
+
+def _sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Column, Fraction]]) -> Fraction | None:
+    """What the parts of a base parameter come to; None if one of them is not known."""
+    total = Fraction(0)
+    for column, factor in parts:
+        value = values[column]
+        if value is None:
+            return None
+        total += factor * value
+    return total
 
 
 def _dependencies(arm: Arm, columns: tuple[Column, ...]) -> dict[Column, dict[Column, Fraction]]:

@@ -24,7 +24,7 @@ def functions(
     author: Author, chain: Chain, symbols: dict[Column, sp.Symbol], frame: int, rotors: Sequence[sp.Expr]
 ) -> list[SymbolicFunction]:
     """All functions of D qdd + C qd + g = tau. `symbols`: the base parameters; `frame`: see newton_euler; `rotors`:
-    (n,) the model file's rotor inertias, kg m² (kg)."""
+    (n,) the rotors' inertias, kg m² (kg)."""
     lumps = lumps_of(symbols, chain.n)
     return [
         *_inverse_dynamics(author, chain, lumps, frame, rotors),

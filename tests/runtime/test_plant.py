@@ -156,6 +156,7 @@ STATED: dict[str, dict[str, float]] = {
     "thermal_friction": {"coulomb": -0.1, "viscous": 0.3, "time_constant": 0.3},
     "coulomb_asymmetric": {"positive": 0.9, "negative": 0.6},
     "coupled_friction": {"torque": 0.2},
+    "coupled_gear": {"coulomb": 0.2, "viscous": 0.1, "inertia": 0.05, "ratio": -1.0},
     "torque_ripple": {"order": 2.0, "amplitude": 0.3, "phase": 0.5},
 }
 # Backwards, a transmission guesses its load ahead and a gap's impacts are means over a sample; a bristle is a kink.

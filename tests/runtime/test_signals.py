@@ -13,7 +13,6 @@ import pytest
 from codegen.prepare import prepare_arm
 from runtime.estimation.regressors import Signals
 from runtime.model import signals
-from runtime.model.casadi_functions import struct_values
 from runtime.model.loader import Library, Model, load_model
 from runtime.model.terms import Prediction, Structure, Term
 from runtime.motion.motion import Piece
@@ -89,7 +88,7 @@ def test_numbers_and_expressions_are_the_same(arm: Model) -> None:
 def test_a_plan_reads_the_same(arm: Model) -> None:
     seen = along(arm)
     plan = physics.Physics(arm, acting(arm), {})
-    values = plan.values(50 * SHARP) | {"struct": struct_values(arm)}
+    values = plan.values(50 * SHARP) | {"struct": arm.struct_values}
     q, qd, qdd = (ca.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
     instant = physics.PlanInstant(plan, q, qd, qdd, {}, lambda name: ca.SX(values[name]), apart=False)
     summed = instant.torque

@@ -44,6 +44,7 @@ TABLE = {
     "gravity": "gx gy",
     "payload": "mass time",
     "coupled_friction": "torque",
+    "coupled_gear": "coulomb viscous inertia ratio",
     "plate": "stiffness pretension friction position",
     "plate_damping": "coefficient",
 }
@@ -188,6 +189,35 @@ def test_coupled_friction_acts_on_both_joints_and_dissipates(inner: float, outer
     second = torque("coupled_friction", {"torque": size}, qd=outer, qd_next=9.0, qd_previous=inner, has_next=0)
     assert first == second
     assert first * inner + second * outer >= -1e-12 * size
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    rates=st.tuples(st.floats(-3, 3), st.floats(-3, 3)),
+    accelerations=st.tuples(st.floats(-9, 9), st.floats(-9, 9)),
+    size=st.tuples(*[st.floats(0, 5)] * 3),
+    ratio=st.sampled_from([1.0, -1.0, 0.6]),
+)
+def test_coupled_gear_takes_of_both_joints_what_its_motor_takes(
+    rates: tuple[float, float], accelerations: tuple[float, float], size: tuple[float, float, float], ratio: float
+) -> None:
+    values = {**dict(zip(("coulomb", "viscous", "inertia"), size, strict=True)), "ratio": ratio}
+    (v, w), (a, b) = rates, accelerations
+    outer = {"qd": v, "qd_next": w, "qd_previous": 9.0, "qdd": a, "qdd_next": b, "qdd_previous": 9.0, "has_next": 1.0}
+    inner = {"qd": w, "qd_next": 9.0, "qd_previous": v, "qdd": b, "qdd_next": 9.0, "qdd_previous": a, "has_next": 0.0}
+    power = torque("coupled_gear", values, **outer) * v + torque("coupled_gear", values, **inner) * w
+    motor = v + ratio * w
+    friction = size[0] * abs(motor) + size[1] * motor**2
+    assert power == pytest.approx(friction + size[2] * motor * (a + ratio * b), abs=1e-9)
+
+
+def test_coupled_gear_of_dry_friction_alone_is_coupled_friction() -> None:
+    at = {"qd": 0.3, "qd_next": -0.5, "qd_previous": 9.0, "qdd": 1.0, "qdd_next": 2.0, "qdd_previous": 9.0}
+    values = {"coulomb": 0.7, "viscous": 0.0, "inertia": 0.0, "ratio": 1.0}
+    friction = {k: v for k, v in at.items() if not k.startswith("qdd")}
+    assert torque("coupled_gear", values, has_next=1.0, **at) == torque(
+        "coupled_friction", {"torque": 0.7}, has_next=1.0, **friction
+    )
 
 
 @settings(max_examples=60, deadline=None)

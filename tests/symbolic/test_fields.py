@@ -106,5 +106,6 @@ def test_every_key_of_a_model_file_is_listed_with_what_it_means(arm: str) -> Non
     assert len(rows) == len(keys.model_file_rows())
     assert all(row.meaning for row in rows.values())
     assert rows["joint.torque_constant"].unit.startswith("N m/A at the joint's output")
-    assert (rows["joint.link.mass"].unit, rows["joint.link.mass"].default) == ("kg", "required")
+    assert (rows["joint.link.length"].unit, rows["joint.link.length"].default) == ("m", "required")
+    assert (rows["joint.link.mass"].unit, rows["joint.link.mass"].default) == ("kg", "")
     assert (rows["joint.encoder.zero"].default, rows["joint.drive.direction"].default) == ("0", "1")

@@ -74,17 +74,18 @@ def inertial(identification: Identification) -> list[Row]:
     """Base inertial parameters of the model file beside those of the data."""
     rows = []
     for info, e in zip(identification.model.lumps, identification.inference.lumps, strict=True):
-        off = (e.value - info.value) / abs(info.value) if info.value and isfinite(e.value) else None
-        outside = e.interval is not None and not e.interval[0] <= info.value <= e.interval[1]
+        known = info.value
+        off = (e.value - known) / abs(known) if known and isfinite(e.value) else None
+        outside = e.interval is not None and known is not None and not e.interval[0] <= known <= e.interval[1]
         rows.append(
             {
                 "name": info.name,
                 "meaning": info.meaning,
                 "joint": info.joint,
-                "file": quantity(info.value, info.unit),
+                "file": "" if known is None else quantity(known, info.unit),
                 "fit": estimate(e) + unit(e.unit, " "),
                 "off": "" if off is None else f"{100 * off:+.1f} %".replace("-", "−"),
-                "contradicts": outside and off is not None and abs(off) > _CONTRADICTS,
+                "contradicts": outside and abs(off or 0.0) > _CONTRADICTS,
             }
         )
     return rows

@@ -233,8 +233,10 @@ def _floors(joints: Sequence[Document]) -> str:
 def _refit(before: Document, after: Document) -> None:
     """Every parameter as the file has it, fitted without and with what was added."""
     table = empty_table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
-    for old, new in zip(before["inertial"], after["inertial"], strict=True):
-        cells = [figure(old["model"]), figure(old["fit"]), figure(new["fit"]), interval(new, ""), unit(new)]
+    earlier = {(p["joint"], p["name"]): p["fit"] for p in before["inertial"]}
+    for new in after["inertial"]:
+        old = earlier.get((new["joint"], new["name"]))
+        cells = [figure(new["model"]), figure(old), figure(new["fit"]), interval(new, ""), unit(new)]
         table.add_row(joint_cell(new["joint"]), new["name"], *cells)
     fits = [
         {(e["effect"], e["joint"]): e["parameters"] for e in identification["effects"]}

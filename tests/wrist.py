@@ -1,0 +1,109 @@
+"""Recordings of two links whose outer motor turns with both joints, from equations written by hand.
+
+A planar pair of links, as in any textbook, and a motor at the rate q̇₁ + r q̇₂ with dry and viscous friction and an
+inertia: what the motor takes acts on joint 1 as it is, on joint 2 times r. The motion is prescribed, with its exact
+derivatives, so that the torque is exact but for the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+RATE, SECONDS = 1000.0, 24.0
+LENGTH = 0.30  # m, of the first link
+FIRST, SECOND = (2.0, 0.16, 0.03), (1.2, 0.12, 0.012)  # mass kg, centre of mass m, inertia about it kg m^2
+ROTORS = (0.08, 0.05)  # kg m^2, each of its own joint
+DRY, VISCOUS = (1.1, 0.8), (0.9, 0.6)  # N m, N m s/rad, each of its own joint
+COUNTS = 2 * np.pi / 400_000  # rad, of the encoders
+NOISE = 0.03  # N m
+
+
+@dataclass(frozen=True)
+class CoupledMotor:
+    """Dry friction N m, viscous friction N m s/rad and inertia kg m² at the first joint; turns by the second's."""
+
+    dry: float = 0.0
+    viscous: float = 0.0
+    inertia: float = 0.0
+    ratio: float = 1.0
+
+
+MODEL = f"""\
+name = "wrist"
+gravity = [0.0, 0.0]
+[[joint]]
+type = "revolute"
+rotor_inertia = {ROTORS[0]}
+gear_ratio = 100
+[joint.link]
+length = {LENGTH}
+mass = {FIRST[0]}
+com = [{FIRST[1]}, 0.0]
+inertia = {FIRST[2]}
+[joint.effects.coulomb]
+[joint.effects.viscous]
+[[joint]]
+type = "revolute"
+rotor_inertia = {ROTORS[1]}
+gear_ratio = 100
+[joint.link]
+length = 0.2
+mass = {SECOND[0]}
+com = [{SECOND[1]}, 0.0]
+inertia = {SECOND[2]}
+[joint.effects.coulomb]
+[joint.effects.viscous]
+"""
+"""What its user believes: everything but the coupled motor."""
+
+
+def record(motor: CoupledMotor, seed: int) -> Recording:
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    q, v, a = (np.array(rows) for rows in zip(_sines(rng, t), _sines(rng, t), strict=True))
+    tau = _links(q, v, a) + np.array(ROTORS)[:, None] * a
+    tau += np.array(DRY)[:, None] * np.sign(v) + np.array(VISCOUS)[:, None] * v
+    rate, acceleration = v[0] + motor.ratio * v[1], a[0] + motor.ratio * a[1]
+    taken = motor.dry * np.sign(rate) + motor.viscous * rate + motor.inertia * acceleration
+    tau += np.array([taken, motor.ratio * taken])
+    tau += NOISE * rng.standard_normal(tau.shape)
+    run = np.zeros(len(t), dtype=np.int64)
+    read = np.round(q / COUNTS) * COUNTS
+    kinds = ("revolute", "revolute")
+    return Recording(
+        Path("wrist.csv"), t, run, read, tau, types=kinds, segments=(slice(0, len(t)),), temperature=(None, None)
+    )
+
+
+def _sines(rng: np.random.Generator, t: Array) -> tuple[Array, Array, Array]:
+    """Position, rate and acceleration of a sum of sines from 0.05 to 4 Hz."""
+    frequencies = np.geomspace(0.05, 4.0, 7) * rng.uniform(0.85, 1.15, 7)
+    phases, sizes = rng.uniform(0, 2 * np.pi, 7), 0.5 * frequencies**-0.9 * 0.05**0.5
+    w = 2 * np.pi * frequencies[:, None]
+    angle = w * t + phases[:, None]
+    size = sizes[:, None]
+    return (
+        np.sum(size * np.sin(angle), axis=0),
+        np.sum(size * w * np.cos(angle), axis=0),
+        np.sum(-size * w**2 * np.sin(angle), axis=0),
+    )
+
+
+def _links(q: Array, v: Array, a: Array) -> Array:
+    """(2, N) torque of the two links: Spong & Vidyasagar 1989, section 6.4, without gravity."""
+    (m1, c1, i1), (m2, c2, i2) = FIRST, SECOND
+    cosine, h = np.cos(q[1]), -m2 * LENGTH * c2 * np.sin(q[1])
+    d11 = m1 * c1**2 + i1 + m2 * (LENGTH**2 + c2**2 + 2 * LENGTH * c2 * cosine) + i2
+    d12 = m2 * (c2**2 + LENGTH * c2 * cosine) + i2
+    d22 = m2 * c2**2 + i2
+    first = d11 * a[0] + d12 * a[1] + h * (2 * v[0] * v[1] + v[1] ** 2)
+    second = d12 * a[0] + d22 * a[1] - h * v[0] ** 2
+    return np.array([first, second])
