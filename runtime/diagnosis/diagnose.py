@@ -11,7 +11,7 @@ from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
 from runtime.diagnosis.remainder import after_effect, physics, remainder
 from runtime.diagnosis.search import Finding, Search, Step, seconds_moving
-from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, MOST_FINDINGS
+from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared
@@ -105,7 +105,7 @@ def diagnose(
             which the library does not have, and that the effects that came nearest only stand for it
     """
     search = begin(model, recordings, held_out)
-    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
+    while not search.full and search.advance() is not None:
         pass
     return conclude(search, wider)
 

@@ -20,6 +20,7 @@ from runtime.diagnosis.settings import (
     LEAST_FALL,
     LEAST_MOVING_S,
     MOST_FINDINGS,
+    MOST_OF_ONE,
     MOST_PAIRS,
     MOST_RIVALS,
     PAIR_WORTH_FITTING,
@@ -178,12 +179,35 @@ class Search:
             self.findings.append(finding)
             self.steps.append(finding.after)
             self._leave_out_replaced()
+            self._further(finding.term)
             for _ in range(MOST_FINDINGS):
                 if not self._reconsider():
                     break
         else:
             return None
         return self.findings[-1]
+
+    @property
+    def full(self) -> bool:
+        """Whether so many effects are named that the base model must be wrong; several of one at a joint are one."""
+        return len({(f.term.effect, f.term.joint) for f in self.findings}) >= MOST_FINDINGS
+
+    def _further(self, term: Term) -> None:
+        """Add more of an effect of which a joint may have several, one after another, as long as they pass."""
+        if not self.model.library.effects[term.effect].several:
+            return
+        for _ in range(MOST_OF_ONE - 1):
+            step = self.steps[-1]
+            ground = self._field_of(step)
+            alike = [t for t in ground.terms() if (t.effect, t.joint) == (term.effect, term.joint)]
+            verdict = rank(ground, alike, step.floors)
+            if verdict.best is None:
+                return
+            after = self._with(step, verdict.best.candidate)
+            if not self._better(step, after, verdict.best.term):
+                return
+            self.findings.append(Finding(verdict.best, (), verdict, step, after))
+            self.steps.append(after)
 
     def _forward(self, step: Step) -> Finding | None:
         # A small part of much that is left may be true all the same: a recording that was not fitted can tell.
@@ -302,7 +326,10 @@ class Search:
     def _reconsider(self) -> bool:
         """Take back or exchange the first finding that later ones have made superfluous or less likely than another;
         whether there was one."""
+        last = self.findings[-1].term
         for k, finding in enumerate(self.findings[:-1]):
+            if (finding.term.effect, finding.term.joint) == (last.effect, last.joint):
+                continue  # several of one effect are there because each has what the others have not
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
             verdict = judge(self._field_of(without), without.floors)

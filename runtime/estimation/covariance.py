@@ -78,7 +78,12 @@ class Inference:
                 for info, e in zip(model.lumps, self.lumps, strict=True)
             ],
             "effects": [
-                {"effect": term.effect, "joint": term.joint, "parameters": {k: e.to_json() for k, e in values.items()}}
+                {
+                    "effect": term.effect,
+                    "joint": term.joint,
+                    "name": term.name,
+                    "parameters": {k: e.to_json() for k, e in values.items()},
+                }
                 for term, values in self.values.items()
             ],
         }

@@ -146,3 +146,19 @@ the next is tried; double precision."""
 
 KEPT_SYSTEMS: Final = 8
 """number of equations a joint; kept for searches that come back to a shape; memory, it decides no result."""
+
+# lines over the motor's angle ---------------------------------------------------------------------------------------
+
+SLOWEST_OF_WAY: Final = 0.1
+"""part of the way; an order is looked for if it is in the band on as much of it, where the motor is slowest: that much
+of a line tells its order and its size; a choice."""
+
+MIDDLE_OF_SPEEDS: Final = (0.02, 0.98)
+"""parts of the way; between the speeds at them a line's frequencies are taken to lie; a choice."""
+
+MOST_LINES_TRIED: Final = 4
+"""number of lines; so many of the strongest are weighed against each other: the rest may be shadows of these, and comes
+up again once they are in the model; time."""
+
+ORDERS_SPREAD: Final = 12
+"""number of orders; where nothing tells which, so many over the whole span stand for all; a choice."""

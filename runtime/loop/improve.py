@@ -9,7 +9,6 @@ from typing import Any
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_json
 from runtime.diagnosis.grammar_search import Wider
 from runtime.diagnosis.search import Finding, Step
-from runtime.diagnosis.settings import MOST_FINDINGS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
@@ -85,12 +84,12 @@ def improve(
     tell = on_step or (lambda _: None)
     search = begin(open_model(model_text), recordings, held_out)
     tell(_progress(search.steps[-1]))
-    while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
+    while not search.full and search.advance() is not None:
         tell(_progress(search.steps[-1]))
     found = conclude(search, wider)
     last, text = found.steps[-1], model_text
     for finding in found.findings:
-        text = add(text, finding.term.effect, finding.term.joint, last.shapes[finding.term])
+        text = add(text, finding.term.name, finding.term.joint, last.shapes[finding.term])
     search.model = _reloaded(open_model, text, last)
     left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
     return Improvement(put(text, last.identification.to_json()), found, left)

@@ -204,3 +204,38 @@ RESIDUAL_SEGMENT: Final = 256
 
 BURST_STRETCHES: Final = 3
 """number of stretches of a second; with fewer, the second worst is no measure; by construction."""
+
+# lines over the motor's angle ---------------------------------------------------------------------------------------
+
+ANGLE_GRID: Final = 0.7
+"""rad of the highest order's phase; the grid of the angle is as fine: sharing a sample between two neighbours then keeps
+0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
+
+ORDERS_A_PERIOD: Final = 4
+"""number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
+construction."""
+
+MOST_ANGLES: Final = 2_000_000
+"""number of steps of the angle's grid; of a longer way only lower orders are looked at; memory."""
+
+LEAST_PERIODS: Final = 8.0
+"""number of periods over the motion; with fewer a wave is no line, but one of many shapes over the position; a
+choice."""
+
+LINE_ABOVE_CHANCE: Final = 8.0
+"""natural logarithm; so much a line is above the largest of as many chances as there are orders: one recording in 3000
+has one by chance; exponential distribution of a periodogram (Scargle 1982)."""
+
+NEAR_SURROUNDINGS: Final = 8
+"""number of resolved orders to either side; with them a line is compared at low orders; as many as the least."""
+
+WIDE_SURROUNDINGS: Final = 40
+"""number of resolved orders to either side; with them it is compared elsewhere: noise is even over so many; a choice."""
+
+LINE_SURROUNDINGS: Final = 64
+"""number of orders, four to one that is resolved; a shorter spectrum has no surroundings for a line; as the nearest
+ones ask."""
+
+LEAST_OF_WAVE: Final = 0.005
+"""part of a wave's own square; so much the model's columns must leave of it: less is decided by their errors; by
+construction."""

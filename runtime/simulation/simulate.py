@@ -181,11 +181,14 @@ def _output(signals: Signals, values: Structure) -> Array:
 def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
     terms = structure(model)
     for item in hidden:
-        if item.term in terms:
+        term = item.term
+        while term in terms and model.library.effects[term.effect].several:
+            term = replace(term, number=term.number + 1)
+        if term in terms:
             raise SimulationError(
                 f"--hide {item.term}: {model.name} has this effect already; hide another, or take it out of the file"
             )
-        terms[item.term] = dict(item.values)
+        terms[term] = dict(item.values)
     return terms
 
 

@@ -1,0 +1,93 @@
+"""Lines over the motor's angle in what a model leaves of a joint's torque: the orders at which a ripple is looked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.settings import (
+    MIDDLE_OF_SPEEDS,
+    MOST_LINES_TRIED,
+    ORDERS_SPREAD,
+    SLOWEST_OF_WAY,
+)
+from runtime.model.loader import Model
+from runtime.motion.angle_spectrum import AngleSpectrum, angle_spectrum
+from runtime.motion.motion import Motion
+from runtime.motion.settings import LEAST_PERIODS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MotorAngle:
+    """The motor's angle at the in-band rows at which a joint moves.
+
+    angle (M,) rad; speed (M,) rad/s; time (M,) s, of recordings one after another; cutoff Hz of the band
+    """
+
+    angle: Array
+    speed: Array
+    time: Array
+    cutoff: float
+
+    @property
+    def period(self) -> float:
+        """Order of one period over the whole motion."""
+        return 2 * np.pi / max(float(np.ptp(self.angle)), 1e-300)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Lowest order with enough periods in the motion, and the highest that is in the band while it is slow."""
+        return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / self._speed(SLOWEST_OF_WAY)
+
+    def spread(self) -> Array:
+        """Orders all over the span, where none is known; none if the span is empty."""
+        low, high = self.span
+        return np.geomspace(low, high, ORDERS_SPREAD) if low < high else np.empty(0)
+
+    def lines(self, left: Array, base: Array, projection: Array) -> tuple[Array, int]:
+        """Orders (L,) of waves over the angle that stand out of a residual, the strongest first, and the number of
+        orders among which they do; left (M,), base (B, M) and projection (B, B) as for `angle_spectrum`.
+
+        A line that comes out clearer over the time is none of the motor's.
+        """
+        if not len(self.angle):
+            return np.empty(0), 1
+        spectrum = angle_spectrum(self.angle, left, base, projection, self.span)
+        found = spectrum.lines()[:MOST_LINES_TRIED]
+        kept = [order for order in found if self._over_time(order, left, base, projection) < spectrum.at(order)]
+        return np.array(kept), spectrum.independent
+
+    def _over_time(self, order: float, left: Array, base: Array, projection: Array) -> float:
+        """The largest gain of a wave over the time at the frequencies through which an order sweeps."""
+        low, high = (order * self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
+        margin = 4 / max(float(np.ptp(self.time)), 1e-300)
+        over_time: AngleSpectrum = angle_spectrum(
+            2 * np.pi * self.time, left, base, projection, (low - margin, high + margin)
+        )
+        return float(over_time.gain.max(initial=0.0))
+
+    def _speed(self, part: float) -> float:
+        """The speed below which the motor goes a part of its way."""
+        order = np.argsort(self.speed)
+        way = np.cumsum(self.speed[order])
+        return max(float(self.speed[order[np.searchsorted(way, part * way[-1])]]), 1e-300) if len(way) else 1e-300
+
+
+def motor_angle(model: Model, motion: Motion, joint: int) -> MotorAngle:
+    """Of a joint (0-based) along a motion."""
+    use, ratio = motion.moving(joint), model.joints[joint].gear_ratio
+    starts = np.flatnonzero(np.diff(motion.row_time, prepend=motion.row_time[:1]) < 0)
+    # What one recording says of the phase of a wave over the time, another does not know: any offset will do.
+    time = motion.row_time.copy()
+    for start in starts:
+        time[start:] += time[start - 1] - time[start]
+    return MotorAngle(
+        ratio * motion.rows("q")[joint][use],
+        ratio * np.abs(motion.rows("qd")[joint][use]),
+        time[use],
+        motion.band.cutoff,
+    )
