@@ -244,6 +244,13 @@ class CandidateField:
         gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
         return Candidate(term, shape, searched, gain, edge, self._lines(term)[1])
 
+    def each(self, term: Term) -> list[Candidate]:
+        """A candidate at every shape at which the term is tried, refined."""
+        ground, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
+        searched = len(self.model.library.effects[term.effect].shape)
+        found = (Candidate(term, c, searched, self._exact(ground, term, c), False, among) for c in choices)
+        return [self.refine(c) for c in found]
+
     def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
         """The fall of the squared error with every coefficient within its bounds."""
         return ground.equations().sse - ground.equations(self.trial(term, shape)).sse

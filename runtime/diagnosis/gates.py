@@ -290,9 +290,14 @@ def judge(field: CandidateField, floors: Sequence[float]) -> Verdict:
 
 
 def rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
-    """Rank these candidates against the field; `floors` are all joints' noise floors."""
+    """Rank these terms at their best shapes against the field; `floors` are all joints' noise floors."""
+    return weigh(field, [field.refine(c) for c in _finalists(field, terms)], floors)
+
+
+def weigh(field: CandidateField, candidates: Sequence[Candidate], floors: Sequence[float]) -> Verdict:
+    """Rank candidates, each at its shape, against the field; `floors` are all joints' noise floors."""
     finalists, blocks, held = [], [], []
-    for candidate in map(field.refine, _finalists(field, terms)):
+    for candidate in candidates:
         block = field.block(candidate.term, candidate.shape)
         ground = field.without(field.ground, field.replaced(candidate.term))
         equations = ground.equations(block)

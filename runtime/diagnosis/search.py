@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.gates import Evidence, Verdict, judge, rank
+from runtime.diagnosis.gates import Evidence, Verdict, judge, rank, weigh
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -200,14 +200,13 @@ class Search:
             step = self.steps[-1]
             ground = self._field_of(step)
             alike = [t for t in ground.terms() if (t.effect, t.joint) == (term.effect, term.joint)]
-            verdict = rank(ground, alike, step.floors)
-            if verdict.best is None:
+            verdict = weigh(ground, [c for t in alike for c in ground.each(t)], step.floors)
+            tried = ((e, self._with(step, e.candidate)) for e in verdict.ranked if e.passes)
+            found = next(((e, after) for e, after in tried if self._better(step, after, e.term)), None)
+            if found is None:
                 return
-            after = self._with(step, verdict.best.candidate)
-            if not self._better(step, after, verdict.best.term):
-                return
-            self.findings.append(Finding(verdict.best, (), verdict, step, after))
-            self.steps.append(after)
+            self.findings.append(Finding(found[0], (), verdict, step, found[1]))
+            self.steps.append(found[1])
 
     def _forward(self, step: Step) -> Finding | None:
         # A small part of much that is left may be true all the same: a recording that was not fitted can tell.

@@ -39,6 +39,7 @@ from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import choose_band, rigid_inertia
+from runtime.motion.lines_above import raised
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 
@@ -262,7 +263,9 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia."""
     given = rigid_inertia(recordings)
-    return prepare(recordings, choose_band(recordings, _diagonal(model) if given is None else given), model.library)
+    inertia = _diagonal(model) if given is None else given
+    ratios = [joint.gear_ratio for joint in model.joints]
+    return prepare(recordings, raised(recordings, choose_band(recordings, inertia), inertia, ratios), model.library)
 
 
 def identify_motion(

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation.least_squares import inverse
 from runtime.estimation.settings import (
     MIDDLE_OF_SPEEDS,
     MOST_LINES_TRIED,
+    OF_ITS_OWN,
     ORDERS_SPREAD,
-    SLOWEST_OF_WAY,
+    SLOWEST_ROWS,
 )
 from runtime.model.loader import Model
-from runtime.motion.angle_spectrum import AngleSpectrum, angle_spectrum
+from runtime.motion.angle_spectrum import angle_spectrum
 from runtime.motion.motion import Motion
 from runtime.motion.settings import LEAST_PERIODS
 
@@ -41,7 +43,8 @@ class MotorAngle:
     @property
     def span(self) -> tuple[float, float]:
         """Lowest order with enough periods in the motion, and the highest that is in the band while it is slow."""
-        return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / self._speed(SLOWEST_OF_WAY)
+        slow = float(np.quantile(self.speed, SLOWEST_ROWS)) if len(self.speed) else 0.0
+        return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / max(slow, 1e-300)
 
     def spread(self) -> Array:
         """Orders all over the span, where none is known; none if the span is empty."""
@@ -52,23 +55,33 @@ class MotorAngle:
         """Orders (L,) of waves over the angle that stand out of a residual, the strongest first, and the number of
         orders among which they do; left (M,), base (B, M) and projection (B, B) as for `angle_spectrum`.
 
-        A line that comes out clearer over the time is none of the motor's.
+        A line that comes out clearer over the time, and not beside that, is none of the motor's.
         """
         if not len(self.angle):
             return np.empty(0), 1
         spectrum = angle_spectrum(self.angle, left, base, projection, self.span)
         found = spectrum.lines()[:MOST_LINES_TRIED]
-        kept = [order for order in found if self._over_time(order, left, base, projection) < spectrum.at(order)]
+        kept = [order for order in found if not self._of_time(order, spectrum.at(order), left, base, projection)]
         return np.array(kept), spectrum.independent
 
-    def _over_time(self, order: float, left: Array, base: Array, projection: Array) -> float:
-        """The largest gain of a wave over the time at the frequencies through which an order sweeps."""
+    def _of_time(self, order: float, gain: float, left: Array, base: Array, projection: Array) -> bool:
+        """Whether a wave over the time, of a frequency through which the order sweeps, explains a line and more."""
         low, high = (order * self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
-        margin = 4 / max(float(np.ptp(self.time)), 1e-300)
-        over_time: AngleSpectrum = angle_spectrum(
-            2 * np.pi * self.time, left, base, projection, (low - margin, high + margin)
-        )
-        return float(over_time.gain.max(initial=0.0))
+        margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
+        swept = (low - margin, high + margin)
+        over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection, swept)
+        if over_time.gain.max(initial=0.0) < gain:
+            return False
+        phase = 2 * np.pi * over_time.order[int(np.argmax(over_time.gain))] * self.time
+        wave = np.array([np.cos(phase), np.sin(phase)])
+        wave -= (wave @ base.T) @ projection @ base
+        beside = left - np.linalg.lstsq(wave.T, left, rcond=None)[0] @ wave
+        whole = np.vstack([base, wave])
+        remaining = angle_spectrum(self.angle, beside, whole, inverse(whole @ whole.T), self._about(order))
+        return bool(remaining.gain.max(initial=0.0) < OF_ITS_OWN * gain)
+
+    def _about(self, order: float) -> tuple[float, float]:
+        return order - self.period / 2, order + self.period / 2
 
     def _speed(self, part: float) -> float:
         """The speed below which the motor goes a part of its way."""

@@ -54,12 +54,13 @@ class AngleSpectrum:
     def lines(self) -> Array:
         """Orders (L,) that stand out of their surroundings by more than chance among so many, the strongest first.
 
-        Chance alone gives gains with an exponential distribution about the level of their surroundings.
+        Chance alone gives gains with an exponential distribution about the level of their surroundings. Beside a
+        stronger line, others may be its shadows; they stand out again once that one is in the model.
         """
         if len(self.order) <= LINE_SURROUNDINGS:
             return np.empty(0)
         least = np.log(self.independent) + LINE_ABOVE_CHANCE
-        near = maximum_filter1d(self.gain, 2 * ORDERS_A_PERIOD + 1)
+        near = maximum_filter1d(self.gain, 2 * NEAR_SURROUNDINGS * ORDERS_A_PERIOD + 1)
         found = np.flatnonzero((self.gain == near) & (self.gain > least * self._level()))
         return self.order[found[np.argsort(-self.gain[found])]]
 

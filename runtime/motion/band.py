@@ -40,15 +40,28 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class LineAbove:
+    """A line of a joint's (0-based) torque over the motor's angle: periods a revolution, Hz at the motor's middle speed,
+    and RMS, N m (N)."""
+
+    joint: int
+    order: float
+    frequency: float
+    rms: float
+
+
+@dataclass(frozen=True)
 class Band:
     """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
-    resolution (n,) the positions' step, rad (m), 0 where they have none."""
+    resolution (n,) the positions' step, rad (m), 0 where they have none; above: lines of the torque over the motor's
+    angle that it does not hold."""
 
     cutoff: float
     reason: str
     torque_density: Array
     position_density: Array
     resolution: Array
+    above: tuple[LineAbove, ...] = ()
 
     def torque_floor(self) -> Array:
         """Standard deviation of white torque noise inside the band, (n,)."""

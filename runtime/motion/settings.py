@@ -218,7 +218,7 @@ construction."""
 MOST_ANGLES: Final = 2_000_000
 """number of steps of the angle's grid; of a longer way only lower orders are looked at; memory."""
 
-LEAST_PERIODS: Final = 8.0
+LEAST_PERIODS: Final = 6.0
 """number of periods over the motion; with fewer a wave is no line, but one of many shapes over the position; a
 choice."""
 
@@ -239,3 +239,16 @@ ones ask."""
 LEAST_OF_WAVE: Final = 0.005
 """part of a wave's own square; so much the model's columns must leave of it: less is decided by their errors; by
 construction."""
+
+SLOW_FOR_LINES: Final = 0.1
+"""part of the highest speed; where the motor is slower, nothing is above the band; a choice."""
+
+LINE_INSIDE: Final = 1.1
+"""ratio to a line's frequency at the middle speed; a band up to there holds it on about half of the way; a choice."""
+
+LINE_WORTH: Final = 0.01
+"""part of the strongest line's power, a tenth of its size; a line with less asks for no higher band; a choice."""
+
+NOISE_OF_LINES: Final = 0.1
+"""ratio of RMS; the encoder's noise as an inertial torque in the raised band to all lines above it: a hundredth of
+their power; a choice."""
