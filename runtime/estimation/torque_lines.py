@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.least_squares import inverse
 from runtime.estimation.settings import (
+    BAND_EDGE,
     MIDDLE_OF_SPEEDS,
     MOST_LINES_TRIED,
     OF_ITS_OWN,
@@ -16,7 +17,7 @@ from runtime.estimation.settings import (
     SLOWEST_ROWS,
 )
 from runtime.model.loader import Model
-from runtime.motion.angle_spectrum import angle_spectrum
+from runtime.motion.angle_spectrum import angle_spectrum, lines, wave_beside
 from runtime.motion.motion import Motion
 from runtime.motion.settings import LEAST_PERIODS
 
@@ -57,14 +58,24 @@ class MotorAngle:
 
         A line that comes out clearer over the time, and not beside that, is none of the motor's.
         """
-        if not len(self.angle):
+        low, high = self.span
+        if not low < high:
             return np.empty(0), 1
-        spectrum = angle_spectrum(self.angle, left, base, projection, self.span)
-        found = spectrum.lines()[:MOST_LINES_TRIED]
-        kept = [order for order in found if not self._of_time(order, spectrum.at(order), left, base, projection)]
-        return np.array(kept), spectrum.independent
+        among = max(2, round((high - low) / self.period))
+        octaves = low * 2 ** np.arange(np.ceil(np.log2(high / low)) + 1)
+        found: dict[float, float] = {}
+        for start, stop in pairwise(np.minimum(octaves, high)):
+            # Where the motor is too fast for an order to be in the band, the rows hold nothing of it.
+            slow = self.speed * start < 2 * np.pi * BAND_EDGE * self.cutoff
+            part = replace(self, angle=self.angle[slow], speed=self.speed[slow], time=self.time[slow])
+            rows = left[slow], base[:, slow], projection
+            for order, gain in lines(part.angle, *rows, (start, stop), among).items():
+                if not part.of_time(order, gain, *rows):
+                    found[order] = gain
+        strongest = sorted(found, key=lambda order: -found[order])[:MOST_LINES_TRIED]
+        return np.array(strongest), among
 
-    def _of_time(self, order: float, gain: float, left: Array, base: Array, projection: Array) -> bool:
+    def of_time(self, order: float, gain: float, left: Array, base: Array, projection: Array) -> bool:
         """Whether a wave over the time, of a frequency through which the order sweeps, explains a line and more."""
         low, high = (order * self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
         margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
@@ -73,11 +84,8 @@ class MotorAngle:
         if over_time.gain.max(initial=0.0) < gain:
             return False
         phase = 2 * np.pi * over_time.order[int(np.argmax(over_time.gain))] * self.time
-        wave = np.array([np.cos(phase), np.sin(phase)])
-        wave -= (wave @ base.T) @ projection @ base
-        beside = left - np.linalg.lstsq(wave.T, left, rcond=None)[0] @ wave
-        whole = np.vstack([base, wave])
-        remaining = angle_spectrum(self.angle, beside, whole, inverse(whole @ whole.T), self._about(order))
+        beside = left - wave_beside(phase, left, base, projection)
+        remaining = angle_spectrum(self.angle, beside, base, projection, self._about(order))
         return bool(remaining.gain.max(initial=0.0) < OF_ITS_OWN * gain)
 
     def _about(self, order: float) -> tuple[float, float]:

@@ -14,15 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d
 
 from runtime.motion.settings import (
     ANGLE_GRID,
+    AROUND,
     LEAST_OF_WAVE,
     LEAST_PERIODS,
     LINE_ABOVE_CHANCE,
-    LINE_SURROUNDINGS,
     MOST_ANGLES,
+    MOST_PEAKS,
     NEAR_SURROUNDINGS,
     ORDERS_A_PERIOD,
     WIDE_SURROUNDINGS,
@@ -51,28 +52,53 @@ class AngleSpectrum:
         """The gain of the nearest order."""
         return float(self.gain[int(np.argmin(np.abs(self.order - order)))])
 
-    def lines(self) -> Array:
-        """Orders (L,) that stand out of their surroundings by more than chance among so many, the strongest first.
-
-        Chance alone gives gains with an exponential distribution about the level of their surroundings. Beside a
-        stronger line, others may be its shadows; they stand out again once that one is in the model.
-        """
-        if len(self.order) <= LINE_SURROUNDINGS:
-            return np.empty(0)
-        least = np.log(self.independent) + LINE_ABOVE_CHANCE
+    def peaks(self, span: tuple[float, float]) -> Array:
+        """Orders (P,) within a span that gain most of all near them, the strongest first."""
         near = maximum_filter1d(self.gain, 2 * NEAR_SURROUNDINGS * ORDERS_A_PERIOD + 1)
-        found = np.flatnonzero((self.gain == near) & (self.gain > least * self._level()))
-        return self.order[found[np.argsort(-self.gain[found])]]
+        inside = (self.order >= span[0]) & (self.order <= span[1])
+        found = np.flatnonzero((self.gain == near) & (self.gain > 0) & inside)
+        return self.order[found[np.argsort(-self.gain[found])]][:MOST_PEAKS]
 
-    def _level(self) -> Array:
-        """(K,) mean gain of chance about each order: from a median, which lines do not move."""
-        coarse = self.gain[::ORDERS_A_PERIOD]
-        place = self.order[::ORDERS_A_PERIOD] / self.period
-        near, wide = (median_filter(coarse, size=2 * half + 1, mode="nearest") for half in
-                      (NEAR_SURROUNDINGS, WIDE_SURROUNDINGS))
-        # Broad structure over the angle falls with the order: about low ones only the nearest are like them.
-        level = np.where(place > 2 * WIDE_SURROUNDINGS, wide, near) / np.log(2)
-        return np.interp(self.order, self.order[::ORDERS_A_PERIOD], level)
+    def level(self, order: float) -> float:
+        """Mean gain of chance about an order, from a median, which lines do not move: chance has an exponential
+        distribution. Broad structure over the angle falls with the order: about a low one fewer are like it."""
+        reach = self.period * float(np.clip(order / self.period / 2, NEAR_SURROUNDINGS, WIDE_SURROUNDINGS))
+        return float(np.median(self.gain[np.abs(self.order - order) <= reach])) / float(np.log(2))
+
+
+def lines(
+    angle: Array, left: Array, base: Array, projection: Array, span: tuple[float, float], among: int
+) -> dict[float, float]:
+    """Orders of waves over the angle that stand out of a residual, and their gains; as for `angle_spectrum`.
+
+    among   number of orders that are looked at in all: a line is more than the largest of so many chances
+    The level of chance is that of what a line leaves: where little of the motion shows it, it is broad, and hides what
+    surrounds it. At least LEAST_PERIODS of its periods must be there, in whatever pieces.
+    """
+    found = {}
+    least = float(np.log(among)) + LINE_ABOVE_CHANCE
+    spectrum = angle_spectrum(angle, left, base, projection, (span[0] / AROUND, span[1] * AROUND))
+    for order in spectrum.peaks(span):
+        quarters = np.unique(np.floor(order * angle / (np.pi / 2)))
+        if len(quarters) < 4 * LEAST_PERIODS:
+            continue
+        beside = left - wave_beside(order * angle, left, base, projection)
+        reach = 2 * WIDE_SURROUNDINGS * spectrum.period
+        rest = angle_spectrum(angle, beside, base, projection, (max(order - reach, span[0] / AROUND), order + reach))
+        if spectrum.at(order) > least * rest.level(order):
+            found[float(order)] = spectrum.at(order)
+    return found
+
+
+def wave_beside(phase: Array, left: Array, base: Array, projection: Array) -> Array:
+    """(M,) what a wave, with the columns of the model fitted again beside it, takes of a residual; phase (M,) rad, the
+    rest as for `angle_spectrum`."""
+    wave = np.array([np.cos(phase), np.sin(phase)])
+    cross = wave @ base.T
+    own = wave @ wave.T - cross @ projection @ cross.T
+    amount = np.linalg.lstsq(own, wave @ left, rcond=None)[0]
+    taken: Array = amount @ wave - (amount @ cross) @ projection @ base
+    return taken
 
 
 def angle_spectrum(
@@ -81,12 +107,13 @@ def angle_spectrum(
     """What waves over an angle explain of a residual beside a model.
 
     angle (M,) rad; left (M,) the residual; base (B, M) the model's columns and projection (B, B) the inverse of their
-    Gram matrix; span: lowest and highest order, per 2 pi of the angle. Fewer orders where the angle is too long.
+    Gram matrix, over these samples and others where no wave is looked for; span: lowest and highest order, per 2 pi of
+    the angle. Fewer orders where the angle is too long.
     """
-    extent = float(np.ptp(angle))
+    extent = float(np.ptp(angle)) if len(angle) else 0.0
     low, high = max(span[0], LEAST_PERIODS * 2 * np.pi / max(extent, 1e-300)), span[1]
     high = min(high, MOST_ANGLES * ANGLE_GRID / max(extent, 1e-300))
-    if not low < high:
+    if not low < high or not len(angle):
         return AngleSpectrum(np.empty(0), np.empty(0), 1.0)
     spacing = ANGLE_GRID / high
     size = next_fast_len(ORDERS_A_PERIOD * (int(extent / spacing) + 2), real=True)

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.motion.angle_spectrum import angle_spectrum
+from runtime.motion.angle_spectrum import lines
 from runtime.motion.band import Band, LineAbove
 from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
-    LEAST_PERIODS,
     LINE_INSIDE,
     LINE_WORTH,
     NOISE_OF_LINES,
@@ -39,21 +38,21 @@ def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: 
     inertia (n,) as for `choose_band`. As an inertial torque in the raised band, that noise must be small against what
     the lines are; a line that would need more of it stays above.
     """
-    lines = lines_above(recordings, band, ratios)
+    above = lines_above(recordings, band, ratios)
     highest = CUTOFF_OF_SAMPLING * min(1 / r.dt for r in recordings)
-    for line in sorted(lines, key=lambda line: -line.frequency):
+    for line in sorted(above, key=lambda line: -line.frequency):
         cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
         # One-sided white noise of the position, twice differentiated, up to the cut-off.
         noise = inertia * np.sqrt(band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5)
-        together = float(np.sqrt(sum(other.rms**2 for other in lines if other.joint == line.joint)))
+        together = float(np.sqrt(sum(other.rms**2 for other in above if other.joint == line.joint)))
         if cutoff <= highest and noise[line.joint] < NOISE_OF_LINES * together:
             reason = (
                 f"raised from {band.cutoff:g} Hz for a line of joint {line.joint + 1}'s torque at "
                 f"{line.order:.4g} per turn of the motor, {line.frequency:.3g} Hz"
             )
             above = tuple(other for other in lines if LINE_INSIDE * other.frequency > cutoff)
-            return replace(band, cutoff=cutoff, reason=reason, above=above)
-    return replace(band, above=tuple(lines))
+            return replace(band, cutoff=cutoff, reason=reason, above=rest)
+    return replace(band, above=tuple(above))
 
 
 def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: float) -> list[LineAbove]:
@@ -65,17 +64,13 @@ def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: fl
         return []
     ordered = np.sort(speed)
     middle = float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
-    base = np.ones((1, len(angle)))
     # Above the band at the middle speed, and below what a raised band could hold.
     span = 2 * np.pi * band.cutoff / middle, 2 * np.pi * CUTOFF_OF_SAMPLING / recordings[0].dt / middle
-    least = LEAST_PERIODS * 2 * np.pi / max(float(np.ptp(angle)), 1e-300)
-    spectrum = angle_spectrum(angle, torque - torque.mean(), base, np.array([[1 / len(angle)]]), (least, span[1]))
+    among = max(2, round((span[1] - span[0]) * float(np.ptp(angle)) / (2 * np.pi)))
+    rows = angle, torque - torque.mean(), np.ones((1, len(angle))), np.array([[1 / len(angle)]])
     return [
-        LineAbove(
-            joint, float(order), float(order * middle / (2 * np.pi)), float(np.sqrt(spectrum.at(order) / len(angle)))
-        )
-        for order in spectrum.lines()
-        if order > span[0]
+        LineAbove(joint, order, order * middle / (2 * np.pi), float(np.sqrt(gain / len(angle))))
+        for order, gain in lines(*rows, span, among).items()
     ]
 
 

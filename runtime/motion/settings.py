@@ -227,14 +227,19 @@ LINE_ABOVE_CHANCE: Final = 8.0
 has one by chance; exponential distribution of a periodogram (Scargle 1982)."""
 
 NEAR_SURROUNDINGS: Final = 8
-"""number of resolved orders to either side; with them a line is compared at low orders; as many as the least."""
+"""number of resolved orders to either side; a line is compared with as many at low orders, and others so near to a
+stronger one may be its shadows; about the least number of periods."""
 
 WIDE_SURROUNDINGS: Final = 40
-"""number of resolved orders to either side; with them it is compared elsewhere: noise is even over so many; a choice."""
+"""number of resolved orders to either side; with so many at most a line is compared: noise is even over them; a
+choice."""
 
-LINE_SURROUNDINGS: Final = 64
-"""number of orders, four to one that is resolved; a shorter spectrum has no surroundings for a line; as the nearest
-ones ask."""
+AROUND: Final = 1.25
+"""ratio of orders; so much wider a spectrum is than the span in which lines are looked for, so that those at its ends
+have surroundings; a choice."""
+
+MOST_PEAKS: Final = 3
+"""number of peaks; so many of a span may be lines: of others it is seen once the strongest are in the model; time."""
 
 LEAST_OF_WAVE: Final = 0.005
 """part of a wave's own square; so much the model's columns must leave of it: less is decided by their errors; by
