@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.settings import (
     EXCERPT_SAMPLES,
+    MOST_OF_ONE,
     REFINE_ACCURACY,
     REFINE_REACH,
     REFINE_START,
@@ -74,7 +75,8 @@ class CandidateField:
             if info.scope == "contact" and self.model.contact is None:
                 continue
             terms = [self._next(Term(name, place)) if info.several else Term(name, place) for place in places]
-            found += [t for t in terms if t not in active and t not in covered and self._possible(t)]
+            new = (t for t in terms if t not in active and t not in covered and t.number <= MOST_OF_ONE)
+            found += [t for t in new if self._possible(t)]
         return found
 
     def _next(self, term: Term) -> Term:

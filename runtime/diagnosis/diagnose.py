@@ -9,12 +9,13 @@ from typing import Any, Literal
 from runtime.diagnosis import consistency, detection_limits, telling_signals
 from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
-from runtime.diagnosis.remainder import after_effect, physics, remainder
+from runtime.diagnosis.remainder import above_band, after_effect, physics, remainder
 from runtime.diagnosis.search import Finding, Search, Step, seconds_moving
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared
+from runtime.estimation.torque_lines import per_turn
 from runtime.model.loader import Model
 from runtime.model.terms import at, structure
 from runtime.motion.motion import Motion, prepare
@@ -43,7 +44,11 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "reason": self.reason,
-            "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
+            "band": {
+                "cutoff_hz": band.cutoff,
+                "reason": band.reason,
+                "above": [{"joint": x.joint + 1, "order": x.order, "frequency_hz": x.frequency} for x in band.above],
+            },
             "skew": self.steps[-1].identification.inference.skew_json(),
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
@@ -138,6 +143,7 @@ def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
     outdone = _outdone(search, wider) if verdict == "effect" and wider else None
     if outdone:
         verdict, reason = "unexplained", compared.preface + outdone
+    reason += above_band(search.model, search.motion)
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
     seen = tuple(detection_limits.of(ground, step.floors, able))
@@ -220,10 +226,22 @@ def _explained(first: Step, last: Step, joint: int) -> float:
 def _sentence(finding: Finding) -> str:
     i = finding.joint_index
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
-    text = f"{finding.term.effect}{at(finding.term)} (error {100 * before:.2f} % to {100 * after:.2f} %)"
+    text = (
+        f"{finding.term.effect}{at(finding.term)}{_order(finding)} (error {100 * before:.2f} % to {100 * after:.2f} %)"
+    )
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
+
+
+def _order(finding: Finding) -> str:
+    """Of a line over the motor's angle, how often it repeats."""
+    model = finding.after.identification.model
+    line = model.library.effects[finding.term.effect].line
+    if line is None or finding.term.joint is None:
+        return ""
+    order = finding.after.shapes[finding.term][line.name]
+    return f" at {per_turn(order, model.joints[finding.term.joint - 1].gear_ratio)}"
 
 
 def _refusal(step: Step) -> str | None:

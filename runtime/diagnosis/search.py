@@ -20,7 +20,6 @@ from runtime.diagnosis.settings import (
     LEAST_FALL,
     LEAST_MOVING_S,
     MOST_FINDINGS,
-    MOST_OF_ONE,
     MOST_PAIRS,
     MOST_RIVALS,
     PAIR_WORTH_FITTING,
@@ -193,15 +192,14 @@ class Search:
         return len({(f.term.effect, f.term.joint) for f in self.findings}) >= MOST_FINDINGS
 
     def _further(self, term: Term) -> None:
-        """Add more of an effect of which a joint may have several, one after another, as long as they pass."""
-        if not self.model.library.effects[term.effect].several:
-            return
-        for _ in range(MOST_OF_ONE - 1):
+        """Add more of an effect of which a joint may have several, what explains most first, as long as they pass."""
+        while self.model.library.effects[term.effect].several:
             step = self.steps[-1]
             ground = self._field_of(step)
             alike = [t for t in ground.terms() if (t.effect, t.joint) == (term.effect, term.joint)]
             verdict = weigh(ground, [c for t in alike for c in ground.each(t)], step.floors)
-            tried = ((e, self._with(step, e.candidate)) for e in verdict.ranked if e.passes)
+            able = sorted((e for e in verdict.ranked if e.passes), key=lambda e: -e.eff)
+            tried = ((e, self._with(step, e.candidate)) for e in able)
             found = next(((e, after) for e, after in tried if self._better(step, after, e.term)), None)
             if found is None:
                 return

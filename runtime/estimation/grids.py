@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import inf, nan
 
 import numpy as np
@@ -87,7 +86,7 @@ def axis(regressors: Regressors, term: Term, parameter: DescribedParameter, know
     return np.sort(offset + scale * spaced(grid.low, grid.high, grid.count))
 
 
-def points(regressors: Regressors, term: Term, orders: Sequence[float] | None = None) -> list[Values]:
+def points(regressors: Regressors, term: Term, orders: Array | None = None) -> list[Values]:
     """All combinations of the shape parameters' grid values; one empty choice for a term without shape.
 
     orders   of lines over the motor's angle, for an effect that is one; None: all over what the motion shows

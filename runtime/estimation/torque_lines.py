@@ -1,4 +1,4 @@
-"""Lines over the motor's angle in what a model leaves of a joint's torque: the orders at which a ripple is looked for."""
+"""Lines over the motor's angle in what a model leaves of a joint's torque: orders at which a ripple is looked for."""
 
 from __future__ import annotations
 
@@ -96,6 +96,13 @@ class MotorAngle:
         order = np.argsort(self.speed)
         way = np.cumsum(self.speed[order])
         return max(float(self.speed[order[np.searchsorted(way, part * way[-1])]]), 1e-300) if len(way) else 1e-300
+
+
+def per_turn(order: float, ratio: float) -> str:
+    """How often a line repeats, for people: of a geared joint in both counts."""
+    if ratio == 1.0:
+        return f"{order:.4g} per turn"
+    return f"{order:.4g} per turn of the motor, {order * ratio:.4g} of the joint"
 
 
 def motor_angle(model: Model, motion: Motion, joint: int) -> MotorAngle:

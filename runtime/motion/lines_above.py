@@ -47,10 +47,10 @@ def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: 
         together = float(np.sqrt(sum(other.rms**2 for other in above if other.joint == line.joint)))
         if cutoff <= highest and noise[line.joint] < NOISE_OF_LINES * together:
             reason = (
-                f"raised from {band.cutoff:g} Hz for a line of joint {line.joint + 1}'s torque at "
-                f"{line.order:.4g} per turn of the motor, {line.frequency:.3g} Hz"
+                f"raised from {band.cutoff:g} Hz to hold a line of joint {line.joint + 1}'s torque that repeats "
+                f"{line.order:.4g} times per turn of the motor, at {line.frequency:.3g} Hz"
             )
-            above = tuple(other for other in lines if LINE_INSIDE * other.frequency > cutoff)
+            rest = tuple(other for other in above if LINE_INSIDE * other.frequency > cutoff)
             return replace(band, cutoff=cutoff, reason=reason, above=rest)
     return replace(band, above=tuple(above))
 

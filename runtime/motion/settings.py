@@ -208,8 +208,8 @@ BURST_STRETCHES: Final = 3
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
 ANGLE_GRID: Final = 0.7
-"""rad of the highest order's phase; the grid of the angle is as fine: sharing a sample between two neighbours then keeps
-0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
+"""rad of the highest order's phase; the grid of the angle is as fine: sharing a sample between two neighbours then
+keeps 0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
 
 ORDERS_A_PERIOD: Final = 4
 """number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
