@@ -17,7 +17,7 @@ from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared
 from runtime.estimation.torque_lines import per_turn
 from runtime.model.loader import Model
-from runtime.model.terms import at, structure
+from runtime.model.terms import Term, at, structure
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
 
@@ -184,7 +184,7 @@ def _verdict(
                 f"noise: {rest}"
             )
     if search.findings:
-        found = "; ".join(_sentence(f) for f in search.findings)
+        found = "; ".join(_sentence(f, last) for f in search.findings)
         return "effect", f"{preface}the model lacks {found}"
     refusal = _refusal(first)
     if refusal:
@@ -223,25 +223,23 @@ def _explained(first: Step, last: Step, joint: int) -> float:
     return (before**2 - after**2) / max(before**2 - floor**2, before**2 - after**2, 1e-300)
 
 
-def _sentence(finding: Finding) -> str:
+def _sentence(finding: Finding, last: Step) -> str:
     i = finding.joint_index
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
-    text = (
-        f"{finding.term.effect}{at(finding.term)}{_order(finding)} (error {100 * before:.2f} % to {100 * after:.2f} %)"
-    )
+    what = f"{finding.term.effect}{at(finding.term)}{_order(finding.term, last)}"
+    text = f"{what} (error {100 * before:.2f} % to {100 * after:.2f} %)"
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
 
 
-def _order(finding: Finding) -> str:
+def _order(term: Term, last: Step) -> str:
     """Of a line over the motor's angle, how often it repeats."""
-    model = finding.after.identification.model
-    line = model.library.effects[finding.term.effect].line
-    if line is None or finding.term.joint is None:
+    model = last.identification.model
+    line = model.library.effects[term.effect].line
+    if line is None or term.joint is None:
         return ""
-    order = finding.after.shapes[finding.term][line.name]
-    return f" at {per_turn(order, model.joints[finding.term.joint - 1].gear_ratio)}"
+    return f" at {per_turn(last.shapes[term][line.name], model.joints[term.joint - 1].gear_ratio)}"
 
 
 def _refusal(step: Step) -> str | None:

@@ -59,6 +59,16 @@ class AngleSpectrum:
         found = np.flatnonzero((self.gain == near) & (self.gain > 0) & inside)
         return self.order[found[np.argsort(-self.gain[found])]][:MOST_PEAKS]
 
+    def between(self, peak: float) -> float:
+        """The order of a peak, between those of the spectrum: where a parabola through three of them has its top."""
+        k = int(np.argmin(np.abs(self.order - peak)))
+        if not 0 < k < len(self.order) - 1:
+            return float(peak)
+        before, here, after = self.gain[k - 1 : k + 2]
+        bend = before - 2 * here + after
+        step = self.order[k] - self.order[k - 1]
+        return float(peak + step * (before - after) / (2 * bend)) if bend < 0 else float(peak)
+
     def level(self, order: float) -> float:
         """Mean gain of chance about an order, from a median, which lines do not move: chance has an exponential
         distribution. Broad structure over the angle falls with the order: about a low one fewer are like it."""
@@ -79,14 +89,14 @@ def lines(
     least = float(np.log(among)) + LINE_ABOVE_CHANCE
     spectrum = angle_spectrum(angle, left, base, projection, (span[0] / AROUND, span[1] * AROUND))
     for order in spectrum.peaks(span):
-        quarters = np.unique(np.floor(order * angle / (np.pi / 2)))
-        if len(quarters) < 4 * LEAST_PERIODS:
+        half_periods = np.unique(np.floor(order * angle / np.pi))
+        if len(half_periods) < 2 * LEAST_PERIODS:
             continue
         beside = left - wave_beside(order * angle, left, base, projection)
         reach = 2 * WIDE_SURROUNDINGS * spectrum.period
         rest = angle_spectrum(angle, beside, base, projection, (max(order - reach, span[0] / AROUND), order + reach))
         if spectrum.at(order) > least * rest.level(order):
-            found[float(order)] = spectrum.at(order)
+            found[spectrum.between(order)] = spectrum.at(order)
     return found
 
 

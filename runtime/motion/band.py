@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LineAbove:
-    """A line of a joint's (0-based) torque over the motor's angle: order, periods a revolution; Hz at the motor's middle
-    speed; RMS, N m (N)."""
+    """A line of a joint's (0-based) torque over the motor's angle: order, periods a revolution; Hz at the middle
+    speed of the motor; RMS, N m (N)."""
 
     joint: int
     order: float

@@ -208,8 +208,8 @@ BURST_STRETCHES: Final = 3
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
 ANGLE_GRID: Final = 0.7
-"""rad of the highest order's phase; the grid of the angle is as fine: sharing a sample between two neighbours then
-keeps 0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
+"""part of a radian of the highest order's phase; the grid of the angle is as fine: sharing a sample between two
+neighbours then keeps 0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
 
 ORDERS_A_PERIOD: Final = 4
 """number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
@@ -222,9 +222,9 @@ LEAST_PERIODS: Final = 6.0
 """number of periods over the motion; with fewer a wave is no line, but one of many shapes over the position; a
 choice."""
 
-LINE_ABOVE_CHANCE: Final = 8.0
-"""natural logarithm; so much a line is above the largest of as many chances as there are orders: one recording in 3000
-has one by chance; exponential distribution of a periodogram (Scargle 1982)."""
+LINE_ABOVE_CHANCE: Final = 12.0
+"""natural logarithm; so much a line is above the largest of as many chances as there are orders: far more than their
+exponential distribution asks (Scargle 1982), as their level is only estimated; simulated white noise."""
 
 NEAR_SURROUNDINGS: Final = 8
 """number of resolved orders to either side; a line is compared with as many at low orders, and others so near to a
