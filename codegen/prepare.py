@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from codegen.toolchain import build, cross
 from codegen.toolchain.cross import HOST
+from symbolic.described import declared
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
@@ -60,7 +61,7 @@ def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
     """What the declarations of the effects that an arm activates say."""
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
-    return [repr(library[name]) for name in sorted(active)]
+    return [repr(declared(name, library)) for name in sorted(active)]
 
 
 def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:

@@ -147,7 +147,7 @@ class Source:
             return {name: v for name, v in values.items() if v is not None and math.isfinite(v)}
 
         values = {
-            (entry["effect"], entry["joint"]): known({name: p["value"] for name, p in entry["parameters"].items()})
+            (entry["name"], entry["joint"]): known({name: p["value"] for name, p in entry["parameters"].items()})
             for entry in identification["effects"]
         }
         rotor = [entry for entry in identification["inertial"] if entry["name"] == editor.ROTOR]

@@ -12,6 +12,7 @@ from typing import Any
 
 import sympy as sp
 
+from symbolic.described import declared
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
 from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
@@ -163,10 +164,10 @@ def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation
 def _active(model: ArmModel, library: Mapping[str, Effect]) -> Iterable[tuple[Site, Mapping[str, float]]]:
     """The model file's effects with their values."""
     for number, joint in enumerate(model.arm.joints, 1):
-        yield from ((Site(library[name], number), values) for name, values in joint.effects.items())
-    yield from ((Site(library[name]), values) for name, values in model.arm.effects.items())
+        yield from ((Site(declared(name, library), number), values) for name, values in joint.effects.items())
+    yield from ((Site(declared(name, library)), values) for name, values in model.arm.effects.items())
     if model.arm.contact is not None:
-        yield from ((Site(library[name]), values) for name, values in model.arm.contact.effects.items())
+        yield from ((Site(declared(name, library)), values) for name, values in model.arm.contact.effects.items())
 
 
 def _struct(model: ArmModel, sites: Sequence[Site], values: Mapping[str, Mapping[str, float]]) -> Struct:

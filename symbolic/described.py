@@ -6,8 +6,9 @@ rooms need to know of an effect, of its parameters and of its states stands here
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from math import inf, isfinite
 from types import NoneType, UnionType
@@ -49,6 +50,8 @@ class Grid:
          "duration"         of the longest run, s
          "link_inertia"     median link_inertia: for a stiffness low and high are then angular frequencies squared
          "critical"         2 sqrt(k · median link_inertia), k the parameter of the kind "stiffness" that is tried
+         "line"             from an order of a line of the residual's spectrum over the motor's angle, in periods of the
+                            whole motion: low and high are then its surroundings, and no order is the highest
          "level_per_range"  largest level over the range of q: a stiffness whose deflection is a part of the range
     """
 
@@ -66,6 +69,7 @@ class Grid:
         "duration",
         "link_inertia",
         "critical",
+        "line",
         "level_per_range",
     ] = "one"
     spacing: Literal["log", "linear"] = "log"
@@ -133,6 +137,8 @@ class DescribedEffect(Generic[P]):
     sits_at      on which side of a torque sensor at the joint's output, where `side` does not follow from the rest
     brought      a trajectory brings it along, with parameters of its own: springs to plan with (scope "joint"), what
                  the end-effector touches (scope "contact"); a controller always compensates it
+    several      a joint may have more than one, each with values of its own: the second of torque_ripple is called
+                 torque_ripple_2
     generalises  effects whose torques are special cases: adding this one replaces them
     gives_way    the transmission gives way: what the own joint's link does is felt at all joints; set by the signals
                  that it reads
@@ -158,6 +164,7 @@ class DescribedEffect(Generic[P]):
     carried: bool = False
     sits_at: Literal["motor", "link"] | None = None
     brought: bool = False
+    several: bool = False
     generalises: tuple[str, ...] = ()
     gives_way: bool = False
     parameters: tuple[P, ...]
@@ -192,6 +199,11 @@ class DescribedEffect(Generic[P]):
             return "link"
         return "motor" if self.rubs else None
 
+    @property
+    def line(self) -> P | None:
+        """The shape parameter that is an order of a line over the motor's angle."""
+        return next((p for p in self.shape if p.grid is not None and p.grid.of == "line"), None)
+
     def of_kind(self, kind: ParameterKind) -> P | None:
         """The first parameter of a kind."""
         return next((p for p in self.parameters if p.kind == kind), None)
@@ -199,6 +211,34 @@ class DescribedEffect(Generic[P]):
     def giving(self, signal: str) -> P | None:
         """The parameter whose value is a signal for others."""
         return next((p for p in self.parameters if p.gives == signal), None)
+
+
+# --- several of an effect at one place ---
+
+_NUMBERED = re.compile(r"(.+)_([2-9]|[1-9][0-9]+)", re.ASCII)
+E = TypeVar("E", bound="DescribedEffect[Any]")
+
+
+def numbered(name: str, effects: Mapping[str, E]) -> tuple[str, int]:
+    """The effect that a name in a model file means, and which of several at its place: torque_ripple_2, the second.
+
+    A name that means no effect is its own.
+    """
+    match = None if name in effects else _NUMBERED.fullmatch(name)
+    if match and match[1] in effects and effects[match[1]].several:
+        return match[1], int(match[2])
+    return name, 1
+
+
+def number_name(effect: str, number: int) -> str:
+    """The name of the first, second, ... of an effect at one place."""
+    return effect if number == 1 else f"{effect}_{number}"
+
+
+def declared(name: str, effects: Mapping[str, E]) -> E:
+    """The declaration that a name in a model file means, under that name. Raises KeyError."""
+    effect, number = numbered(name, effects)
+    return effects[effect] if number == 1 else replace(effects[effect], name=name)
 
 
 # --- JSON ---

@@ -24,7 +24,7 @@ def add(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Put an effect into the model file and regenerate."""
+    """Put an effect into the model file and regenerate. Another torque_ripple is put beside those that are there."""
     check_own(model)
     check_writable(json)
     source = Source.read(model, effects)

@@ -38,6 +38,7 @@ def simulate(
     source.arm()
     with pages.working("deriving and compiling the model"):
         loaded = source.model()
+    from runtime.model.terms import structure
     from runtime.recordings import recording
     from runtime.simulation import simulate as simulation
 
@@ -46,9 +47,9 @@ def simulate(
     with pages.working("simulating"):
         made, values = simulation.simulate(loaded, hidden, settings, path)
     recording.write(out, made)
-    secret = {h.term for h in hidden}
+    known = structure(loaded)
     present = [
-        {"effect": term.effect, "joint": term.joint, "hidden": term in secret, "values": dict(v)}
+        {"effect": term.effect, "joint": term.joint, "hidden": term not in known, "values": dict(v)}
         for term, v in values.items()
     ]
     document = {"out": str(out), "samples": len(made.t), "seconds": len(made.t) * made.dt, "seed": settings.seed}

@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.settings import (
     EXCERPT_SAMPLES,
+    MOST_OF_ONE,
     REFINE_ACCURACY,
     REFINE_REACH,
     REFINE_START,
@@ -29,6 +30,7 @@ from runtime.estimation import grids
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
 from runtime.estimation.regressors import Regressors
+from runtime.estimation.torque_lines import motor_angle
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -40,6 +42,7 @@ class Candidate:
 
     searched   number of shape parameters that were searched
     gain       fall of the squared error on the excerpt
+    among      number of places, each of its own, among which its shape was chosen
     """
 
     term: Term
@@ -47,6 +50,7 @@ class Candidate:
     searched: int
     gain: float
     at_edge: bool
+    among: int = 1
 
 
 @dataclass
@@ -70,9 +74,16 @@ class CandidateField:
             places = range(1, last + 1) if info.scope in ("joint", "joints") else (None,)
             if info.scope == "contact" and self.model.contact is None:
                 continue
-            terms = [Term(name, place) for place in places]
-            found += [t for t in terms if t not in active and t not in covered and self._possible(t)]
+            terms = [self._next(Term(name, place)) if info.several else Term(name, place) for place in places]
+            new = (t for t in terms if t not in active and t not in covered and t.number <= MOST_OF_ONE)
+            found += [t for t in new if self._possible(t)]
         return found
+
+    def _next(self, term: Term) -> Term:
+        """The first of several of an effect at a joint that is not active."""
+        while term in self.problem.layout.terms:
+            term = replace(term, number=term.number + 1)
+        return term
 
     def _possible(self, term: Term) -> bool:
         if not any(self.motion.moving(i).any() for i in joints_of(self.model, term)[:1]):
@@ -234,20 +245,46 @@ class CandidateField:
         edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
         # What it replaces would have explained something, too.
         gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
-        return Candidate(term, shape, searched, gain, edge)
+        return Candidate(term, shape, searched, gain, edge, self._lines(term)[1])
+
+    def each(self, term: Term) -> list[Candidate]:
+        """A candidate at every shape at which the term is tried, refined."""
+        ground, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
+        searched = len(self.model.library.effects[term.effect].shape)
+        found = (Candidate(term, c, searched, self._exact(ground, term, c), False, among) for c in choices)
+        return [self.refine(c) for c in found]
 
     def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
         """The fall of the squared error with every coefficient within its bounds."""
         return ground.equations().sse - ground.equations(self.trial(term, shape)).sse
 
     def choices(self, term: Term) -> list[Values]:
-        """Shapes at which the term is tried."""
-        choices = grids.points(self.excerpt[0], term)
+        """Shapes at which the term is tried; of a line over the motor's angle, where the residual has one."""
+        choices = grids.points(self.excerpt[0], term, self._lines(term)[0])
         warms = "temperature" in self.model.library.needs[term.effect]
         if warms and all(bool(p.measured.all()) for p in self.motion.pieces):
             # The measured temperature takes the place of the assumed warming: its time constant is idle.
             return choices[:1]
         return choices
+
+    def _lines(self, term: Term) -> tuple[Array | None, int]:
+        """Orders of lines of the residual over the motor's angle, and among how many they stand out; None and 1 for a
+        term that is no line."""
+        if self.model.library.effects[term.effect].line is None:
+            return None, 1
+        joint = joints_of(self.model, term)[0]
+        if joint not in self._found_lines:
+            angle = motor_angle(self.model, self.motion, joint)
+            self._found_lines[joint] = angle.lines(*self.ground.beside(joint))
+        return self._found_lines[joint]
+
+    @cached_property
+    def _found_lines(self) -> dict[int, tuple[Array, int]]:
+        return {}
+
+    def anywhere(self, term: Term) -> list[Values]:
+        """Shapes at which the term could be hidden; of a line, all over the orders that the motion shows."""
+        return self.choices(term) if self._lines(term)[0] is None else grids.points(self.excerpt[0], term)
 
     def refine(self, candidate: Candidate) -> Candidate:
         """The same candidate with its shape moved off the grid to the least error."""

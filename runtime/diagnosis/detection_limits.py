@@ -84,7 +84,7 @@ def of(ground: CandidateField, floors: Sequence[float], joints: Sequence[int]) -
 
 
 def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
-    shapes = bench.field.choices(term)
+    shapes = bench.field.anywhere(term)
     if not shapes:
         return None
     shape = _typical(shapes)

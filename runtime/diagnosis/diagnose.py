@@ -11,7 +11,7 @@ from runtime.diagnosis.branches import complete
 from runtime.diagnosis.credibility import poor_excitation, wrong_data
 from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
-from runtime.diagnosis.remainder import after_effect, physics, remainder
+from runtime.diagnosis.remainder import above_band, after_effect, physics, remainder
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
 from runtime.diagnosis.steps import Finding, Step, seconds_moving
@@ -19,8 +19,9 @@ from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared, refuse_copies
 from runtime.estimation.suspicions import suspicions
+from runtime.estimation.torque_lines import per_turn
 from runtime.model.loader import Model
-from runtime.model.terms import at, structure
+from runtime.model.terms import Term, at, structure
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
 
@@ -47,7 +48,11 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "reason": self.reason,
-            "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
+            "band": {
+                "cutoff_hz": band.cutoff,
+                "reason": band.reason,
+                "above": [{"joint": x.joint + 1, "order": x.order, "frequency_hz": x.frequency} for x in band.above],
+            },
             "skew": self.steps[-1].identification.inference.skew_json(),
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
@@ -140,6 +145,7 @@ def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
     outdone = _outdone(search, wider) if verdict == "effect" and wider else None
     if outdone:
         verdict, reason = "unexplained", compared.preface + outdone
+    reason += above_band(search.model, search.motion)
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
     seen = () if search.suspicions else tuple(detection_limits.of(ground, step.floors, able))
@@ -185,7 +191,7 @@ def _verdict(
                 f"noise: {rest}"
             )
     if search.findings:
-        found = "; ".join(_sentence(f) for f in search.findings)
+        found = "; ".join(_sentence(f, last) for f in search.findings)
         return "effect", f"{preface}the model lacks {found}"
     refusal = poor_excitation(first.identification)
     if refusal:
@@ -224,13 +230,23 @@ def _explained(first: Step, last: Step, joint: int) -> float:
     return (before**2 - after**2) / max(before**2 - floor**2, before**2 - after**2, 1e-300)
 
 
-def _sentence(finding: Finding) -> str:
+def _sentence(finding: Finding, last: Step) -> str:
     i = finding.joint_index
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
-    text = f"{finding.term.effect}{at(finding.term)} (error {100 * before:.2f} % to {100 * after:.2f} %)"
+    what = f"{finding.term.effect}{at(finding.term)}{_order(finding.term, last)}"
+    text = f"{what} (error {100 * before:.2f} % to {100 * after:.2f} %)"
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
+
+
+def _order(term: Term, last: Step) -> str:
+    """Of a line over the motor's angle, how often it repeats."""
+    model = last.identification.model
+    line = model.library.effects[term.effect].line
+    if line is None or term.joint is None:
+        return ""
+    return f" at {per_turn(last.shapes[term][line.name], model.joints[term.joint - 1].gear_ratio)}"
 
 
 def _disagreement(model: Model, inference: Inference) -> str:

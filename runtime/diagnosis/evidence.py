@@ -275,6 +275,13 @@ class Ground:
         left = (np.append(-theta[r.index], 1.0) for r in self.rows)
         return projection, tuple((d @ r.stack, d @ r.stack_noise) for d, r in zip(left, self.rows, strict=True))
 
+    def beside(self, joint: int) -> tuple[Array, Array, Array]:
+        """A joint's (0-based) weighted used rows: what the base leaves (count,), its columns (b, count), and the
+        inverse of the whole Gram matrix at their unknowns (b, b)."""
+        projection, left = self._projection
+        row = self.rows[joint]
+        return left[joint][0], row.stack[:-1], projection[np.ix_(row.index, row.index)]
+
     def gain(self, block: CandidateBlock) -> float:
         """By how much the block lowers the squared error, quickly: for grids. Its noise counts where it is given."""
         projection, left = self._projection

@@ -28,6 +28,7 @@ from runtime.diagnosis.settings import (
     LEAST_LIKELIHOOD_GAIN,
     LEAST_OWN,
     LEAST_SHARE,
+    LEAST_SHARE_OF_ONE,
     MOST_NOISE,
     OF_WHAT_IS_LEFT,
     VUONG_APART,
@@ -106,6 +107,7 @@ class Figures:
     """What the gates look at: equations without and with a candidate, plain and whitened.
 
     searched   number of shape parameters that were searched
+    among      number of places, each of its own, among which the shape was chosen
     unit       N m (N): RMS at the candidate's own joint of a torque whose weighted square is 1
     excess     variance above the noise floors, in units of the residual's at the own joint, before anything was added
     measured   squared error of the model on the measured torque, before anything was added
@@ -117,6 +119,7 @@ class Figures:
     white_before: NormalEquations
     white_after: NormalEquations
     searched: int
+    among: int
     unit: float
     excess: float
     measured: float
@@ -133,7 +136,8 @@ class Figures:
 
     @property
     def delta_bic(self) -> float:
-        searched = self.searched * float(np.log(self.white_after.count))
+        # The largest of many chances is larger by twice the logarithm of their number.
+        searched = self.searched * float(np.log(self.white_after.count)) + 2 * float(np.log(self.among))
         return self.white_before.bic - self.white_after.bic - searched
 
     @property
@@ -144,13 +148,13 @@ class Figures:
     def cv_gain(self) -> float:
         return 1 - float(self.after.held_out[0].sum()) / float(self.before.held_out[0].sum())
 
-    def gates(self, floor: float, at_edge: bool) -> Iterator[tuple[bool, str]]:
+    def gates(self, floor: float, at_edge: bool, least_share: float = LEAST_SHARE) -> Iterator[tuple[bool, str]]:
         """Whether each is open and what is to be said if not, those first that cost least to know."""
         delta, size = self.delta_bic, self.eff / floor
         yield delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"
         yield size > LEAST_EFFECT, f"its own torque is {size:.2f} of the noise floor, not {LEAST_EFFECT:g}"
         part = 100 * self.share
-        yield part > 100 * LEAST_SHARE, f"{_EXPLAINS} {part:.0f} % of what is left, not {100 * LEAST_SHARE:.0f} %"
+        yield part > 100 * least_share, f"{_EXPLAINS} {part:.0f} % of what is left, not {100 * least_share:.0f} %"
         yield not at_edge, "its shape lies at the edge of what was searched"
         gain = self.likelihood_gain
         least = LEAST_LIKELIHOOD_GAIN
@@ -186,9 +190,11 @@ class WhitenedGround:
 
     def weigh(self, candidate: Candidate, block: CandidateBlock) -> Evidence:
         """All evidence for a candidate with its columns on the bench's ground."""
-        weighing = Weighing(self, candidate.term, candidate.searched, block)
+        weighing = Weighing(self, candidate.term, candidate.searched, block, candidate.among)
         figures = weighing.figures()
-        failed = tuple(text for ok, text in figures.gates(weighing.floor, candidate.at_edge) if not ok)
+        several = self.field.model.library.effects[candidate.term.effect].several
+        share = LEAST_SHARE_OF_ONE if several else LEAST_SHARE
+        failed = tuple(text for ok, text in figures.gates(weighing.floor, candidate.at_edge, share) if not ok)
         theta = np.append(1.0, figures.after.coefficients[self.ground.size :])
         failed += weighing.doubts(theta) + self.witness.doubts(weighing.plain, candidate, block, theta)
         return Evidence(
@@ -208,13 +214,14 @@ class WhitenedGround:
 class Weighing:
     """A term's block on a bench, weighed as things are or with a torque of the term put into what was measured.
 
-    searched: number of shape parameters that were searched
+    searched: number of shape parameters that were searched; among: of places among which the shape was chosen
     """
 
     bench: WhitenedGround
     term: Term
     searched: int
     block: CandidateBlock
+    among: int = 1
 
     def __post_init__(self) -> None:
         field, ground = self.bench.field, self.bench.ground
@@ -241,6 +248,7 @@ class Weighing:
             bench.white.equations() if as_measured else bench.white.posed(white, None, added),
             self.white.posed(white, self.whitened, added),
             self.searched,
+            self.among,
             rms[0] / float(np.sqrt(count)),
             sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
             bench.ground.equations().sse,
@@ -277,9 +285,14 @@ class Weighing:
 
 
 def rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
-    """Rank these candidates against the field; `floors` are all joints' noise floors."""
+    """Rank these terms at their best shapes against the field; `floors` are all joints' noise floors."""
+    return weigh(field, [field.refine(c) for c in _finalists(field, terms)], floors)
+
+
+def weigh(field: CandidateField, candidates: Sequence[Candidate], floors: Sequence[float]) -> Verdict:
+    """Rank candidates, each at its shape, against the field; `floors` are all joints' noise floors."""
     finalists, blocks, held = [], [], []
-    for candidate in map(field.refine, _finalists(field, terms)):
+    for candidate in candidates:
         block = field.block(candidate.term, candidate.shape)
         if not block.finite:
             continue

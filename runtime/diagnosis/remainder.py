@@ -16,8 +16,10 @@ from runtime.diagnosis.settings import (
 )
 from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import structure_shares
-from runtime.model.loader import EffectInfo
+from runtime.estimation.torque_lines import per_turn
+from runtime.model.loader import EffectInfo, Model
 from runtime.motion import spectrum
+from runtime.motion.motion import Motion
 
 
 def remainder(step: Step, joint: int) -> str | None:
@@ -52,6 +54,16 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
     if strongest in own or (strongest == "direction" and "velocity" in own):
         return f"{share}: {effect.name} is the right effect in another form than the library's law"
     return f"{share}: something else is missing beside {effect.name}, or it has another form than the library's law"
+
+
+def above_band(model: Model, motion: Motion) -> str:
+    """That lines of the torque over the motor's angle lie above the band, as the end of a sentence."""
+    found = [
+        f"joint {line.joint + 1}: a line at {per_turn(line.order, model.joints[line.joint].gear_ratio)} lies above it, "
+        f"at {line.frequency:.3g} Hz"
+        for line in motion.band.above
+    ]
+    return f"; the band ends at {motion.band.cutoff:g} Hz, and {'; '.join(found)}" if found else ""
 
 
 def outside(step: Step, joint: int) -> str | None:

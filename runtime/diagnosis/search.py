@@ -9,7 +9,7 @@ import numpy as np
 
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.gates import Evidence, Verdict, rank
+from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -62,8 +62,9 @@ class Search:
 
     @property
     def open(self) -> bool:
-        """Whether more may be sought."""
-        return not self.suspicions and len(self.findings) < MOST_FINDINGS
+        """Whether more may be sought; several of one effect at a joint count once."""
+        named = {(f.term.effect, f.term.joint) for f in self.findings}
+        return not self.suspicions and len(named) < MOST_FINDINGS
 
     def ground(self) -> CandidateField:
         """The last step as the field on which candidates compete, with what was computed on it."""
@@ -113,6 +114,7 @@ class Search:
             self.findings.append(finding)
             self.steps.append(finding.after)
             self._leave_out_replaced()
+            self._further(finding.term)
             for _ in range(MOST_FINDINGS):
                 if not self._reconsider():
                     break
@@ -125,6 +127,21 @@ class Search:
         ground = self._field_of(step)
         terms = [t for t in ground.terms() if ground.watched(t) or missing_at(step, own_joints(self.model, t))]
         return rank(ground, terms, step.floors)
+
+    def _further(self, term: Term) -> None:
+        """Add more of an effect of which a joint may have several, what explains most first, as long as they pass."""
+        while self.model.library.effects[term.effect].several:
+            step = self.steps[-1]
+            ground = self._field_of(step)
+            alike = [t for t in ground.terms() if (t.effect, t.joint) == (term.effect, term.joint)]
+            verdict = weigh(ground, [c for t in alike for c in ground.each(t)], step.floors)
+            able = sorted((e for e in verdict.ranked if e.passes), key=lambda e: -e.eff)
+            tried = ((e, self._with(step, e.candidate)) for e in able)
+            found = next(((e, after) for e, after in tried if worth_its_name(step, after, e.term)), None)
+            if found is None:
+                return
+            self.findings.append(Finding(found[0], (), verdict, step, found[1]))
+            self.steps.append(found[1])
 
     def _forward(self, step: Step) -> Finding | None:
         able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
@@ -194,7 +211,7 @@ class Search:
         """Whether two terms act over the same quantities at the same joint."""
         effects = self.model.library.effects
         here = one.joint == other.joint is not None
-        return here and one != other and same_signals(effects[one.effect], effects[other.effect])
+        return here and one.effect != other.effect and same_signals(effects[one.effect], effects[other.effect])
 
     def _superfluous(self, earlier: Term, terms: Sequence[Term], both: Step) -> int | None:
         """As `needless` of an earlier finding and later terms; `both`: the step with all of them."""
@@ -279,7 +296,10 @@ class Search:
     def _reconsider(self) -> bool:
         """Take back or exchange the first finding that later ones have made superfluous or less likely than another;
         whether there was one."""
+        last = self.findings[-1].term
         for k, finding in enumerate(self.findings[:-1]):
+            if (finding.term.effect, finding.term.joint) == (last.effect, last.joint):
+                continue  # several of one effect are there because each has what the others have not
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
             verdict = self._judged(without)

@@ -31,6 +31,10 @@ LEAST_SHARE: Final = 0.2
 """part of the variance above the noise floor; a candidate that explains less of what is left is not what is missing; a
 quarter in the trial of a method, a fifth after development recordings with two effects."""
 
+LEAST_SHARE_OF_ONE: Final = 0.1
+"""part of the variance above the noise floor; of an effect of which a joint may have several, each must explain so much
+of what is left: half of what a single one must, as two of them share it; by construction."""
+
 MOST_NOISE: Final = 0.4
 """part of its own torque, of the square; so much a second reading of the encoders may change before it is the encoder's
 torque and not the candidate's; development recordings with coarse encoders."""
@@ -117,6 +121,10 @@ MOST_PAIRS: Final = 2
 
 MOST_FINDINGS: Final = 6
 """number of findings; an end to a search whose base model must be wrong; a choice."""
+
+MOST_OF_ONE: Final = 8
+"""number of findings; so many of an effect of which a joint may have several: the lines of a motor that a user would
+compensate; a choice."""
 
 LEAST_MOVING_S: Final = 2.0
 """s; a joint that moves for less says nothing of an effect; development recordings."""

@@ -86,7 +86,12 @@ class Inference:
             ]
             + [{"joint": joint + 1, "name": ROTOR, "model": None, **_as_fit(e)} for joint, e in self.rotors.items()],
             "effects": [
-                {"effect": term.effect, "joint": term.joint, "parameters": {k: e.to_json() for k, e in values.items()}}
+                {
+                    "effect": term.effect,
+                    "joint": term.joint,
+                    "name": term.name,
+                    "parameters": {k: e.to_json() for k, e in values.items()},
+                }
                 for term, values in self.values.items()
             ],
         }

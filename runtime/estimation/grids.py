@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import GRID_EDGE
+from runtime.estimation.torque_lines import motor_angle
 from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term, Values, joints_of
 from symbolic.described import DescribedParameter, ParameterKind
@@ -24,6 +25,8 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     info = regressors.model.library.effects[term.effect]
     if info.gives_way:
         joints = joints[:1]
+    if of == "line":
+        return known[info.line.name] if info.line else nan, period(regressors, term)
     if of == "critical":
         inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
         return 0.0, 2 * float(np.sqrt(_of_kind(info, "stiffness", known) * inertia))
@@ -34,6 +37,14 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     if key not in regressors.extents:
         regressors.extents[key] = _extent(regressors, of, joints)
     return regressors.extents[key]
+
+
+def period(regressors: Regressors, term: Term) -> float:
+    """Order of one period over the whole motion of the term's joint."""
+    key = ("period", joints_of(regressors.model, term)[:1])
+    if key not in regressors.extents:
+        regressors.extents[key] = 0.0, motor_angle(regressors.model, regressors.motion, key[1][0]).period
+    return regressors.extents[key][1]
 
 
 def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[float, float]:
@@ -83,22 +94,33 @@ def searchable(parameter: DescribedParameter, values: Array) -> bool:
     return bool(np.isfinite([low, high]).all()) and low < high and not (logarithmic and low <= 0)
 
 
-def points(regressors: Regressors, term: Term) -> list[Values]:
+def points(regressors: Regressors, term: Term, orders: Array | None = None) -> list[Values]:
     """All combinations of the shape parameters' grid values; one empty choice for a term without shape.
 
+    orders   of lines over the motor's angle, for an effect that is one; None: all over what the motion shows
     Empty if the data give the grid no scale (no link inertia for an elasticity, no friction for bristles).
     """
     found: list[Values] = [{}]
     # Sides first: where a place is looked for depends on them.
     info = regressors.model.library.effects[term.effect]
     for parameter in sorted(info.shape, key=lambda p: p.grid is not None and p.grid.continuous):
-        found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
+        if parameter is info.line:
+            own = spread(regressors, term) if orders is None else orders
+            found = [{**v, parameter.name: float(x)} for v in found for x in own]
+        else:
+            found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
     usable = [v for v in found if all(np.isfinite(x) for x in v.values())]
     return [
         v
         for v in usable
         if _of_kind(info, "begin", v, -inf) <= _of_kind(info, "end", v, inf) and _of_kind(info, "stiffness", v, 1.0) > 0
     ]
+
+
+def spread(regressors: Regressors, term: Term) -> Array:
+    """Orders all over what the motion of the term's joint shows."""
+    joint = joints_of(regressors.model, term)[0]
+    return motor_angle(regressors.model, regressors.motion, joint).spread()
 
 
 def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:

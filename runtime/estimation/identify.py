@@ -40,11 +40,13 @@ from runtime.estimation.settings import (
     SKEW_SIGMAS,
     SKEWS_APART,
 )
+from runtime.estimation.torque_lines import motor_angle
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED
-from runtime.model.terms import Prediction, Structure, Term, Values, structure
+from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import choose_band, lowered, rigid_inertia
 from runtime.motion.inertia import believable
+from runtime.motion.lines_above import raised
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.plausible import given_twice
 from runtime.recordings.recording import Recording, RecordingError
@@ -56,7 +58,11 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
     """Shape values from the file where it states them, else the best of the grid, one term after another."""
     shapes: dict[Term, Values] = {}
     open_terms: list[tuple[Term, list[Values]]] = []
+    lines: list[Term] = []
     for term in problem.layout.terms:
+        line = problem.model.library.effects[term.effect].line
+        if line is not None and line.name not in known.get(term, {}):
+            lines.append(term)
         names = [p.name for p in problem.model.library.effects[term.effect].shape]
         given = {k: v for k, v in known.get(term, {}).items() if k in names}
         choices = grids.points(problem.regressors, term)
@@ -73,7 +79,23 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
     for term, choices in open_terms:
         errors = [_error(problem.solve({**shapes, term: c}, skew).residual, problem.weights) for c in choices]
         shapes[term] = choices[int(np.argmin(errors))]
+    for k, term in enumerate(lines):
+        shapes[term] = _on_strongest_line(problem, shapes, skew, lines[k:])
     return shapes
+
+
+def _on_strongest_line(problem: Problem, shapes: dict[Term, Values], skew: Skew, open_lines: Sequence[Term]) -> Values:
+    """Shape of the first of these terms with its order on the strongest line of what the others of the structure leave
+    over its motor's angle; as it was if none stands out."""
+    term = open_lines[0]
+    line, joint = problem.model.library.effects[term.effect].line, joints_of(problem.model, term)[0]
+    terms = [t for t in problem.layout.terms if t not in open_lines]
+    others = Problem(problem.model, problem.motion, terms, problem.regressors.prediction)
+    left, use = others.solve(shapes, skew).residual[joint], problem.motion.moving(joint)
+    base = others.rows(joint, shapes)[0][:, use]
+    base = base[np.any(base != 0, axis=1)]
+    orders, _ = motor_angle(problem.model, problem.motion, joint).lines(left[use], base, inverse(base @ base.T))
+    return {**shapes[term], line.name: float(orders[0])} if line and len(orders) else shapes[term]
 
 
 def _error(residual: Sequence[Array], weights: Array) -> float:
@@ -311,7 +333,9 @@ def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
     refuse_copies(recordings)
     given = rigid_inertia(recordings)
     stated = _diagonal(model) if model.lumps_known else np.full(model.n, np.nan)
-    band = choose_band(recordings, believable(stated, recordings) if given is None else given)
+    inertia = believable(stated, recordings) if given is None else given
+    ratios = [joint.gear_ratio for joint in model.joints]
+    band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
     first = motion = prepare(recordings, band, model.library)
     for _ in range(LOWERINGS):
         if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:

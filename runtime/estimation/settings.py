@@ -215,3 +215,26 @@ taken off, unique and moves nothing that they do see; double precision."""
 
 KEPT_SYSTEMS: Final = 8
 """number of equations a joint; kept for searches that come back to a shape; memory, it decides no result."""
+
+# lines over the motor's angle ---------------------------------------------------------------------------------------
+
+SLOWEST_ROWS: Final = 0.1
+"""part of the rows; an order is looked for if it is in the band in as many, where the motor is slowest: that much of a
+line tells its order and its size; a choice."""
+
+BAND_EDGE: Final = 1.25
+"""ratio to the cut-off; where the stop-band begins (TRANSITION of the motion's settings); by construction."""
+
+MIDDLE_OF_SPEEDS: Final = (0.02, 0.98)
+"""parts of the way; between the speeds at them a line's frequencies are taken to lie; a choice."""
+
+OF_ITS_OWN: Final = 0.5
+"""part of a line's gain; if a wave over the time leaves less of it, both are one; between all and none of it; by
+construction."""
+
+MOST_LINES_TRIED: Final = 6
+"""number of lines; so many of the strongest are weighed against each other: the rest may be shadows of these, and comes
+up again once they are in the model; time."""
+
+ORDERS_SPREAD: Final = 12
+"""number of orders; where nothing tells which, so many over the whole span stand for all; a choice."""

@@ -89,7 +89,7 @@ def improve(
     found = conclude(search, wider)
     last, text = found.steps[-1], model_text
     for finding in found.findings:
-        text = add(text, finding.term.effect, finding.term.joint, last.shapes[finding.term])
+        text = add(text, finding.term.name, finding.term.joint, last.shapes[finding.term])
     search.model = _reloaded(open_model, text, last)
     left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
     believed = found.verdict != "refused"

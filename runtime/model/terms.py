@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
+from symbolic.described import number_name, numbered
 from symbolic.model_file.checks import at_joint
 
 Array = NDArray[np.float64]
@@ -17,13 +18,22 @@ Values = dict[str, float]
 
 @dataclass(frozen=True, order=True)
 class Term:
-    """An effect at a joint (1-based), or of the whole arm or the contact (joint None)."""
+    """An effect at a joint (1-based), or of the whole arm or the contact (joint None).
+
+    number   which of several of that effect at the joint
+    """
 
     effect: str
     joint: int | None = None
+    number: int = 1
 
     def __str__(self) -> str:
-        return self.effect if self.joint is None else f"{self.effect}@{self.joint}"
+        return self.name if self.joint is None else f"{self.name}@{self.joint}"
+
+    @property
+    def name(self) -> str:
+        """As the model file calls it: torque_ripple, torque_ripple_2."""
+        return number_name(self.effect, self.number)
 
 
 Structure = dict[Term, Values]
@@ -35,7 +45,8 @@ def structure(model: Model) -> Structure:
     found: Structure = {}
     for number, joint in enumerate(model.joints, start=1):
         for name, values in joint.effects.items():
-            found[Term(name, number)] = dict(values)
+            effect, which = numbered(name, model.library.effects)
+            found[Term(effect, number, which)] = dict(values)
     for name, values in model.effects.items():
         found[Term(name)] = dict(values)
     if model.contact is not None:

@@ -40,10 +40,21 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class LineAbove:
+    """A line of a joint's (0-based) torque over the motor's angle: order, periods a revolution; Hz at the middle
+    speed of the motor; RMS, N m (N)."""
+
+    joint: int
+    order: float
+    frequency: float
+    rms: float
+
+
+@dataclass(frozen=True)
 class Band:
     """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
     resolution (n,) the positions' step, rad (m), 0 where they have none; rates: what is made of measured rates, by
-    joint; None where there are none."""
+    joint; None where there are none; above: lines of the torque over the motor's angle that it does not hold."""
 
     cutoff: float
     reason: str
@@ -51,6 +62,7 @@ class Band:
     position_density: Array
     resolution: Array
     rates: tuple[MeasuredRate | None, ...] = ()
+    above: tuple[LineAbove, ...] = ()
 
     def rate_noise(self, joint: int) -> float | None:
         """One-sided density of a joint's (0-based) measured rate, (unit/s)²/Hz; None where it is not used."""

@@ -283,3 +283,56 @@ RESIDUAL_SEGMENT: Final = 256
 
 BURST_STRETCHES: Final = 3
 """number of stretches of a second; with fewer, the second worst is no measure; by construction."""
+
+# lines over the motor's angle ---------------------------------------------------------------------------------------
+
+ANGLE_GRID: Final = 0.7
+"""part of a radian of the highest order's phase; the grid of the angle is as fine: sharing a sample between two
+neighbours then keeps 0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
+
+ORDERS_A_PERIOD: Final = 4
+"""number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
+construction."""
+
+MOST_ANGLES: Final = 2_000_000
+"""number of steps of the angle's grid; of a longer way only lower orders are looked at; memory."""
+
+LEAST_PERIODS: Final = 6.0
+"""number of periods over the motion; with fewer a wave is no line, but one of many shapes over the position; a
+choice."""
+
+LINE_ABOVE_CHANCE: Final = 12.0
+"""natural logarithm; so much a line is above the largest of as many chances as there are orders: far more than their
+exponential distribution asks (Scargle 1982), as their level is only estimated; simulated white noise."""
+
+NEAR_SURROUNDINGS: Final = 8
+"""number of resolved orders to either side; a line is compared with as many at low orders, and others so near to a
+stronger one may be its shadows; about the least number of periods."""
+
+WIDE_SURROUNDINGS: Final = 40
+"""number of resolved orders to either side; with so many at most a line is compared: noise is even over them; a
+choice."""
+
+AROUND: Final = 1.25
+"""ratio of orders; so much wider a spectrum is than the span in which lines are looked for, so that those at its ends
+have surroundings; a choice."""
+
+MOST_PEAKS: Final = 3
+"""number of peaks; so many of a span may be lines: of others it is seen once the strongest are in the model; time."""
+
+LEAST_OF_WAVE: Final = 0.005
+"""part of a wave's own square; so much the model's columns must leave of it: less is decided by their errors; by
+construction."""
+
+SLOW_FOR_LINES: Final = 0.1
+"""part of the highest speed; where the motor is slower, nothing is above the band; a choice."""
+
+LINE_INSIDE: Final = 1.1
+"""ratio to a line's frequency at the middle speed; a band up to there holds it on about half of the way; a choice."""
+
+LINE_WORTH: Final = 0.01
+"""part of the strongest line's power, a tenth of its size; a line with less asks for no higher band; a choice."""
+
+NOISE_OF_LINES: Final = 0.1
+"""ratio of RMS; the encoder's noise as an inertial torque in the raised band to all lines above it: a hundredth of
+their power; a choice."""

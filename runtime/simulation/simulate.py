@@ -42,7 +42,7 @@ from runtime.simulation.settings import (
     WARM,
     WARMING,
 )
-from symbolic.described import DescribedParameter
+from symbolic.described import DescribedParameter, numbered
 
 Array = NDArray[np.float64]
 
@@ -67,8 +67,9 @@ def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
     place, _, assignments = text.partition(":")
     name, at, number = place.partition("@")
     usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
+    effect, which = numbered(name, model.library.effects)
     try:
-        info = model.library[name]
+        info = model.library[effect]
     except LoaderError as error:
         raise SimulationError(f"{option} {text}: {error}") from error
     joint: int | None = None
@@ -93,7 +94,7 @@ def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
             raise SimulationError(f'{option} {text}: found "{assignment}", expected a number; {usage}') from error
         if not equals or not isfinite(values[key.strip()]):
             raise SimulationError(f'{option} {text}: found "{assignment}", expected a finite number; {usage}')
-    return Hidden(Term(name, joint), values)
+    return Hidden(Term(effect, joint, which), values)
 
 
 def simulate(
@@ -182,11 +183,14 @@ def _output(signals: Signals, values: Structure) -> Array:
 def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
     terms = structure(model)
     for item in hidden:
-        if item.term in terms:
+        term = item.term
+        while term in terms and model.library.effects[term.effect].several:
+            term = replace(term, number=term.number + 1)
+        if term in terms:
             raise SimulationError(
                 f"--hide {item.term}: {model.name} has this effect already; hide another, or take it out of the file"
             )
-        terms[item.term] = dict(item.values)
+        terms[term] = dict(item.values)
     return terms
 
 

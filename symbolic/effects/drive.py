@@ -23,10 +23,11 @@ TORQUE_RIPPLE = Effect(
         Parameter(
             "order",
             u.ONE,
-            "periods per revolution of the motor; 2 is the wave generator of a harmonic drive",
+            "periods per revolution of the motor, k / N for k periods per revolution of the joint; 2 is the wave "
+            "generator of a harmonic drive",
             "shape",
             (0.0, inf),
-            Grid(0.5, 6.0, 12, spacing="linear"),
+            Grid(-1.0, 1.0, 3, "line", "linear"),
         ),
         Parameter("amplitude", u.FORCE, "at the joint", bounds=(0.0, inf)),
         Parameter("phase", u.ONE, "at q = 0, in rad", bounds=(-float(sp.pi), float(sp.pi))),
@@ -53,6 +54,7 @@ TORQUE_RIPPLE = Effect(
     source="Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent magnet "
     "motor drives, IEEE Trans. Industrial Electronics 43(2)",
     sits_at="motor",
+    several=True,
 )
 
 TORQUE_SATURATION = Effect(

@@ -12,12 +12,13 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import TYPE_CHECKING, Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
+from symbolic.described import declared, number_name, numbered
 from symbolic.model_file.arm import Arm
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
@@ -41,6 +42,7 @@ def add_effect(
 ) -> str:
     """`text` with the effect active, its `values` written where known, in place of those it generalises.
 
+    effect  one of which a joint may have several is added beside those that are there, under the next free name
     joint   counted from 1; None for effects of the arm and the contact
     Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, already there, bad value.
     """
@@ -48,9 +50,11 @@ def add_effect(
     place = Place(printable(where))
     owner = _owner(place, arm, library, effect, joint)
     active = _active(arm, owner)
+    if effect in library and library[effect].several:
+        effect = next(name for k in count(1) if (name := number_name(effect, k)) not in active)
     if effect in active:
         place.fail(f'effect "{effect}" is already there{at_joint(joint)}; nothing to add')
-    replaced = [name for name in library[effect].generalises if name in active]
+    replaced = [name for name in declared(effect, library).generalises if name in active]
     new = {name: _rounded(value) for name, value in (values or {}).items()}
 
     def change(document: Any, table_of: Callable[[dict[str, float]], Any] = dict) -> None:
@@ -153,11 +157,12 @@ def set_values(
 
 
 def _owner(place: Place, arm: Arm, library: Mapping[str, Effect], effect: str, joint: int | None) -> Owner:
-    scope = library[effect].scope if effect in library else "joint"
+    known = numbered(effect, library)[0] in library
+    scope = declared(effect, library).scope if known else "joint"
     if scope in ("joint", "joints"):
         n = len(arm.joints)
         if joint is None:
-            if effect not in library:
+            if not known:
                 check_effect(place, effect, "joint", library)
             place.fail(f'effect "{effect}" acts on a joint; say which with --joint 1{f" to {n}" if n > 1 else ""}')
         if not 1 <= joint <= n:

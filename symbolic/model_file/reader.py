@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from symbolic.described import declared, numbered
 from symbolic.model_file import fields
 from symbolic.model_file.arm import Arm, Contact, Control, Drive, Gains, Joint, Limits, Link, Values
 from symbolic.model_file.checks import ModelError, Place, nearest, number, printable, quote, table_at, unknown
@@ -184,7 +185,7 @@ def _effect(
     place: Place, name: str, value: Any, scope: str, library: Mapping[str, Effect], kind: str, last: bool
 ) -> Values:
     check_effect(place, name, scope, library, last)
-    effect = library[name]
+    effect = declared(name, library)
     place = place.inside(name)
     known = {p.name: p for p in effect.parameters}
     table = table_at(place, value, f"with {', '.join(known) or 'nothing in it'}, or an empty one: values unknown")
@@ -201,11 +202,12 @@ def check_effect(place: Place, name: str, scope: str, library: Mapping[str, Effe
 
     scope   "joint", "arm" or "contact"; last: the joint is the outermost one
     """
-    if name not in library:
+    effect = numbered(name, library)[0]
+    if effect not in library:
         close = nearest(name, library)
         hint = f'; did you mean "{close}"?' if close else ""
         place.fail(f"unknown effect {quote(name)}{hint} (tendon effects lists them all)")
-    home = library[name].scope
+    home = library[effect].scope
     if home not in ((scope, "joints") if scope == "joint" else (scope,)):
         place.fail(f'effect "{name}" {_HOME[home].format(name)}')
     if home == "joints" and last:

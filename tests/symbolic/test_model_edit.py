@@ -156,6 +156,22 @@ def test_inline_tables_and_dotted_keys_are_edited_too(text: str):
     assert reader.parse(changed, "arm.toml").joints[1].effects["viscous"] == {"coefficient": 3.0}
 
 
+def test_of_an_effect_of_which_a_joint_may_have_several_another_is_added():
+    once = add(TEXT, "torque_ripple", 1, order=72.0, amplitude=0.2, phase=0.1)
+    twice = add(once, "torque_ripple", 1, order=18.0, amplitude=0.1, phase=0.0)
+    lines = "[joint.effects.torque_ripple]\norder = 72.0\namplitude = 0.2\nphase = 0.1\n"
+    more = "[joint.effects.torque_ripple_2]\norder = 18.0\namplitude = 0.1\nphase = 0.0\n"
+    assert twice == TEXT.replace("\n# the elbow", f"{lines}{more}\n# the elbow")
+    assert list(reader.parse(twice, "arm.toml").joints[0].effects)[2:] == ["torque_ripple", "torque_ripple_2"]
+    changed = put(twice, {("torque_ripple_2", 1): {"amplitude": 0.3}})
+    assert reader.parse(changed, "arm.toml").joints[0].effects["torque_ripple_2"]["amplitude"] == 0.3
+    assert remove_effect(twice, "arm.toml", LIBRARY, "torque_ripple_2", 1) == once
+    with pytest.raises(ModelError, match='unknown parameter "ordr"; did you mean "order"'):
+        reader.parse(twice.replace("order = 18.0", "ordr = 18.0"), "arm.toml")
+    with pytest.raises(ModelError, match='unknown effect "viscous_2"; did you mean "viscous"'):
+        reader.parse(twice.replace("torque_ripple_2", "viscous_2"), "arm.toml")
+
+
 @pytest.mark.parametrize(
     ("effect", "joint", "values", "expected"),
     [

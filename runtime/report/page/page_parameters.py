@@ -42,7 +42,7 @@ def _table(model: Model, title: str, before: Inference | None, after: Inference)
         for name in {**old, **new}:
             known = written.get(term, {}).get(name)
             where = "arm" if term.joint is None else f"joint {term.joint}"
-            rows.append(_row(where, f"{term.effect}: {name}", "", known, old.get(name), new.get(name)))
+            rows.append(_row(where, f"{term.name}: {name}", "", known, old.get(name), new.get(name)))
     return {"title": title, "both": before is not None, "rows": rows}
 
 

@@ -26,7 +26,7 @@ def fit_table(document: Document) -> None:
         table.add_row(joint_cell(p["joint"]), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p))
     for entry in document["effects"]:
         for name, p in entry["parameters"].items():
-            label = f"{entry['effect']}: {name}"
+            label = f"{entry['name']}: {name}"
             table.add_row(joint_cell(entry["joint"]), label, "", figure(p["value"]), interval(p, ""), unit(p))
     console().print(table)
 

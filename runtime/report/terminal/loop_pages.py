@@ -239,7 +239,7 @@ def _refit(before: Document, after: Document) -> None:
         cells = [figure(new["model"]), figure(old), figure(new["fit"]), interval(new, ""), unit(new)]
         table.add_row(joint_cell(new["joint"]), new["name"], *cells)
     fits = [
-        {(e["effect"], e["joint"]): e["parameters"] for e in identification["effects"]}
+        {(e["name"], e["joint"]): e["parameters"] for e in identification["effects"]}
         for identification in (before, after)
     ]
     for effect, joint in dict.fromkeys([*fits[0], *fits[1]]):

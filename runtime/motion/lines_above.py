@@ -1,0 +1,87 @@
+"""Lines of the torque over the motor's angle that lie above the band, and a band raised to hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.motion.angle_spectrum import lines
+from runtime.motion.band import Band, LineAbove
+from runtime.motion.settings import (
+    CUTOFF_OF_SAMPLING,
+    LINE_INSIDE,
+    LINE_WORTH,
+    NOISE_OF_LINES,
+    SLOW_FOR_LINES,
+)
+from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+def lines_above(recordings: Sequence[Recording], band: Band, ratios: Sequence[float]) -> list[LineAbove]:
+    """Lines of the measured torques that are above the band most of the way, the strongest first.
+
+    ratios (n,): gear ratios. The torque is taken as it is: what model and motion say of it lies below.
+    """
+    found = [line for i, ratio in enumerate(ratios) for line in _of_joint(recordings, band, i, ratio)]
+    found.sort(key=lambda line: -line.rms)
+    return [line for line in found if line.rms**2 >= LINE_WORTH * found[0].rms ** 2]
+
+
+def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: Sequence[float]) -> Band:
+    """The band, up to above the highest of the lines beyond it that the encoders' noise permits.
+
+    inertia (n,) as for `choose_band`. As an inertial torque in the raised band, that noise must be small against what
+    the lines are; a line that would need more of it stays above.
+    """
+    above = lines_above(recordings, band, ratios)
+    highest = CUTOFF_OF_SAMPLING * min(1 / r.dt for r in recordings)
+    for line in sorted(above, key=lambda line: -line.frequency):
+        cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
+        # One-sided white noise of the position, twice differentiated, up to the cut-off.
+        noise = inertia * np.sqrt(band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5)
+        together = float(np.sqrt(sum(other.rms**2 for other in above if other.joint == line.joint)))
+        if cutoff <= highest and noise[line.joint] < NOISE_OF_LINES * together:
+            reason = (
+                f"raised from {band.cutoff:g} Hz to hold a line of joint {line.joint + 1}'s torque that repeats "
+                f"{line.order:.4g} times per turn of the motor, at {line.frequency:.3g} Hz"
+            )
+            rest = tuple(other for other in above if LINE_INSIDE * other.frequency > cutoff)
+            return replace(band, cutoff=cutoff, reason=reason, above=rest)
+    return replace(band, above=tuple(above))
+
+
+def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: float) -> list[LineAbove]:
+    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio, band.cutoff) for r in recordings for s in r.segments]
+    angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+    use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
+    angle, speed, torque = angle[use], speed[use], torque[use]
+    if not len(angle):
+        return []
+    ordered = np.sort(speed)
+    middle = float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
+    # Above the band at the middle speed, and below what a raised band could hold.
+    span = 2 * np.pi * band.cutoff / middle, 2 * np.pi * CUTOFF_OF_SAMPLING / recordings[0].dt / middle
+    among = max(2, round((span[1] - span[0]) * float(np.ptp(angle)) / (2 * np.pi)))
+    rows = angle, torque - torque.mean(), np.ones((1, len(angle))), np.array([[1 / len(angle)]])
+    return [
+        LineAbove(joint, order, order * middle / (2 * np.pi), float(np.sqrt(gain / len(angle))))
+        for order, gain in lines(*rows, span, among).items()
+    ]
+
+
+def _along(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) -> tuple[Array, Array, Array]:
+    """The motor's angle and speed, and the torque less its slow part, each (N,)."""
+    width = max(1, round(1 / (cutoff * dt)))
+    if len(q) <= 2 * width:
+        return np.empty(0), np.empty(0), np.empty(0)
+    speed = np.abs(q[2 * width :] - q[: -2 * width]) / (2 * width * dt)
+    total = np.concatenate([[0.0], np.cumsum(tau)])
+    size = 2 * width + 1
+    slow = (total[size:] - total[:-size]) / size
+    inner = slice(width, -width)
+    return ratio * q[inner], ratio * speed, tau[inner] - slow
