@@ -60,9 +60,13 @@ class CandidateField:
         self.model, self.motion = self.problem.model, self.problem.motion
         self.regressors = Regressors(self.model, self.motion, self.fit.prediction)
 
+    def known(self) -> tuple[Term, ...]:
+        """What the model has: of the torque, and what a further sensor has shown."""
+        return (*self.problem.layout.terms, *self.fit.witnessed)
+
     def terms(self) -> list[Term]:
         """What could be missing at any joint, in the arm or in the contact."""
-        active = set(self.problem.layout.terms)
+        active = set(self.known())
         covered = {replace(t, effect=g) for t in active for g in self.model.library.effects[t.effect].generalises}
         found = []
         for name, info in self.model.library.effects.items():

@@ -24,7 +24,9 @@ from runtime.diagnosis.settings import (
     MOST_RIVALS,
     PAIR_WORTH_FITTING,
 )
+from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.estimation.compare import JointSeries, errors, series
+from runtime.estimation.covariance import Estimate
 from runtime.estimation.folds import bic
 from runtime.estimation.identify import Identification, identify_motion
 from runtime.estimation.problem import Problem
@@ -74,6 +76,12 @@ class Step:
     def shapes(self) -> dict[Term, Values]:
         return self.identification.fit.shapes
 
+    @property
+    def values(self) -> dict[Term, Values]:
+        """Shapes, and the parameters of what a further sensor shows: what stands in a model file with this step."""
+        fit = self.identification.fit
+        return {**fit.shapes, **{t: {name: e.value for name, e in v.items()} for t, v in fit.witnessed.items()}}
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -98,7 +106,9 @@ class Finding:
         return int(np.argmin([-f for f in falls]))
 
     def share(self) -> float:
-        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1."""
+        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1; of the twist where that is what shows it."""
+        if self.evidence.twist is not None:
+            return min(self.evidence.share, 1.0)
         i = self.joint_index
         before, after = self.before.fitted.rms[i], self.after.fitted.rms[i]
         excess = before**2 - self.before.joints[i].floor.value ** 2
@@ -142,6 +152,8 @@ class Search:
     def _step(self, added: Term | None, known: Structure, before: Step | None) -> Step:
         start = before.identification.fit if before else None
         identification = identify_motion(self.model, self.motion, known, start=start)
+        if start:
+            identification = _beside(identification, start.witnessed)
         held = None if self.held_out is None else errors_elsewhere(identification, self.held_out)
         return Step.of(added, identification, held_out=held)
 
@@ -157,17 +169,21 @@ class Search:
         return known
 
     def _so_far(self) -> list[tuple[Term, Values]]:
-        return [(f.term, self.steps[-1].shapes[f.term]) for f in self.findings]
+        shapes = self.steps[-1].shapes
+        return [(f.term, shapes[f.term]) for f in self.findings if f.term in shapes]
 
     def _with(self, step: Step, *candidates: Candidate) -> Step:
         added = [*self._so_far(), *((c.term, c.shape) for c in candidates)]
         return self._step(candidates[-1].term, self._structure(added), step)
 
     def advance(self) -> Finding | None:
-        """Add the best candidate that passes every gate, or a pair that it stood for; None if none does."""
+        """Add what only a link-side encoder shows, or else the best candidate that passes every gate, or a pair that
+        it stood for; None if nothing passes."""
         step = self.steps[-1]
         ground = self._field_of(step)
         self.last = judge(ground, step.floors)
+        if self._show(step, witnessed(ground)):
+            return self.findings[-1]
         finding = self._forward(step)
         pair = self._pair(step, finding)
         if pair is not None:
@@ -184,6 +200,19 @@ class Search:
         else:
             return None
         return self.findings[-1]
+
+    def _show(self, step: Step, found: Sequence[Witnessed]) -> bool:
+        """Add what link-side encoders show and the torque does not; whether there was any.
+
+        It changes no torque: the fit stays as it is.
+        """
+        in_torque = {e.term for e in self.last.ranked if e.passes}
+        for one in (w for w in found if w.term not in in_torque):
+            before = self.steps[-1]
+            identification = _beside(before.identification, {one.term: one.values})
+            self.steps.append(replace(before, added=one.term, identification=identification))
+            self.findings.append(Finding(one.evidence, (), Verdict((one.evidence,), ()), before, self.steps[-1]))
+        return self.steps[-1] is not step
 
     def _forward(self, step: Step) -> Finding | None:
         # A small part of much that is left may be true all the same: a recording that was not fitted can tell.
@@ -303,6 +332,8 @@ class Search:
         """Take back or exchange the first finding that later ones have made superfluous or less likely than another;
         whether there was one."""
         for k, finding in enumerate(self.findings[:-1]):
+            if finding.evidence.twist is not None:
+                continue
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
             verdict = judge(self._field_of(without), without.floors)
@@ -323,7 +354,7 @@ class Search:
     def _leave_out_replaced(self) -> None:
         """A finding that the last one generalises stands in no structure any more: it was a special case of that one,
         whose evidence is then counted from where the replaced one began."""
-        kept = [f for f in self.findings if f.term in self.steps[-1].shapes]
+        kept = [f for f in self.findings if f.term in self.steps[-1].values]
         if len(kept) == len(self.findings):
             return
         self._taken_back |= {f.term for f in self.findings} - {f.term for f in kept}
@@ -338,10 +369,16 @@ class Search:
         known = {**dict(self._so_far()), **shapes}
         steps, findings = self.steps[:1], []
         for k, finding in enumerate(kept):
-            added = [(f.term, known[f.term]) for f in kept[: k + 1]]
+            added = [(f.term, known[f.term]) for f in kept[: k + 1] if f.term in known]
             steps.append(self._step(finding.term, self._structure(added), self.steps[-1]))
             findings.append(replace(finding, before=steps[-2], after=steps[-1]))
         self.steps, self.findings = steps, findings
+
+
+def _beside(identification: Identification, shown: Mapping[Term, Mapping[str, Estimate]]) -> Identification:
+    """The same with what further sensors show beside the torque."""
+    fit = identification.fit
+    return replace(identification, fit=replace(fit, witnessed={**fit.witnessed, **shown})) if shown else identification
 
 
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm, t
 
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
+    from runtime.motion.motion import Motion
 from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import (
     INTERVAL_SIGMAS,
@@ -114,6 +116,7 @@ def infer(problem: Problem, fit: Fit) -> Inference:
         for k, info in enumerate(problem.model.lumps)
     )
     values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
+    values.update({term: dict(estimates) for term, estimates in fit.witnessed.items()})
     interval = None
     if fit.skew_free:
         spread = INTERVAL_SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
@@ -159,11 +162,28 @@ def shape_derivative(problem: Problem, fit: Fit, term: Term, name: str, step: fl
     return (sides[0] - sides[1]) / (2 * step)
 
 
+def stretches(motion: Motion) -> NDArray[np.intp]:
+    """(M,) the stretch of each row: residuals of different ones are taken to be independent."""
+    found: NDArray[np.intp] = np.floor(motion.row_time / SCORE_BLOCK_S).astype(int) + motion.row_piece * 1_000_000
+    return found
+
+
+def interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
+    """Of 95 %, of a value whose variance is known from so many degrees of freedom (Student 1908)."""
+    spread = quantile(degrees) * float(np.sqrt(max(variance, 0.0)))
+    return value - spread, value + spread
+
+
+def quantile(degrees: int) -> float:
+    """Standard deviations to either end of a 95 % interval, of a variance with so many degrees of freedom (Student
+    1908)."""
+    return float(t.ppf(norm.cdf(INTERVAL_SIGMAS), max(1, degrees)))
+
+
 def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:
     size = len(jacobian[0])
     motion = problem.motion
-    block = np.floor(motion.row_time / SCORE_BLOCK_S).astype(int) + motion.row_piece * 1_000_000
-    _, index = np.unique(block, return_inverse=True)
+    _, index = np.unique(stretches(motion), return_inverse=True)
     scores = np.zeros((index.max() + 1, size))
     bread = np.zeros((size, size))
     for i, x in enumerate(jacobian):

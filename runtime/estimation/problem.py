@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure
 from runtime.motion.motion import Motion
+
+if TYPE_CHECKING:
+    from runtime.estimation.covariance import Estimate
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,6 +34,7 @@ class Fit:
     skew_free     whether it was estimated, and is what a hold explains
     residual      per joint (M,), unweighted, zero in rows that do not count
     weights       (n,) 1/σ by which joints were weighted
+    witnessed     terms that a further sensor shows and the torque does not, with their parameters; no part of the fit
     """
 
     prediction: Prediction
@@ -40,6 +44,7 @@ class Fit:
     skew_free: bool
     residual: list[Array]
     weights: Array
+    witnessed: Mapping[Term, Mapping[str, Estimate]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,19 @@ between rounding and curvature."""
 VALUE_STEP_AT_0: Final = 1e-8
 """unit of the coefficient; the same step where the coefficient is 0; between rounding and curvature."""
 
+# the twist of a transmission ----------------------------------------------------------------------------------------
+
+TWIST_PASSES: Final = 2
+"""number of steps of Gauss and Newton; the shift between two encoders is short against any motion in the band, and the
+second step moves it by a thousandth; by construction."""
+
+LARGEST_QUANTILE: Final = 0.99
+"""part of all rows; the largest transmitted torque without single peaks; a choice."""
+
+LOADED: Final = 0.25
+"""part of the largest transmitted torque; above it a gap's flanks surely touch; development recordings with link-side
+encoders."""
+
 # the inertia --------------------------------------------------------------------------------------------------------
 
 INERTIA_CONFIGURATIONS: Final = 60
