@@ -91,8 +91,26 @@ def _as_fit(e: Estimate) -> dict[str, Any]:
     return {"fit": document.pop("value"), **document}
 
 
-def infer(problem: Problem, fit: Fit) -> Inference:
-    """Covariance that is robust to residuals that hang together within a block, shape parameters and skew included.
+@dataclass(frozen=True)
+class Uncertainty:
+    """Of all unknowns of a fit: those of the layout, the shape parameters, the skew where it is free.
+
+    names         (K',)
+    jacobian      per joint (K', M) derivatives of the predicted torque
+    covariance    (K', K'); infinite on the diagonal for what no row tells
+    tangled       by index, the names of those with which an unknown can only be told together
+    degrees       of freedom of the covariance
+    """
+
+    names: list[str]
+    jacobian: list[Array]
+    covariance: Array
+    tangled: dict[int, tuple[str, ...]]
+    degrees: int
+
+
+def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
+    """Covariance that is robust to residuals that hang together within a stretch of time.
 
     Source: Liang & Zeger 1986 for the sandwich.
     """
@@ -107,21 +125,26 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     # What no row says anything of has no end to its interval.
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
     covariance[part] = inverted @ meat[part] @ inverted
-    tangled = _tangled(names, there, vector[:, unseen])
-    layout = problem.layout
+    degrees = len(np.unique(stretches(problem.motion))) - len(names)
+    return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
+
+
+def infer(problem: Problem, fit: Fit) -> Inference:
+    """Every parameter with its interval."""
+    found, layout = uncertainty(problem, fit), problem.layout
+    covariance, tangled, sigmas = found.covariance, found.tangled, quantile(found.degrees)
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
         if problem.motion.rigid_given
-        else _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
+        else _estimate(fit.coefficients[k], covariance[k, k], sigmas, info.unit, tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )
-    values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
+    values = {t: _term_estimates(problem, fit, t, found) for t in layout.terms}
     values.update({term: dict(estimates) for term, estimates in fit.witnessed.items()})
-    interval = None
+    held = None
     if fit.skew_free:
-        spread = INTERVAL_SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
-        interval = (fit.skew - spread, fit.skew + spread)
-    return Inference(lumps, values, fit.skew, interval)
+        held = interval(fit.skew, float(covariance[-1, -1]), found.degrees)
+    return Inference(lumps, values, fit.skew, held)
 
 
 def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
@@ -205,22 +228,26 @@ def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int
     return {k: tuple(sorted(others)) for k, others in found.items()}
 
 
-def _estimate(value: float, variance: float, unit: str, others: tuple[str, ...]) -> Estimate:
-    spread = INTERVAL_SIGMAS * float(np.sqrt(max(variance, 0.0)))
+def _estimate(value: float, variance: float, sigmas: float, unit: str, others: tuple[str, ...]) -> Estimate:
+    spread = sigmas * float(np.sqrt(max(variance, 0.0)))
     told = not others and np.isfinite(spread)
     return Estimate(float(value), (float(value) - spread, float(value) + spread) if told else None, unit, others)
 
 
-def _term_estimates(
-    problem: Problem, fit: Fit, term: Term, covariance: Array, names: list[str], tangled: dict[int, tuple[str, ...]]
-) -> dict[str, Estimate]:
+def places(problem: Problem, fit: Fit, term: Term, names: list[str]) -> list[int]:
+    """Where a term's unknowns stand among all: its coefficients, then its shape parameters."""
+    part = problem.layout.slices[term]
+    free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
+    return [*range(part.start, part.stop), *(names.index(f"{term} {name}", problem.layout.size) for name in free)]
+
+
+def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:
     """Declared parameters out of linear coefficients and shapes, by the delta method."""
     library, part = problem.model.library, problem.layout.slices[term]
     coefficients = fit.coefficients[part]
-    where = list(range(part.start, part.stop))
     shape: Values = fit.shapes[term]
     free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
-    where += [names.index(f"{term} {name}", problem.layout.size) for name in free]
+    where = places(problem, fit, term, among.names)
     base = library.recover(term.effect, coefficients, shape)
     gradient = {name: np.zeros(len(where)) for name in base}
     for k in range(len(where)):
@@ -234,14 +261,14 @@ def _term_estimates(
         after = library.recover(term.effect, moved, moved_shape)
         for name in base:
             gradient[name][k] = (after[name] - base[name]) / step
-    part_covariance = covariance[np.ix_(where, where)]
+    part_covariance, sigmas = among.covariance[np.ix_(where, where)], quantile(among.degrees)
     found = {}
     for name, value in base.items():
-        others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in tangled.get(k, ())}
+        others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in among.tangled.get(k, ())}
         used = np.flatnonzero(gradient[name])
         slope = gradient[name][used]
         variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
-        found[name] = _estimate(value, variance, unit_of(problem.model, term, name), tuple(sorted(others)))
+        found[name] = _estimate(value, variance, sigmas, unit_of(problem.model, term, name), tuple(sorted(others)))
     return found
 
 

@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.covariance import Estimate, interval, stretches
+from runtime.estimation.covariance import Estimate, interval, places, stretches, uncertainty
 from runtime.estimation.least_squares import bounded, inverse, rank
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.robust import over_stretches
-from runtime.estimation.settings import LARGEST_QUANTILE, LOADED, TWIST_PASSES
+from runtime.estimation.settings import HOLD, INTERVAL_SIGMAS, LARGEST_QUANTILE, LOADED, TWIST_PASSES
+from runtime.model.terms import Term
 from runtime.motion.spectrum import white_inside
 
 if TYPE_CHECKING:
@@ -61,11 +62,13 @@ class TwistEquation:
     """Rows with the encoders aligned, and as another reading of the motor's encoder would have given them.
 
     torque_noise   variance of white noise that is in the cause beside that
+    errors         (m, M) what a standard deviation of each independent error of the fitted model adds to the load
     """
 
     rows: TwistRows
     noisy: TwistRows
-    torque_noise: float = 0.0
+    torque_noise: float
+    errors: Array
 
     @cached_property
     def noise(self) -> TwistRows:
@@ -77,7 +80,8 @@ class TwistEquation:
         size = np.abs(self.rows.cause)
         largest = float(np.quantile(size[self.rows.use], LARGEST_QUANTILE))
         use = self.rows.use & (size > LOADED * largest)
-        return TwistEquation(*(_gap(rows, largest, use) for rows in (self.rows, self.noisy)))
+        # Friction that is not right has a column of its own there.
+        return TwistEquation(_gap(self.rows, largest, use), _gap(self.noisy, largest, use), 0.0, self.errors[:0])
 
     def beside_gap(self) -> TwistEquation:
         """The same with a gap in the base."""
@@ -86,7 +90,9 @@ class TwistEquation:
         def both(rows: TwistRows, gap: TwistRows) -> TwistRows:
             return replace(rows, base=np.vstack([rows.base, gap.cause]), use=gap.use)
 
-        return TwistEquation(both(self.rows, loaded.rows), both(self.noisy, loaded.noisy), self.torque_noise)
+        return TwistEquation(
+            both(self.rows, loaded.rows), both(self.noisy, loaded.noisy), self.torque_noise, self.errors
+        )
 
     @cached_property
     def gram(self) -> Array:
@@ -115,8 +121,10 @@ class TwistEquation:
         scores = x * (self.rows.twist[use] - self.solution @ x)
         _, index = np.unique(stretch[use], return_inverse=True)
         sums = np.array([np.bincount(index, weights=row) for row in scores]).T
+        by_load = x @ (self.solution[-1] * self.errors[:, use]).T
         inverted = inverse(self.gram)
-        return inverted @ over_stretches(sums) @ inverted, len(sums) - len(x)
+        covariance: Array = inverted @ (over_stretches(sums) + by_load @ by_load.T) @ inverted
+        return covariance, len(sums) - len(x)
 
 
 @dataclass(frozen=True)
@@ -187,7 +195,8 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float) -> TwistEquat
     motion, band = problem.motion, problem.motion.band
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     inside = white_inside(motion.torque(joint, fit.skew), motion.row_rate, band.cutoff)
-    return TwistEquation(plain, again, band.cutoff * min(inside, float(band.torque_density[joint])))
+    noise = band.cutoff * min(inside, float(band.torque_density[joint]))
+    return TwistEquation(plain, again, noise, _load_errors(problem, fit, joint))
 
 
 def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors) -> TwistRows:
@@ -225,9 +234,28 @@ def _constants(problem: Problem) -> list[Array]:
 def _at_the_motor(problem: Problem, fit: Fit, joint: int, regressors: Regressors) -> Array:
     """(M,) torque that the fitted model spends before the transmission."""
     spent = np.zeros(len(problem.motion.row_piece))
-    for term in problem.layout.terms:
-        info = problem.model.library.effects[term.effect]
-        if term.joint == joint + 1 and info.side == "motor":
-            columns = regressors.columns(term, joint, fit.shapes[term])
-            spent += np.append(1.0, fit.coefficients[problem.layout.slices[term]]) @ columns
+    for term in _motor_terms(problem, joint):
+        columns = regressors.columns(term, joint, fit.shapes[term])
+        spent += np.append(1.0, fit.coefficients[problem.layout.slices[term]]) @ columns
     return spent
+
+
+def _motor_terms(problem: Problem, joint: int) -> list[Term]:
+    effects = problem.model.library.effects
+    return [t for t in problem.layout.terms if t.joint == joint + 1 and effects[t.effect].side == "motor"]
+
+
+def _load_errors(problem: Problem, fit: Fit, joint: int) -> Array:
+    """(m, M) of the load, from what the fitted model spends before the transmission and from when the torque is taken:
+    its principal errors, a standard deviation each."""
+    found = uncertainty(problem, fit)
+    where = [k for t in _motor_terms(problem, joint) for k in places(problem, fit, t, found.names)]
+    where += [len(found.names) - 1] if fit.skew_free else []
+    told = [k for k in where if np.isfinite(found.covariance[k, k])]
+    size, direction = np.linalg.eigh(found.covariance[np.ix_(told, told)])
+    errors: Array = (direction * np.sqrt(np.maximum(size, 0.0))).T @ found.jacobian[joint][told]
+    if fit.skew_free:
+        return errors
+    # Where it was not estimated, it is anything that a hold explains.
+    shift = (HOLD[1] - HOLD[0]) / (2 * INTERVAL_SIGMAS)
+    return np.vstack([errors, shift * problem.regressors.skew(joint)])
