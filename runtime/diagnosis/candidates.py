@@ -28,7 +28,8 @@ from runtime.diagnosis.settings import (
 from runtime.estimation import grids
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
-from runtime.estimation.regressors import Regressors
+from runtime.estimation.regressors import TRANSMITTED, Regressors
+from runtime.model.signals import reads_arm
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -83,6 +84,9 @@ class CandidateField:
             return False
         if "torque_rate" in self.model.library.needs[term.effect] and self.fit.skew_free:
             # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.
+            return False
+        if self.motion.rigid_given and reads_arm(self.model.library, term.effect, known=TRANSMITTED):
+            # The rigid-body torque is the user's own: what the file says of the arm is not meant.
             return False
         return not self.regressors.signals[0].lacks(term)
 

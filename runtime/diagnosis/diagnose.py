@@ -48,6 +48,7 @@ class Diagnosis:
             "skew": self.steps[-1].identification.inference.skew_json(),
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
+            "rotors": self.steps[-1].identification.inference.rotors_json(),
             "encoder_skew": encoder_skew_json(self.steps[-1]),
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
             "ruled_out": _ranking(self.last),

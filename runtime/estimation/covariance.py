@@ -30,6 +30,8 @@ from runtime.wording import number
 
 Array = NDArray[np.float64]
 
+INERTIA_UNIT = {"revolute": "kg m^2", "prismatic": "kg"}
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -58,9 +60,11 @@ class Inference:
     """Estimates of everything that a fit has found.
 
     lumps   base inertial parameters; NaN where the user's own model takes their place and nothing tells them
+    rotors  there, by joint, the inertia at the motor that the user's own model lacks
     """
 
     lumps: tuple[Estimate, ...]
+    rotors: tuple[Estimate, ...]
     values: dict[Term, dict[str, Estimate]]
     skew: float
     skew_interval: tuple[float, float] | None
@@ -73,12 +77,17 @@ class Inference:
             "estimated": self.skew_interval is not None,
         }
 
+    def rotors_json(self) -> list[dict[str, Any]]:
+        """What the rigid-body torque of the user's own model lacks of each rotor's inertia."""
+        return [{"joint": k, "name": f"rotor{k}", **_as_fit(e)} for k, e in enumerate(self.rotors, start=1)]
+
     def to_json(self, model: Model) -> dict[str, Any]:
         return {
             "inertial": [
                 {"joint": info.joint, "name": info.name, "model": info.value, **_as_fit(e)}
                 for info, e in zip(model.lumps, self.lumps, strict=True)
             ],
+            "rotors": self.rotors_json(),
             "effects": [
                 {"effect": term.effect, "joint": term.joint, "parameters": {k: e.to_json() for k, e in values.items()}}
                 for term, values in self.values.items()
@@ -139,12 +148,17 @@ def infer(problem: Problem, fit: Fit) -> Inference:
         else _estimate(fit.coefficients[k], covariance[k, k], sigmas, info.unit, tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )
+    rotors = tuple(
+        _estimate(fit.coefficients[k], covariance[k, k], sigmas, INERTIA_UNIT[joint.type], tangled.get(k, ()))
+        for k, joint in enumerate(problem.model.joints, start=layout.rotors.start)
+        if k < layout.rotors.stop
+    )
     values = {t: _term_estimates(problem, fit, t, found) for t in layout.terms}
     values.update({term: dict(estimates) for term, estimates in fit.witnessed.items()})
     held = None
     if fit.skew_free:
         held = interval(fit.skew, float(covariance[-1, -1]), found.degrees)
-    return Inference(lumps, values, fit.skew, held)
+    return Inference(lumps, rotors, values, fit.skew, held)
 
 
 def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
@@ -153,6 +167,7 @@ def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
     names = [lump.name for lump in model.lumps]
     for term in problem.layout.terms:
         names += [f"{term} {c.name}" for c in model.library.effects[term.effect].coefficients]
+    names += [f"rotor{k}" for k in range(1, 1 + problem.layout.rotors.stop - problem.layout.rotors.start)]
     rows = [problem.rows(i, fit.shapes)[0] for i in range(model.n)]
     for term, name, step in shape_steps(problem, fit):
         names.append(f"{term} {name}")

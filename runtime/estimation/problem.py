@@ -49,14 +49,16 @@ class Fit:
 
 @dataclass(frozen=True)
 class LinearUnknowns:
-    """Order of the linear unknowns: base inertial parameters, then each term's coefficients.
+    """Order of the linear unknowns: base inertial parameters, each term's coefficients, then inertias at the motors.
 
+    rotors        one a joint, where the user's own model gives the rigid-body torque: what that lacks of the rotors
     lower, upper  (K,) bounds     stated  (K,) what the model file says, 0 where nothing: what no row tells stays there
     """
 
     terms: tuple[Term, ...]
     slices: dict[Term, slice]
     lumps: slice
+    rotors: slice
     lower: Array
     upper: Array
     stated: Array
@@ -81,7 +83,12 @@ class LinearUnknowns:
             # The coefficients of a form are others than the file's parameters.
             values = known.get(term, {}) if info.recover is None else {}
             stated += [values.get(c.name, 0.0) for c in info.coefficients]
-        return cls(tuple(terms), slices, slice(0, len(model.lumps)), *map(np.array, (lower, upper, stated)))
+        rotors = slice(start, start + (model.n if rigid_given else 0))
+        count = rotors.stop - rotors.start
+        # No rotor has less than none: at the least, all that the file states was in the user's model too often.
+        lower += [-(joint.rotor_inertia or 0.0) for joint in model.joints[:count]]
+        bounds = map(np.array, (lower, upper + [np.inf] * count, stated + [0.0] * count))
+        return cls(tuple(terms), slices, slice(0, len(model.lumps)), rotors, *bounds)
 
 
 @dataclass(frozen=True)
@@ -172,6 +179,8 @@ class Problem:
                 columns = regressors.columns(term, joint, shapes[term])
                 fixed += columns[0]
                 x[self.layout.slices[term]] = columns[1:]
+        if self.motion.rigid_given:
+            x[self.layout.rotors.start + joint] = regressors.acceleration(joint)
         return x, fixed
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:

@@ -89,8 +89,8 @@ def excitation(qdd: Array, rate: float, density: float) -> Array:
 
 
 def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
-    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration; None where not all
-    recordings have that torque."""
+    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration, beside what it asks
+    for a posture; None where not all recordings have that torque."""
     n = len(recordings[0].q)
     moment, square = np.zeros(n), np.zeros(n)
     for r in recordings:
@@ -98,11 +98,22 @@ def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
             return None
         derive = differentiator(LOWEST_CUTOFF, 1 / r.dt)
         for s in (s for s in r.segments if s.stop - s.start > SEGMENT_HALVES * derive.half):
-            qdd = np.array([derive(row)[2] for row in r.q[:, s]])
-            moment += np.sum(qdd * r.tau_rigid[:, s.start + derive.half : s.stop - derive.half], axis=1)
-            square += np.sum(qdd**2, axis=1)
+            parts = [derive(row) for row in r.q[:, s]]
+            q, qdd = (np.array([part[k] for part in parts]) for k in (0, 2))
+            moving = beyond_posture(q, qdd)
+            moment += np.sum(moving * r.tau_rigid[:, s.start + derive.half : s.stop - derive.half], axis=1)
+            square += np.sum(moving**2, axis=1)
     inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
     return np.maximum(inertia, 1e-12)
+
+
+def beyond_posture(q: Array, x: Array) -> Array:
+    """What of signals x (k, N) no torque of the posture q (n, N) can be: no constant, and no wave of a joint's angle or
+    of a link's, as gravity makes them."""
+    angles = np.vstack([q, np.cumsum(q, axis=0)[1:]])
+    base = np.vstack([np.ones((1, q.shape[1])), np.cos(angles), np.sin(angles)])
+    left: Array = x - np.linalg.lstsq(base.T, x.T, rcond=None)[0].T @ base
+    return left
 
 
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:

@@ -51,7 +51,7 @@ def diagnosis(document: Document) -> None:
         _not_named(document)
     _encoders(document)
     say("Base inertial parameters:")
-    fit_table({"inertial": document["parameters"], "effects": []})
+    fit_table({"inertial": document["parameters"], "rotors": document["rotors"], "effects": []})
     _recordings(document)
     _seen(document)
     _warnings(document)
@@ -229,6 +229,7 @@ def improvement(document: Document) -> None:
     say("")
     for finding in _found(document):
         _finding(finding, document)
+    _encoders(document)
     _refit(document["identification"]["before"], document["identification"]["after"])
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)
