@@ -78,6 +78,10 @@ TANGLED_SHARE: Final = 0.2
 """part of an unseen direction of length 1; an unknown with more of it can only be told together with the others;
 development recordings."""
 
+SMOOTHING_BIAS: Final = 0.5
+"""standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise;
+the truth lies between the two, which a 95 % interval of that width holds; development recordings with elasticity."""
+
 SHAPE_STEP: Final = 1e-3
 """part of a shape's value (its unit where that is 0); over it a derivative is taken; between rounding and curvature."""
 
