@@ -92,9 +92,6 @@ FINALISTS: Final = 8
 FINALISTS_OF_A_JOINT: Final = 3
 """number of candidates; of every joint so many are among them, lest one joint fill the list; development recordings."""
 
-MOST_LAGS: Final = 12
-"""rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
-
 # pairs of effects ---------------------------------------------------------------------------------------------------
 
 PAIR_BEAM: Final = 6

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, joints_of, unit_of
+from runtime.model.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
     from runtime.motion.motion import Motion
-from runtime.estimation.regressors import Regressors
+from runtime.estimation.bias import smoothing_score, through_prediction, whitened_shift
 from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import (
     INTERVAL_SIGMAS,
@@ -28,6 +27,7 @@ from runtime.estimation.settings import (
     TANGLED_SHARE,
     VALUE_STEP,
     VALUE_STEP_AT_0,
+    WHITENED_BIAS,
 )
 from runtime.wording import number
 
@@ -136,9 +136,13 @@ def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
     inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
     # What no row says anything of has no end to its interval.
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
-    moved = np.linalg.solve(np.eye(len(there)) + inverted @ _through_prediction(problem, fit, jacobian)[part], inverted)
-    shift = moved @ _smoothing_score(problem, fit, jacobian)[there]
-    covariance[part] = moved @ meat[part] @ moved.T + SMOOTHING_BIAS**2 * np.outer(shift, shift)
+    moved = np.linalg.solve(np.eye(len(there)) + inverted @ through_prediction(problem, fit, jacobian)[part], inverted)
+    covariance[part] = moved @ meat[part] @ moved.T
+    if any(problem.model.library.effects[t.effect].gives_way for t in problem.layout.terms):
+        shift = moved @ smoothing_score(problem, fit, jacobian)[there]
+        other = whitened_shift(problem, fit, [x[there] for x in jacobian])
+        covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
+        covariance[part] += WHITENED_BIAS**2 * np.outer(other, other)
     degrees = len(np.unique(stretches(problem.motion))) - len(names)
     return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
 
@@ -236,57 +240,6 @@ def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[
         for k in range(size):
             scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))
     return bread, over_stretches(scores)
-
-
-def _through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
-    """(K', K') what an unknown (second index) adds to the equations' derivative because effects read the torque that is
-    predicted with it: what hangs on a transmission is as heavy as the fitted arm.
-
-    The equations were solved with the prediction held, and then again with what that gave.
-    """
-    model, motion, size = problem.model, problem.motion, len(jacobian[0])
-    reading = [t for t in problem.layout.terms if "arm" in model.library.needs[t.effect]]
-    found = np.zeros((size, size))
-    if motion.rigid_given or not reading:
-        return found
-    for k in range(problem.layout.lumps.start, problem.layout.lumps.stop):
-        step = SHAPE_STEP * abs(fit.coefficients[k]) or SHAPE_STEP
-        theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
-        other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
-        for i, more in _torque_change(problem, fit, other, reading).items():
-            use = motion.moving(i)
-            found[:, k] += problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use]) / step
-    return found
-
-
-def _torque_change(problem: Problem, fit: Fit, other: Regressors, terms: Sequence[Term]) -> dict[int, Array]:
-    """By joint (0-based), (M,) by which the torque of some terms changes if other regressors are read."""
-    found = {i: np.zeros(len(fit.residual[i])) for i in range(problem.model.n)}
-    for term in terms:
-        theta = np.append(1.0, fit.coefficients[problem.layout.slices[term]])
-        for i in joints_of(problem.model, term):
-            here = problem.regressors.columns(term, i, fit.shapes[term])
-            found[i] += theta @ (other.columns(term, i, fit.shapes[term]) - here)
-    return found
-
-
-def _smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
-    """(K',) by which the scores change if what a transmission is simulated under keeps all of the encoder's noise.
-
-    The load is smoothed, which takes some of the motion away near a resonance and makes the joint look stiffer and
-    less damped; without it, noise passes for motion, and the joint looks softer and more damped. The truth lies
-    between the two.
-    """
-    model, motion = problem.model, problem.motion
-    soft = [t for t in problem.layout.terms if model.library.effects[t.effect].gives_way]
-    score = np.zeros(len(jacobian[0]))
-    if not soft:
-        return score
-    raw = Regressors(model, motion.unsmoothed, fit.prediction)
-    for i, more in _torque_change(problem, fit, raw, soft).items():
-        use = motion.moving(i)
-        score -= problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use])
-    return score
 
 
 def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int, tuple[str, ...]]:

@@ -70,6 +70,9 @@ SCORE_BLOCK_S: Final = 1.0
 """s; residuals further apart than that are taken to be independent: long against the band's filter and the noise of
 most sensors; development recordings."""
 
+MOST_LAGS: Final = 12
+"""rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
+
 SEPARABLE: Final = 1e-4
 """ratio of singular values of the scaled Jacobian; a direction below is not told by the data; development recordings
 with short motions."""
@@ -81,6 +84,10 @@ development recordings."""
 SMOOTHING_BIAS: Final = 0.5
 """standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise;
 the truth lies between the two, which a 95 % interval of that width holds; development recordings with elasticity."""
+
+WHITENED_BIAS: Final = 1.5
+"""standard deviations per shift of a parameter between plain and whitened rows; whitening takes a third to all of the
+bias away; development recordings with elasticity and a disturbance on the link."""
 
 SHAPE_STEP: Final = 1e-3
 """part of a shape's value (its unit where that is 0); over it a derivative is taken; between rounding and curvature."""
