@@ -26,7 +26,7 @@ from runtime.diagnosis.settings import (
 )
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.estimation.compare import JointSeries, errors, series
-from runtime.estimation.covariance import Estimate
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.folds import bic
 from runtime.estimation.identify import Identification, identify_motion
 from runtime.estimation.problem import Problem

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.gates import Evidence, Figures, Shown
-from runtime.estimation.covariance import Estimate
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.twist import TwistEquation, TwistFit, fit_twist
 from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term
@@ -63,7 +63,7 @@ def _of_joint(field: CandidateField, fit: TwistFit) -> list[Witnessed]:
 
 def _values(info: EffectInfo, fit: TwistFit) -> dict[str, Estimate] | None:
     """Of the parameters that the twist tells; None where it does not tell the effect."""
-    stiffness, gap = info.of_kind("stiffness"), info.of_kind("gap")
+    stiffness, gap = info.of_kind("stiffness"), info.of_kind("play")
     told = [(gap, fit.gap), (stiffness, fit.behind_gap)] if info.has_gap else [(stiffness, fit.stiffness)]
     found = {p.name: e for p, e in told if p is not None and e is not None}
     return found if len(found) == len(told) else None

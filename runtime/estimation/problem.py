@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure
 from runtime.motion.motion import Motion
-
-if TYPE_CHECKING:
-    from runtime.estimation.covariance import Estimate
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

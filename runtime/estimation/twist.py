@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.covariance import Estimate, interval, places, stretches, uncertainty
+from runtime.estimation.covariance import interval, places, stretches, uncertainty
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.least_squares import bounded, inverse, rank
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.robust import over_stretches
