@@ -16,7 +16,7 @@ from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.gates import Evidence, Figures, Shown
 from runtime.estimation.estimate import Estimate
-from runtime.estimation.twist import TwistEquation, TwistFit, fit_twist
+from runtime.estimation.twist import TwistEquation, TwistFit, TwistRows, fit_twist
 from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term
 
@@ -74,14 +74,16 @@ def _weighed(
 ) -> Evidence:
     """The gates on the rows of a twist equation, whose cause is the candidate."""
     rows, noise, motion = equation.rows, equation.noise, field.motion
-    index, free = np.arange(len(rows.base)), np.full(len(rows.base), np.inf)
-    heard = np.vstack([noise.base, noise.twist])
-    row = Rows(rows.twist, rows.base, heard, index, rows.use, motion.row_piece, 1.0)
+    own = len(rows.base) - equation.along
+    index, free = np.arange(own), np.full(own, np.inf)
+    heard = np.vstack([noise.base[:own], noise.twist])
+    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece, 1.0)
     before = float(np.sqrt(Ground.levelled((row,), -free, free).solve().sse / row.count))
     row = replace(row, weight=1 / before if before else 0.0)
     ground = Ground.levelled((row,), -free, free)
-    own = CandidateRows(_alone(rows.cause), _alone(noise.cause))
-    block = CandidateBlock({0: own}, np.zeros(1), np.full(1, np.inf))
+    columns = CandidateRows(_alone(rows, own), _alone(noise, own))
+    lower = np.append(0.0, np.full(equation.along, -np.inf))
+    block = CandidateBlock({0: columns}, lower, np.full(1 + equation.along, np.inf))
     figures, residual = _figures(ground, block, before, _floor(field, joint))
     failed = [text for ok, text in figures.gates(_floor(field, joint), at_edge=False) if not ok]
     # A finite end of every interval that is not the effect's absence: a gap above 0, a compliance above 0.
@@ -109,7 +111,10 @@ def _weighed(
 def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) -> tuple[Figures, Array]:
     row = ground.rows[0]
     ar = [row.autoregression(ground.solve(block).residual[0])]
-    white, whitened = ground.whitened(ar), ground.whiten_block(block, ar)
+    # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
+    heard = Ground.levelled((replace(row, noise=np.zeros_like(row.noise)),), ground.lower, ground.upper)
+    own = replace(block, parts={0: CandidateRows(block.parts[0].columns)})
+    white, whitened = heard.whitened(ar), heard.whiten_block(own, ar)
     figures = Figures(
         ground.equations(),
         ground.equations(block),
@@ -124,9 +129,9 @@ def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) ->
     return figures, white.rows[0].used(white.solve(whitened).residual[0])
 
 
-def _alone(cause: Array) -> Array:
-    """A candidate's rows without a fixed part."""
-    return np.vstack([np.zeros_like(cause), cause])
+def _alone(rows: TwistRows, own: int) -> Array:
+    """(2 + along, M) of a candidate without a fixed part: the cause, and what of the base comes with it."""
+    return np.vstack([np.zeros_like(rows.cause), rows.cause, rows.base[own:]])
 
 
 def _floor(field: CandidateField, joint: int) -> float:

@@ -63,6 +63,7 @@ class TwistEquation:
     """Rows with the encoders aligned, and as another reading of the motor's encoder would have given them.
 
     torque_noise   variance of white noise that is in the cause beside that
+    along          how many of the base's last rows stand for a part of the cause that is not known
     errors         (m, M) what a standard deviation of each independent error of the fitted model adds to the load
     """
 
@@ -70,6 +71,7 @@ class TwistEquation:
     noisy: TwistRows
     torque_noise: float
     errors: Array
+    along: int = 0
 
     @cached_property
     def noise(self) -> TwistRows:
@@ -197,7 +199,8 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float) -> TwistEquat
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     inside = white_inside(motion.torque(joint, fit.skew), motion.row_rate, band.cutoff)
     noise = band.cutoff * min(inside, float(band.torque_density[joint]))
-    return TwistEquation(plain, again, noise, _load_errors(problem, fit, joint))
+    along = int(problem.model.joints[joint].rotor_inertia is None)
+    return TwistEquation(plain, again, noise, _load_errors(problem, fit, joint), along)
 
 
 def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors) -> TwistRows:

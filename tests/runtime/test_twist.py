@@ -45,7 +45,7 @@ def _motion(t: Array, derivative: int) -> Array:
     return found
 
 
-def pushed(seed: int, joint: Transmission, seconds: float = 30.0) -> Recording:
+def pushed(seed: int, joint: Transmission, seconds: float = 30.0, count: float = COUNT) -> Recording:
     """Other axes push the link with some N m that no model of this joint knows; the transmission yields at once.
 
     Drive1's rotor and link with the friction of plants.py; what hangs behind a spring this stiff lags by less than
@@ -73,13 +73,13 @@ def pushed(seed: int, joint: Transmission, seconds: float = 30.0) -> Recording:
         Path("pushed.csv"),
         t,
         np.zeros(len(t), dtype=np.int64),
-        np.round(q / COUNT)[None] * COUNT,
+        np.round(q / count)[None] * count,
         tau[None],
         ("revolute",),
         (slice(0, len(t)),),
         (None,),
     )
-    return replace(made, q_link=np.round(link / COUNT)[None] * COUNT)
+    return replace(made, q_link=np.round(link / count)[None] * count)
 
 
 def fitted(drive: Model, recording: Recording) -> tuple[CandidateField, TwistFit]:
@@ -122,6 +122,8 @@ def test_a_late_encoder_on_a_rigid_joint_shows_nothing_else(drive: Model) -> Non
     field, fit = fitted(drive, pushed(2, Transmission(stiffness=1e9, skew=-4e-3)))
     assert fit.skew.value == pytest.approx(-4e-3, rel=0.02)
     assert witnessed(field) == []
+    coarse = pushed(2, Transmission(stiffness=1e9), count=30 * COUNT)
+    assert witnessed(fitted(drive, coarse)[0]) == []
 
 
 def test_a_gap_is_told_from_a_spring(drive: Model) -> None:
