@@ -80,7 +80,7 @@ class Grid:
         return self.spacing == "log" or self.count > 2
 
 
-ParameterKind = Literal["", "stiffness", "damping", "side", "begin", "end", "lead"]
+ParameterKind = Literal["", "stiffness", "damping", "play", "side", "begin", "end", "lead"]
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class DescribedParameter:
               `default`, because no motion can tell it
     default   the value of a "given" parameter that the model file does not state
     kind      what searches and limits take a shape parameter for: "stiffness", more than 0, and the "damping" beside
-              it; "side", +1 or -1; "begin" and "end" of a stretch; "lead", by which the recorded torque is ahead of
-              the acting one (less than 0 cannot be simulated forwards)
+              it; "play", from flank to flank; "side", +1 or -1; "begin" and "end" of a stretch; "lead", by which the
+              recorded torque is ahead of the acting one (less than 0 cannot be simulated forwards)
     neutral   the value at which the effect vanishes
     gives     the signal that its value is for the effects beside it; "" for none
     planned   what an optimization seeks of an effect that a trajectory brings: its "size", which may be chosen from a

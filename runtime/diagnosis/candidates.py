@@ -29,8 +29,9 @@ from runtime.diagnosis.settings import (
 from runtime.estimation import grids
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
-from runtime.estimation.regressors import Regressors
+from runtime.estimation.regressors import LINK_LOAD, Regressors
 from runtime.estimation.torque_lines import motor_angle
+from runtime.model.signals import reads_arm
 from runtime.model.terms import Term, Values, joints_of
 
 Array = NDArray[np.float64]
@@ -64,9 +65,13 @@ class CandidateField:
         self.model, self.motion = self.problem.model, self.problem.motion
         self.regressors = Regressors(self.model, self.motion, self.fit.prediction, self.fit.ahead)
 
+    def known(self) -> tuple[Term, ...]:
+        """What the model has: of the torque, and what a further sensor has shown."""
+        return (*self.problem.layout.terms, *self.fit.witnessed)
+
     def terms(self) -> list[Term]:
         """What could be missing at any joint, in the arm or in the contact."""
-        active = set(self.problem.layout.terms)
+        active = set(self.known())
         covered = {replace(t, effect=g) for t in active for g in self.model.library.effects[t.effect].generalises}
         found = []
         for name, info in self.model.library.effects.items():
@@ -90,6 +95,9 @@ class CandidateField:
             return False
         if "torque_rate" in self.model.library.needs[term.effect] and self.fit.skew_free:
             # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.
+            return False
+        if self.motion.rigid_given and reads_arm(self.model.library, term.effect, known=LINK_LOAD):
+            # The rigid-body torque is the user's own: what the file says of the arm is not meant.
             return False
         return not self.regressors.signals[0].lacks(term)
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import CONTRADICTS, MATERIAL, ONLY_NOISE
-from runtime.estimation.covariance import Estimate, Inference, infer
+from runtime.estimation.covariance import Inference, infer
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification
 from runtime.estimation.problem import Fit, Problem, Skew
 from runtime.estimation.settings import INTERVAL_SIGMAS

@@ -20,6 +20,7 @@ from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared, refuse_copies
 from runtime.estimation.suspicions import suspicions
 from runtime.estimation.torque_lines import per_turn
+from runtime.estimation.twist import fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term, at, structure
 from runtime.motion.motion import Motion, prepare
@@ -56,6 +57,8 @@ class Diagnosis:
             "skew": self.steps[-1].identification.inference.skew_json(),
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
+            "rotors": self.steps[-1].identification.inference.rotors_json(),
+            "encoder_skew": encoder_skew_json(self.steps[-1]),
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
             "ruled_out": _ranking(self.last),
             "would_have_seen": [limit.to_json() for limit in self.seen],
@@ -67,6 +70,13 @@ class Diagnosis:
 
 def inertial_json(model: Model, inference: Inference) -> list[dict[str, Any]]:
     return inference.to_json(model)["inertial"]
+
+
+def encoder_skew_json(step: Step) -> list[dict[str, Any]]:
+    """By joint with a link-side encoder, by how long that is read later than the motor's."""
+    found = step.identification
+    fits = (fit_twist(found.problem, found.fit, i) for i in range(found.model.n))
+    return [{"joint": f.joint + 1, **f.skew.to_json()} for f in fits if f is not None]
 
 
 def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
@@ -181,7 +191,7 @@ def _verdict(
         return "refused", compared.preface + unsound
     if compared.refusal and (compared.each_is_noise or not any(physics(last, i) for i in range(search.model.n))):
         return "refused", disagreement + compared.refusal
-    for i in {f.joint_index for f in search.findings}:
+    for i in {f.joint_index for f in search.findings if f.evidence.twist is None}:
         rest = physics(last, i)
         if rest and _explained(first, last, i) < LEAST_EXPLAINED:
             near = ", ".join(str(f.term) for f in search.findings if f.joint_index == i)
@@ -231,10 +241,13 @@ def _explained(first: Step, last: Step, joint: int) -> float:
 
 
 def _sentence(finding: Finding, last: Step) -> str:
-    i = finding.joint_index
+    i, shown = finding.joint_index, finding.evidence.twist
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
-    what = f"{finding.term.effect}{at(finding.term)}{_order(finding.term, last)}"
-    text = f"{what} (error {100 * before:.2f} % to {100 * after:.2f} %)"
+    text = f"{finding.term.effect}{at(finding.term)}{_order(finding.term, last)} "
+    if shown is None:
+        text += f"(error {100 * before:.2f} % to {100 * after:.2f} %)"
+    else:
+        text += f"(twist unexplained by the skew of the encoders {shown.before:.2g} to {shown.after:.2g} {shown.unit})"
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text

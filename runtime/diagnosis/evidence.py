@@ -19,11 +19,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN, MOST_LAGS
+from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN
 from runtime.estimation.folds import NormalEquations
 from runtime.estimation.least_squares import bounded, inverse
 from runtime.estimation.robust import lag_by_lag
 from runtime.estimation.settings import FOLDS
+from runtime.estimation.whitening import autoregression, whiten
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -113,22 +114,11 @@ class Rows:
 
     def whiten(self, x: Array, ar: Array) -> Array:
         """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
-        x = np.where(self.use, x, 0.0)
-        out = ar[0] * x
-        edges = [0, *(np.flatnonzero(np.diff(self.piece)) + 1), len(self.piece)]
-        for start, stop in pairwise(edges):
-            for lag in range(1, len(ar)):
-                out[..., start + lag : stop] += ar[lag] * x[..., start : max(start, stop - lag)]
-        return np.where(self.use, out, 0.0)
+        return whiten(x, ar, self.use, self.piece)
 
     def autoregression(self, residual: Array) -> Array:
-        """(1, a1, ..., ap) of a residual (M,), order by BIC; Yule-Walker over pairs of rows that both count."""
-        covariance = np.zeros(MOST_LAGS + 1)
-        r = np.where(self.use, residual, 0.0)
-        for lag in range(min(MOST_LAGS, len(r) - 1) + 1):
-            pair = self.use[lag:] & self.use[: len(self.use) - lag] & (self.piece[lag:] == self.piece[: len(r) - lag])
-            covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
-        return _levinson(covariance, self.count)
+        """(1, a1, ..., ap) of a residual (M,)."""
+        return autoregression(residual, self.use, self.piece)
 
 
 @dataclass(frozen=True)
@@ -348,29 +338,6 @@ class Ground:
             return 0.0, float("inf")
         equations = self.equations()
         return cross / kept, float(np.sqrt(max(equations.sse, 0.0) / equations.count / kept))
-
-
-def _levinson(covariance: Array, count: int) -> Array:
-    """Autoregressive filter (order + 1,), 1 first, of the order that BIC chooses.
-
-    covariance   (orders + 1,) of the series by lag      count   of its samples
-    Source: the recursion of Levinson 1947 and Durbin 1960 on the Yule-Walker equations; BIC: Schwarz 1978.
-    """
-    ar: Array = np.array([1.0])
-    error = float(covariance[0])
-    best, best_score = ar, count * np.log(max(error, 1e-300))
-    for order in range(1, len(covariance)):
-        if error <= 0:
-            break
-        reflection = -float(ar @ covariance[order:0:-1]) / error
-        ar = np.append(ar, 0.0) + reflection * np.append(ar, 0.0)[::-1]
-        error *= 1 - reflection**2
-        if error <= 0:
-            break
-        score = count * np.log(error) + order * np.log(count)
-        if score < best_score:
-            best, best_score = ar, score
-    return best
 
 
 def vuong(better: Array, worse: Array) -> float:

@@ -9,6 +9,7 @@ independent evidence: a candidate's torque, as the motor torque asks for it, is 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +18,18 @@ from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, Ground
 from runtime.diagnosis.settings import (
     HALF_OF_TORQUE,
-    LARGEST_QUANTILE,
     LEAST_LAG,
     LEAST_OWN,
-    LOADED,
     OF_TWIST,
     SENSOR_SIGMAS,
 )
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.estimation.robust import over_stretches
-from runtime.estimation.settings import FOLDS
+from runtime.estimation.settings import FOLDS, LARGEST_QUANTILE, LOADED
+from runtime.estimation.twist import late
 from runtime.model.terms import Term, joints_of
 from runtime.motion.motion import Piece
+from runtime.motion.sensors import Sensors
 
 Array = NDArray[np.float64]
 
@@ -76,6 +77,14 @@ class FurtherSensors:
     def __post_init__(self) -> None:
         self._lags: dict[tuple[int, bool], dict[int, Array]] = {}
 
+    @cached_property
+    def _late(self) -> Array:
+        return late(self.field.problem, self.field.fit)
+
+    def _aligned(self, piece: Piece) -> Sensors:
+        """The sensors of a piece as if all encoders were read at once."""
+        return piece.sensors.aligned(piece.t, piece.q, piece.qdd, self._late)
+
     def doubts(self, ground: Ground, candidate: Candidate, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
         """What the sensors hold against a candidate with coefficients (1 + k,) `theta`, in words and figures."""
         term = candidate.term
@@ -113,9 +122,10 @@ class FurtherSensors:
         twists, loads = [], []
         for signals, piece in zip(self.field.regressors.signals, motion.pieces, strict=True):
             deflection = signals.deflection(candidate.term, candidate.shape)
-            if deflection is None or piece.sensors.twist is None:
+            twist = self._aligned(piece).twist
+            if deflection is None or twist is None:
                 return ()
-            twists.append(piece.in_band(np.array([piece.sensors.twist[own], deflection])))
+            twists.append(piece.in_band(np.array([twist[own], deflection])))
             loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
@@ -165,8 +175,9 @@ class FurtherSensors:
 
     def _measured_lag(self, regressors: Regressors, own: int) -> dict[int, Array]:
         def torque(signals: Signals, piece: Piece, joint: int) -> Array:
-            assert piece.sensors.twist_qdd is not None
-            return piece.in_band(-signals.coupling(joint, own) * piece.sensors.twist_qdd[own])
+            twist_qdd = self._aligned(piece).twist_qdd
+            assert twist_qdd is not None
+            return piece.in_band(-signals.coupling(joint, own) * twist_qdd[own])
 
         pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
         return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}

@@ -44,6 +44,20 @@ _EXPLAINS = "it explains"
 
 
 @dataclass(frozen=True)
+class Shown:
+    """What a further sensor shows of a candidate that the motor torque does not: RMS of what is unexplained on the
+    sensor's rows without and with it, and of what only it explains there."""
+
+    before: float
+    after: float
+    eff: float
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {"rms_before": self.before, "rms_after": self.after, "eff": self.eff, "unit": self.unit}
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What speaks for one candidate.
 
@@ -54,6 +68,7 @@ class Evidence:
     cv_gain           fall of the cross-validated squared error, relative
     parameters        number of unknowns of base and candidate
     residual          whitened, all joints' rows that count
+    twist             set where a link-side encoder's rows were weighed in the place of the torque's: then eff is 0
     """
 
     candidate: Candidate
@@ -65,6 +80,7 @@ class Evidence:
     failed: tuple[str, ...]
     parameters: int
     residual: Array
+    twist: Shown | None = None
 
     @property
     def term(self) -> Term:
@@ -80,7 +96,7 @@ class Evidence:
         return bool(self.failed) and all(why.startswith(_EXPLAINS) for why in self.failed)
 
     def to_json(self) -> dict[str, Any]:
-        return {
+        document: dict[str, Any] = {
             "eff": self.eff,
             "share_of_excess": self.share,
             "delta_bic": self.delta_bic,
@@ -88,6 +104,9 @@ class Evidence:
             "cv_log_likelihood_gain": self.likelihood_gain if np.isfinite(self.likelihood_gain) else None,
             "failed_gates": list(self.failed),
         }
+        if self.twist is not None:
+            document["twist"] = self.twist.to_json()
+        return document
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,11 @@ from runtime.diagnosis.settings import (
     PAIR_WORTH_FITTING,
 )
 from runtime.diagnosis.steps import Finding, Step, errors_elsewhere, seconds_moving
+from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.diagnosis.worth import missing_at, needless, own_joints, same_signals, squared, worth_its_name
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.folds import bic
-from runtime.estimation.identify import identify_motion
+from runtime.estimation.identify import Identification, identify_motion
 from runtime.estimation.problem import Problem
 from runtime.estimation.suspicions import Suspicion
 from runtime.model.loader import Model
@@ -79,6 +81,8 @@ class Search:
     def _step(self, added: Term | None, known: Structure, before: Step | None) -> Step:
         start = before.identification.fit if before else None
         identification = identify_motion(self.model, self.motion, known, start=start)
+        if start:
+            identification = _beside(identification, start.witnessed)
         held = None if self.held_out is None else errors_elsewhere(identification, self.held_out)
         return Step.of(added, identification, held_out=held)
 
@@ -94,16 +98,20 @@ class Search:
         return known
 
     def _so_far(self) -> list[tuple[Term, Values]]:
-        return [(f.term, self.steps[-1].shapes[f.term]) for f in self.findings]
+        shapes = self.steps[-1].shapes
+        return [(f.term, shapes[f.term]) for f in self.findings if f.term in shapes]
 
     def _with(self, step: Step, *candidates: Candidate) -> Step:
         added = [*self._so_far(), *((c.term, c.shape) for c in candidates)]
         return self._step(candidates[-1].term, self._structure(added), step)
 
     def advance(self) -> Finding | None:
-        """Add the best candidate that passes every gate, or a pair that it stood for; None if none does."""
+        """Add what only a link-side encoder shows, or else the best candidate that passes every gate, or a pair that
+        it stood for; None if nothing passes."""
         step = self.steps[-1]
         self.last = self._judged(step)
+        if self._show(step, witnessed(self._field_of(step))):
+            return self.findings[-1]
         finding = self._forward(step)
         pair = self._pair(step, finding)
         if pair is not None:
@@ -142,6 +150,19 @@ class Search:
                 return
             self.findings.append(Finding(found[0], (), verdict, step, found[1]))
             self.steps.append(found[1])
+
+    def _show(self, step: Step, found: Sequence[Witnessed]) -> bool:
+        """Add what link-side encoders show and the torque does not; whether there was any.
+
+        It changes no torque: the fit stays as it is.
+        """
+        in_torque = {e.term for e in self.last.ranked if e.passes}
+        for one in (w for w in found if w.term not in in_torque):
+            before = self.steps[-1]
+            identification = _beside(before.identification, {one.term: one.values})
+            self.steps.append(replace(before, added=one.term, identification=identification))
+            self.findings.append(Finding(one.evidence, (), Verdict((one.evidence,), ()), before, self.steps[-1]))
+        return self.steps[-1] is not step
 
     def _forward(self, step: Step) -> Finding | None:
         able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
@@ -300,6 +321,8 @@ class Search:
         for k, finding in enumerate(self.findings[:-1]):
             if (finding.term.effect, finding.term.joint) == (last.effect, last.joint):
                 continue  # several of one effect are there because each has what the others have not
+            if finding.evidence.twist is not None:
+                continue
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
             verdict = self._judged(without)
@@ -340,7 +363,7 @@ class Search:
     def _leave_out_replaced(self) -> None:
         """A finding that the last one generalises stands in no structure any more: it was a special case of that one,
         whose evidence is then counted from where the replaced one began."""
-        kept = [f for f in self.findings if f.term in self.steps[-1].shapes]
+        kept = [f for f in self.findings if f.term in self.steps[-1].values]
         if len(kept) == len(self.findings):
             return
         self._taken_back |= {f.term for f in self.findings} - {f.term for f in kept}
@@ -355,7 +378,7 @@ class Search:
         known = {**dict(self._so_far()), **shapes}
         steps, findings = self.steps[:1], []
         for k, finding in enumerate(kept):
-            added = [(f.term, known[f.term]) for f in kept[: k + 1]]
+            added = [(f.term, known[f.term]) for f in kept[: k + 1] if f.term in known]
             steps.append(self._step(finding.term, self._structure(added), self.steps[-1]))
             findings.append(replace(finding, before=steps[-2], after=steps[-1]))
         self.steps, self.findings = steps, findings
@@ -374,6 +397,12 @@ def _refuted(step: Step, best: Step) -> bool:
     if step.held_out is None or best.held_out is None:
         return False
     return squared(best.held_out) < HELD_OUT_FALLS_TO * squared(step.held_out)
+
+
+def _beside(identification: Identification, shown: Mapping[Term, Mapping[str, Estimate]]) -> Identification:
+    """The same with what further sensors show beside the torque."""
+    fit = identification.fit
+    return replace(identification, fit=replace(fit, witnessed={**fit.witnessed, **shown})) if shown else identification
 
 
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:

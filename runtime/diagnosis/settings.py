@@ -99,9 +99,6 @@ FINALISTS: Final = 8
 FINALISTS_OF_A_JOINT: Final = 3
 """number of candidates; of every joint so many are among them, lest one joint fill the list; development recordings."""
 
-MOST_LAGS: Final = 12
-"""rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
-
 # pairs of effects ---------------------------------------------------------------------------------------------------
 
 PAIR_BEAM: Final = 6
@@ -230,13 +227,6 @@ scales the lag; development recordings with link-side encoders."""
 SENSOR_SIGMAS: Final = 3.0
 """standard deviations; what a sensor says against a candidate must be as sure; three in a thousand of a normal
 distribution."""
-
-LARGEST_QUANTILE: Final = 0.99
-"""part of all rows; the largest transmitted torque without single peaks; a choice."""
-
-LOADED: Final = 0.25
-"""part of the largest transmitted torque; above it a gap's flanks surely touch; development recordings with link-side
-encoders."""
 
 OF_TWIST: Final = 0.2
 """part of the twist's spread; a smaller error of a gap is a matter of its value and not of its being there; development

@@ -56,6 +56,12 @@ class Step:
     def shapes(self) -> dict[Term, Values]:
         return self.identification.fit.shapes
 
+    @property
+    def values(self) -> dict[Term, Values]:
+        """Shapes, and the parameters of what a further sensor shows: what stands in a model file with this step."""
+        fit = self.identification.fit
+        return {**fit.shapes, **{t: {name: e.value for name, e in v.items()} for t, v in fit.witnessed.items()}}
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -84,7 +90,9 @@ class Finding:
         return int(np.argmin([-f for f in falls]))
 
     def share(self) -> float:
-        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1."""
+        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1; of the twist where that is what shows it."""
+        if self.evidence.twist is not None:
+            return min(self.evidence.share, 1.0)
         i = self.joint_index
         before, after = self.before.fitted.rms[i], self.after.fitted.rms[i]
         excess = before**2 - self.before.joints[i].floor.value ** 2

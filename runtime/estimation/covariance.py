@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
+    from runtime.motion.motion import Motion
+from runtime.estimation.bias import smoothing_score, through_prediction, whitened_shift
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import (
     INTERVAL_SIGMAS,
@@ -21,54 +26,37 @@ from runtime.estimation.settings import (
     SCORE_BLOCK_S,
     SEPARABLE,
     SHAPE_STEP,
+    SMOOTHING_BIAS,
     TANGLED_SHARE,
     VALUE_STEP,
     VALUE_STEP_AT_0,
+    WHITENED_BIAS,
 )
 from runtime.wording import number
 
 Array = NDArray[np.float64]
+
+INERTIA_UNIT = {"revolute": "kg m^2", "prismatic": "kg"}
 
 ROTOR = "rotor_inertia"
 """The key of the model file under which a rotor's inertia stands."""
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A value with its 95 % interval; `with_others`: parameters with which it can only be told together.
-
-    No interval and no others: no row says anything of it, and it is as the model file has it; NaN where that has
-    nothing.
-    """
-
-    value: float
-    interval: tuple[float, float] | None
-    unit: str
-    with_others: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """null stands for what has no value: the rest position of a spring of no stiffness."""
-        known = self.interval if self.interval and np.all(np.isfinite(self.interval)) else None
-        value = self.value if np.isfinite(self.value) else None
-        document: dict[str, Any] = {"value": value, "unit": self.unit, "interval": list(known) if known else None}
-        if self.with_others:
-            document["inseparable_from"] = list(self.with_others)
-        return document
-
-
-@dataclass(frozen=True)
 class Inference:
     """Estimates of everything that a fit has found.
 
-    lumps    base inertial parameters; NaN where the user's own model takes their place and nothing tells them
-    rotors   inertias of rotors that the model file leaves out and a term told, by joint (0-based)
+    lumps   base inertial parameters; NaN where the user's own model takes their place and nothing tells them
+    rotors  there, by joint, the inertia at the motor that the user's own model lacks
+    open    inertias of rotors that the model file leaves out and a term told, by joint (0-based)
     """
 
     lumps: tuple[Estimate, ...]
+    rotors: tuple[Estimate, ...]
     values: dict[Term, dict[str, Estimate]]
     skew: float
     skew_interval: tuple[float, float] | None
-    rotors: dict[int, Estimate] = field(default_factory=dict)
+    open: Mapping[int, Estimate] = field(default_factory=dict)
 
     def skew_json(self) -> dict[str, Any]:
         return {
@@ -78,13 +66,18 @@ class Inference:
             "estimated": self.skew_interval is not None,
         }
 
+    def rotors_json(self) -> list[dict[str, Any]]:
+        """What the rigid-body torque of the user's own model lacks of each rotor's inertia."""
+        return [{"joint": k, "name": f"rotor{k}", **_as_fit(e)} for k, e in enumerate(self.rotors, start=1)]
+
     def to_json(self, model: Model) -> dict[str, Any]:
         return {
             "inertial": [
                 {"joint": info.joint, "name": info.name, "model": info.value, **_as_fit(e)}
                 for info, e in zip(model.lumps, self.lumps, strict=True)
             ]
-            + [{"joint": joint + 1, "name": ROTOR, "model": None, **_as_fit(e)} for joint, e in self.rotors.items()],
+            + [{"joint": joint + 1, "name": ROTOR, "model": None, **_as_fit(e)} for joint, e in self.open.items()],
+            "rotors": self.rotors_json(),
             "effects": [
                 {
                     "effect": term.effect,
@@ -102,8 +95,26 @@ def _as_fit(e: Estimate) -> dict[str, Any]:
     return {"fit": document.pop("value"), **document}
 
 
-def infer(problem: Problem, fit: Fit) -> Inference:
-    """Covariance that is robust to residuals that hang together within a block, shape parameters and skew included.
+@dataclass(frozen=True)
+class Uncertainty:
+    """Of all unknowns of a fit: those of the layout, the shape parameters, the skew where it is free.
+
+    names         (K',)
+    jacobian      per joint (K', M) derivatives of the predicted torque
+    covariance    (K', K'); infinite on the diagonal for what no row tells
+    tangled       by index, the names of those with which an unknown can only be told together
+    degrees       of freedom of the covariance
+    """
+
+    names: list[str]
+    jacobian: list[Array]
+    covariance: Array
+    tangled: dict[int, tuple[str, ...]]
+    degrees: int
+
+
+def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
+    """Covariance that is robust to residuals that hang together within a stretch of time.
 
     Source: Liang & Zeger 1986 for the sandwich.
     """
@@ -117,26 +128,42 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
     # What no row says anything of has no end to its interval.
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
-    covariance[part] = inverted @ meat[part] @ inverted
-    tangled = _tangled(names, there, vector[:, unseen])
-    layout = problem.layout
+    moved = np.linalg.solve(np.eye(len(there)) + inverted @ through_prediction(problem, fit, jacobian)[part], inverted)
+    covariance[part] = moved @ meat[part] @ moved.T
+    if any(problem.model.library.effects[t.effect].gives_way for t in problem.layout.terms):
+        shift = moved @ smoothing_score(problem, fit, jacobian)[there]
+        other = whitened_shift(problem, fit, [x[there] for x in jacobian])
+        covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
+        covariance[part] += WHITENED_BIAS**2 * np.outer(other, other)
+    degrees = len(np.unique(stretches(problem.motion))) - len(names)
+    return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
+
+
+def infer(problem: Problem, fit: Fit) -> Inference:
+    """Every parameter with its interval."""
+    found, layout = uncertainty(problem, fit), problem.layout
+    covariance, tangled, sigmas = found.covariance, found.tangled, quantile(found.degrees)
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
-        if problem.motion.rigid_given or (info.value is None and not bread[k, k])
-        else _estimate(fit.coefficients[k], covariance[k, k], info.unit, tangled.get(k, ()))
+        if problem.motion.rigid_given or (info.value is None and not np.isfinite(covariance[k, k]))
+        else _estimate(fit.coefficients[k], covariance[k, k], sigmas, info.unit, tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )
-    values = {t: _term_estimates(problem, fit, t, covariance, names, tangled) for t in layout.terms}
-    rotors = {}
-    for joint, found in problem.rotors.items():
-        k, kind = names.index(_rotor_name(joint)), problem.model.joints[joint].type
-        unit = "kg m^2" if kind == "revolute" else "kg"
-        rotors[joint] = _estimate(found, covariance[k, k], unit, tangled.get(k, ()))
-    interval = None
+    rotors = tuple(
+        _estimate(fit.coefficients[k], covariance[k, k], sigmas, INERTIA_UNIT[joint.type], tangled.get(k, ()))
+        for k, joint in enumerate(problem.model.joints, start=layout.rotors.start)
+        if k < layout.rotors.stop
+    )
+    values = {t: _term_estimates(problem, fit, t, found) for t in layout.terms}
+    values.update({term: dict(estimates) for term, estimates in fit.witnessed.items()})
+    held = None
     if fit.skew_free:
-        spread = INTERVAL_SIGMAS * float(np.sqrt(max(covariance[-1, -1], 0.0)))
-        interval = (fit.skew - spread, fit.skew + spread)
-    return Inference(lumps, values, fit.skew, interval, rotors)
+        held = interval(fit.skew, float(covariance[-1, -1]), found.degrees)
+    left_open = {}
+    for joint, value in problem.rotors.items():
+        k, unit = found.names.index(_rotor_name(joint)), INERTIA_UNIT[problem.model.joints[joint].type]
+        left_open[joint] = _estimate(value, covariance[k, k], sigmas, unit, tangled.get(k, ()))
+    return Inference(lumps, rotors, values, fit.skew, held, left_open)
 
 
 def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
@@ -145,6 +172,7 @@ def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
     names = [lump.name for lump in model.lumps]
     for term in problem.layout.terms:
         names += [f"{term} {c.name}" for c in model.library.effects[term.effect].coefficients]
+    names += [f"rotor{k}" for k in range(1, 1 + problem.layout.rotors.stop - problem.layout.rotors.start)]
     rows = [problem.rows(i, fit.shapes)[0] for i in range(model.n)]
     for term, name, step in shape_steps(problem, fit):
         names.append(f"{term} {name}")
@@ -204,11 +232,28 @@ def shape_derivative(problem: Problem, fit: Fit, term: Term, name: str, step: fl
     return (sides[0] - sides[1]) / (2 * step)
 
 
+def stretches(motion: Motion) -> NDArray[np.intp]:
+    """(M,) the stretch of each row: residuals of different ones are taken to be independent."""
+    found: NDArray[np.intp] = np.floor(motion.row_time / SCORE_BLOCK_S).astype(int) + motion.row_piece * 1_000_000
+    return found
+
+
+def interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
+    """Of 95 %, of a value whose variance is known from so many degrees of freedom (Student 1908)."""
+    spread = quantile(degrees) * float(np.sqrt(max(variance, 0.0)))
+    return value - spread, value + spread
+
+
+def quantile(degrees: int) -> float:
+    """Standard deviations to either end of a 95 % interval, of a variance with so many degrees of freedom (Student
+    1908)."""
+    return float(stats.t.ppf(stats.norm.cdf(INTERVAL_SIGMAS), max(1, degrees)))
+
+
 def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:
     size = len(jacobian[0])
     motion = problem.motion
-    block = np.floor(motion.row_time / SCORE_BLOCK_S).astype(int) + motion.row_piece * 1_000_000
-    _, index = np.unique(block, return_inverse=True)
+    _, index = np.unique(stretches(motion), return_inverse=True)
     scores = np.zeros((index.max() + 1, size))
     bread = np.zeros((size, size))
     for i, x in enumerate(jacobian):
@@ -230,22 +275,26 @@ def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int
     return {k: tuple(sorted(others)) for k, others in found.items()}
 
 
-def _estimate(value: float, variance: float, unit: str, others: tuple[str, ...]) -> Estimate:
-    spread = INTERVAL_SIGMAS * float(np.sqrt(max(variance, 0.0)))
+def _estimate(value: float, variance: float, sigmas: float, unit: str, others: tuple[str, ...]) -> Estimate:
+    spread = sigmas * float(np.sqrt(max(variance, 0.0)))
     told = not others and np.isfinite(spread)
     return Estimate(float(value), (float(value) - spread, float(value) + spread) if told else None, unit, others)
 
 
-def _term_estimates(
-    problem: Problem, fit: Fit, term: Term, covariance: Array, names: list[str], tangled: dict[int, tuple[str, ...]]
-) -> dict[str, Estimate]:
+def places(problem: Problem, fit: Fit, term: Term, names: list[str]) -> list[int]:
+    """Where a term's unknowns stand among all: its coefficients, then its shape parameters."""
+    part = problem.layout.slices[term]
+    free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
+    return [*range(part.start, part.stop), *(names.index(f"{term} {name}", problem.layout.size) for name in free)]
+
+
+def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:
     """Declared parameters out of linear coefficients and shapes, by the delta method."""
     library, part = problem.model.library, problem.layout.slices[term]
     coefficients = fit.coefficients[part]
-    where = list(range(part.start, part.stop))
     shape: Values = fit.shapes[term]
     free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
-    where += [names.index(f"{term} {name}", problem.layout.size) for name in free]
+    where = places(problem, fit, term, among.names)
     base = library.recover(term.effect, coefficients, shape)
     gradient = {name: np.zeros(len(where)) for name in base}
     for k in range(len(where)):
@@ -259,14 +308,14 @@ def _term_estimates(
         after = library.recover(term.effect, moved, moved_shape)
         for name in base:
             gradient[name][k] = (after[name] - base[name]) / step
-    part_covariance = covariance[np.ix_(where, where)]
+    part_covariance, sigmas = among.covariance[np.ix_(where, where)], quantile(among.degrees)
     found = {}
     for name, value in base.items():
-        others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in tangled.get(k, ())}
+        others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in among.tangled.get(k, ())}
         used = np.flatnonzero(gradient[name])
         slope = gradient[name][used]
         variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
-        found[name] = _estimate(value, variance, unit_of(problem.model, term, name), tuple(sorted(others)))
+        found[name] = _estimate(value, variance, sigmas, unit_of(problem.model, term, name), tuple(sorted(others)))
     return found
 
 

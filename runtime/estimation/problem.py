@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Ahead, Regressors
 from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS, NEUTRAL_INERTIA
@@ -32,6 +33,7 @@ class Fit:
     residual      per joint (M,), unweighted, zero in rows that do not count
     weights       (n,) 1/σ by which joints were weighted
     ahead         by how much torques lead the motion beyond what a hold explains; None where nothing is beyond it
+    witnessed     terms that a further sensor shows and the torque does not, with their parameters; no part of the fit
     """
 
     prediction: Prediction
@@ -42,12 +44,14 @@ class Fit:
     residual: list[Array]
     weights: Array
     ahead: Ahead | None = None
+    witnessed: Mapping[Term, Mapping[str, Estimate]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class LinearUnknowns:
-    """Order of the linear unknowns: base inertial parameters, then each term's coefficients.
+    """Order of the linear unknowns: base inertial parameters, each term's coefficients, then inertias at the motors.
 
+    rotors        one a joint, where the user's own model gives the rigid-body torque: what that lacks of the rotors
     lower, upper  (K,) bounds     stated  (K,) what the model file says, a neutral value where nothing: what no row
     tells stays there
     """
@@ -55,6 +59,7 @@ class LinearUnknowns:
     terms: tuple[Term, ...]
     slices: dict[Term, slice]
     lumps: slice
+    rotors: slice
     lower: Array
     upper: Array
     stated: Array
@@ -79,7 +84,12 @@ class LinearUnknowns:
             # The coefficients of a form are others than the file's parameters.
             values = known.get(term, {}) if info.recover is None else {}
             stated += [values.get(c.name, 0.0) for c in info.coefficients]
-        return cls(tuple(terms), slices, slice(0, len(model.lumps)), *map(np.array, (lower, upper, stated)))
+        rotors = slice(start, start + (model.n if rigid_given else 0))
+        count = rotors.stop - rotors.start
+        # No rotor has less than none: at the least, all that the file states was in the user's model too often.
+        lower += [-(joint.rotor_inertia or 0.0) for joint in model.joints[:count]]
+        bounds = map(np.array, (lower, upper + [np.inf] * count, stated + [0.0] * count))
+        return cls(tuple(terms), slices, slice(0, len(model.lumps)), rotors, *bounds)
 
 
 def _neutral(lump: LumpInfo) -> float:
@@ -192,6 +202,8 @@ class Problem:
                 columns = regressors.columns(term, joint, shapes[term])
                 fixed += columns[0]
                 x[self.layout.slices[term]] = columns[1:]
+        if self.motion.rigid_given:
+            x[self.layout.rotors.start + joint] = regressors.acceleration(joint)
         return x, fixed
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:

@@ -247,6 +247,14 @@ class Regressors:
 
         return self._kept(("measured", self.model.directory), True, make)[joint]
 
+    def acceleration(self, joint: int) -> Array:
+        """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
+
+        def make() -> Array:
+            return np.concatenate([p.in_band(p.qdd[joint]) for p in self.motion.pieces])
+
+        return self._kept(("acceleration", joint), True, make)
+
     def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
 

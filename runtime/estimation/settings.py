@@ -83,6 +83,9 @@ SCORE_BLOCK_S: Final = 1.0
 """s; residuals further apart than that are taken to be independent: long against the band's filter and the noise of
 most sensors; development recordings."""
 
+MOST_LAGS: Final = 12
+"""rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
+
 SEPARABLE: Final = 1e-4
 """ratio of singular values of the scaled Jacobian; a direction below is not told by the data; development recordings
 with short motions."""
@@ -93,6 +96,13 @@ development recordings."""
 
 ROTOR_STEP: Final = 1e-3
 """part of a rotor's inertia; a step for a derivative, far above rounding; numerical analysis."""
+SMOOTHING_BIAS: Final = 0.5
+"""standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise;
+the truth lies between the two, which a 95 % interval of that width holds; development recordings with elasticity."""
+
+WHITENED_BIAS: Final = 1.5
+"""standard deviations per shift of a parameter between plain and whitened rows; whitening takes a third to all of the
+bias away; development recordings with elasticity and a disturbance on the link."""
 
 SHAPE_STEP: Final = 1e-3
 """part of a shape's value (its unit where that is 0); over it a derivative is taken; between rounding and curvature."""
@@ -103,6 +113,19 @@ between rounding and curvature."""
 
 VALUE_STEP_AT_0: Final = 1e-8
 """unit of the coefficient; the same step where the coefficient is 0; between rounding and curvature."""
+
+# the twist of a transmission ----------------------------------------------------------------------------------------
+
+TWIST_PASSES: Final = 2
+"""number of steps of Gauss and Newton; the shift between two encoders is short against any motion in the band, and the
+second step moves it by a thousandth; by construction."""
+
+LARGEST_QUANTILE: Final = 0.99
+"""part of all rows; the largest transmitted torque without single peaks; a choice."""
+
+LOADED: Final = 0.25
+"""part of the largest transmitted torque; above it a gap's flanks surely touch; development recordings with link-side
+encoders."""
 
 # the inertia --------------------------------------------------------------------------------------------------------
 

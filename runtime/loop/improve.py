@@ -89,7 +89,7 @@ def improve(
     found = conclude(search, wider)
     last, text = found.steps[-1], model_text
     for finding in found.findings:
-        text = add(text, finding.term.name, finding.term.joint, last.shapes[finding.term])
+        text = add(text, finding.term.name, finding.term.joint, last.values[finding.term])
     search.model = _reloaded(open_model, text, last)
     left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
     believed = found.verdict != "refused"
@@ -99,7 +99,7 @@ def improve(
 def _reloaded(open_model: OpenModel, text: str, step: Step) -> Model:
     """The model as regenerated from the edited file; it must hold exactly the terms that were fitted."""
     model = open_model(text)
-    fitted = set(step.shapes)
+    fitted = set(step.values)
     written: set[Term] = set(structure(model))
     if fitted != written:
         apart = ", ".join(sorted(map(str, fitted ^ written)))

@@ -172,3 +172,9 @@ def sensors(library: Library, effect: str) -> frozenset[str]:
     """Further sensors that show what the effect reads: "link", "temperature", "force"."""
     found = (library.signal[name].sensor for name in library[effect].signals)
     return frozenset(sensor for sensor in found if sensor is not None)
+
+
+def reads_arm(library: Library, effect: str, known: str) -> bool:
+    """Whether the effect reads a function of the arm's geometry and masses other than the one that is `known`."""
+    sources = (library.signal[name].source for name in library[effect].signals)
+    return any(source is not None and source.get("function", known) != known for source in sources)

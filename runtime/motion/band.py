@@ -98,8 +98,8 @@ def excitation(qdd: Array, rate: float, density: float, derivative: int) -> Arra
 
 
 def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
-    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration; None where not all
-    recordings have that torque."""
+    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration, beside what it asks
+    for a posture; None where not all recordings have that torque."""
     n = len(recordings[0].q)
     moment, square = np.zeros(n), np.zeros(n)
     for r in recordings:
@@ -108,11 +108,22 @@ def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
         clock = grid(r)
         derive = differentiator(LOWEST_CUTOFF, 1 / clock.period)
         for s in (s for s in clock.stretches if s.size > SEGMENT_HALVES * derive.half):
-            qdd = np.array([derive(row)[2] for row in s.of(r.q[:, s.samples])])
-            moment += np.sum(qdd * s.of(r.tau_rigid[:, s.samples])[:, derive.half : -derive.half], axis=1)
-            square += np.sum(qdd**2, axis=1)
+            parts = [derive(row) for row in s.of(r.q[:, s.samples])]
+            q, qdd = (np.array([part[k] for part in parts]) for k in (0, 2))
+            moving = beyond_posture(q, qdd)
+            moment += np.sum(moving * s.of(r.tau_rigid[:, s.samples])[:, derive.half : -derive.half], axis=1)
+            square += np.sum(moving**2, axis=1)
     inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
     return np.maximum(inertia, 1e-12)
+
+
+def beyond_posture(q: Array, x: Array) -> Array:
+    """What of signals x (k, N) no torque of the posture q (n, N) can be: no constant, and no wave of a joint's angle or
+    of a link's, as gravity makes them."""
+    angles = np.vstack([q, np.cumsum(q, axis=0)[1:]])
+    base = np.vstack([np.ones((1, q.shape[1])), np.cos(angles), np.sin(angles)])
+    left: Array = x - np.linalg.lstsq(base.T, x.T, rcond=None)[0].T @ base
+    return left
 
 
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:

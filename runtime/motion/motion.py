@@ -178,6 +178,11 @@ class Motion:
         """The same motion as another reading of the encoders might have given it; always the same one."""
         return replace(self, pieces=tuple(p.perturbed(self.band, seed) for seed, p in enumerate(self.pieces)))
 
+    @cached_property
+    def unsmoothed(self) -> Motion:
+        """The same motion with all of the encoder's noise in the accelerations that a load is made of."""
+        return replace(self, pieces=tuple(replace(p, slow=p.qdd) for p in self.pieces))
+
     def excerpt(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
         """Windows spread evenly over the motion, about `samples` long together, and the in-band rows they hold.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from runtime.motion.clock import Stretch
 from runtime.motion.filters import Differentiator
@@ -50,6 +51,18 @@ class Sensors:
         if self.twist is None or self.twist_qdd is None:
             return self
         return replace(self, twist=self.twist + q, twist_qdd=self.twist_qdd + qdd)
+
+    def aligned(self, t: Array, q: Array, qdd: Array, late: Array) -> Sensors:
+        """The same with the link-side encoders read `late` (n,) s sooner, 0 where there is none: at the instants t (N,)
+        of the motors' angles q and their accelerations qdd (n, N)."""
+        if self.twist is None or self.twist_qdd is None or not late.any():
+            return self
+        twist, curvature = self.twist.copy(), self.twist_qdd.copy()
+        for i in np.flatnonzero(late):
+            there = np.clip(t + late[i], t[0], t[-1])
+            link = make_interp_spline(t, np.array([q[i] - twist[i], qdd[i] - curvature[i]]), k=3, axis=1)(there)
+            twist[i], curvature[i] = q[i] - link[0], qdd[i] - link[1]
+        return replace(self, twist=twist, twist_qdd=curvature)
 
 
 NOTHING = Sensors()

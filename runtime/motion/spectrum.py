@@ -50,6 +50,13 @@ def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff
     return float(power[f < SLOW_PART * cutoff].mean() / np.median(white))
 
 
+def white_inside(x: Array, rate: float, cutoff: float) -> float:
+    """One-sided density of the white noise in x (M,), in the upper part of the band, which slow physics does not
+    reach."""
+    f, power = welch(x, rate, nperseg=min(len(x), RESIDUAL_SEGMENT))
+    return float(np.median(power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]))
+
+
 def bursts(residual: Array, use: NDArray[np.bool_], expected: Array, rate: float) -> tuple[float, NDArray[np.intp]]:
     """How much more variance than in most stretches of a second the second worst has, and the rows (S,) at which
     the stretches begin that are at least half as bad.

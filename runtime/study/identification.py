@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-from runtime.estimation.covariance import Estimate
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
 from runtime.estimation.settings import NOMINAL_SKEW
 from runtime.execution.execute import execute

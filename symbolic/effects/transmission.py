@@ -168,6 +168,7 @@ BACKLASH = Effect(
             "shape",
             (0.0, inf),
             Grid(1e-5, 0.05, 13, "range"),
+            kind="play",
         ),
         Parameter(
             "stiffness",

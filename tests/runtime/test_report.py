@@ -24,7 +24,7 @@ from runtime.diagnosis.gates import Evidence, Verdict
 from runtime.diagnosis.steps import Errors, Finding, Step
 from runtime.estimation import covariance
 from runtime.estimation.compare import Comparison, as_written, series, structure_shares
-from runtime.estimation.covariance import Estimate
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import identify_motion, prepared
 from runtime.loop import held_out
 from runtime.loop.improve import Improvement

@@ -18,6 +18,7 @@ from runtime.diagnosis.telling_signals import missing
 from runtime.estimation.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
+from runtime.motion.band import rigid_inertia
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.setting import SettingError
 from runtime.simulation import simulate as simulation
@@ -221,3 +222,38 @@ def test_an_echo_is_within_its_error(part: float, seed: int) -> None:
     assert found is not None
     # Six standard errors of ten stretches' estimate of them.
     assert abs(found.part - part) < 6 * max(found.spread, 0.5 / np.sqrt(2000))
+
+
+def test_a_rigid_torque_without_rotors_leaves_them_to_be_fitted(arm: dict[int, Model]) -> None:
+    """The user's own model knows gravity, which the file has not, and no rotor."""
+    made = recorded(Setting(), ("gravity", 0, 9.81))
+    whole = made.with_rigid()
+    assert whole.tau_rigid is not None
+    rotor = ARMS[1][0].rotor
+    acceleration = np.gradient(np.gradient(made.run.q, made.plain.t, axis=1), made.plain.t, axis=1)
+    bare = replace(whole, tau_rigid=whole.tau_rigid - rotor * acceleration)
+    for recording, lacking in ((whole, 0.0), (bare, rotor)):
+        found = diagnose(arm[1], [recording])
+        assert found.verdict == "clean"
+        (entry,) = found.to_json()["rotors"]
+        assert entry["fit"] == pytest.approx(lacking, abs=2e-3)
+        assert entry["interval"][0] < lacking < entry["interval"][1]
+
+
+def test_a_rigid_torque_of_its_own_leaves_no_effect_of_the_files_geometry(arm: dict[int, Model]) -> None:
+    fitted = identify(arm[1], [recorded(Setting()).with_rigid()])
+    terms = {t.effect for t in CandidateField(fitted.problem, fitted.fit).terms()}
+    assert not terms & {"gravity", "payload", "elasticity", "backlash"}
+    assert {"load_friction", "torque_ripple", "lugre"} <= terms
+
+
+def test_no_gravity_is_in_the_inertia_of_a_rigid_torque() -> None:
+    """Slow motion under gravity: 60 N m of posture beside 2 of acceleration."""
+    t = np.arange(20_000) / 1000
+    omegas = 2 * np.pi * np.array([0.2, 0.33, 0.71])
+    q = np.sum([np.sin(w * t + k) / w for k, w in enumerate(omegas)], axis=0)[None]
+    qdd = np.sum([-w * np.sin(w * t + k) for k, w in enumerate(omegas)], axis=0)[None]
+    plain = recorded(Setting()).plain
+    slow = replace(plain, t=t, run=np.zeros(len(t), dtype=np.int64), q=q, tau=0 * q, segments=(slice(0, len(t)),))
+    inertia = rigid_inertia([replace(slow, tau_rigid=0.4 * qdd + 60 * np.sin(q + 0.3))])
+    assert inertia == pytest.approx(0.4, rel=0.01)

@@ -7,7 +7,8 @@ from math import isfinite
 from typing import Any
 
 from runtime.diagnosis.consistency import Tables
-from runtime.estimation.covariance import Estimate, Inference, estimate
+from runtime.estimation.covariance import Inference, estimate
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model

@@ -24,6 +24,8 @@ def fit_table(document: Document) -> None:
     table = empty_table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in document["inertial"]:
         table.add_row(joint_cell(p["joint"]), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p))
+    for p in document["rotors"]:
+        table.add_row(joint_cell(p["joint"]), f"{p['name']}, further", "", figure(p["fit"]), interval(p, ""), unit(p))
     for entry in document["effects"]:
         for name, p in entry["parameters"].items():
             label = f"{entry['name']}: {name}"

@@ -50,12 +50,21 @@ def diagnosis(document: Document) -> None:
         _finding(finding, document)
     if document["verdict"] != "effect":
         _not_named(document)
+    _encoders(document)
     say("Base inertial parameters:")
-    fit_table({"inertial": document["parameters"], "effects": []})
+    fit_table({"inertial": document["parameters"], "rotors": document["rotors"], "effects": []})
     _recordings(document)
     _seen(document)
     _warnings(document)
     _commands(document)
+
+
+def _encoders(document: Document) -> None:
+    """By how long the link-side encoders are read later than the motors'."""
+    for e in document["encoder_skew"]:
+        low, value, high = (f"{1e3 * x:.3g}" for x in (e["interval"][0], e["value"], e["interval"][1]))
+        later = f"the link-side encoder is read {value} ms later than the motor's"
+        say(f"Joint {e['joint']}: {later}, 95 % in [{low}, {high}] ms.")
 
 
 def _not_named(document: Document) -> None:
@@ -137,17 +146,20 @@ def _commands(document: Document) -> None:
 
 
 def _finding(finding: Document, document: Document) -> None:
-    before, after = finding["rms_before"], finding["rms_after"]
+    evidence, torque = finding["evidence"], document["joints"][(finding["joint"] or 1) - 1]["unit"]
+    shown = evidence.get("twist")
+    before, after = (shown or finding)["rms_before"], (shown or finding)["rms_after"]
+    what = f"twist by the link-side encoder, {shown['unit']}," if shown else "residual"
     say(
-        f"{finding['effect']}{at_joint(finding['joint'])}: residual {figure(before)} -> {figure(after)}, "
+        f"{finding['effect']}{at_joint(finding['joint'])}: {what} {figure(before)} -> {figure(after)}, "
         f"{percent(finding['share'])} of what was missing."
     )
     if finding["held_out_before"] is not None:
         say(f"  held out: {figure(finding['held_out_before'])} -> {figure(finding['held_out_after'])}")
     _values(finding["parameters"])
-    evidence, torque = finding["evidence"], document["joints"][(finding["joint"] or 1) - 1]["unit"]
+    own = f"{shown['eff']:.3g} {shown['unit']}" if shown else f"{evidence['eff']:.3g} {torque}"
     say(
-        f"  evidence: it alone explains {evidence['eff']:.3g} {torque}; BIC falls by {evidence['delta_bic']:.0f}, "
+        f"  evidence: it alone explains {own}; BIC falls by {evidence['delta_bic']:.0f}, "
         f"the squared error on unseen stretches by {percent(evidence['cv_gain'])}"
     )
     rivals = [(r["effect"], r["joint"]) for r in finding["rivals"]]
@@ -218,6 +230,7 @@ def improvement(document: Document) -> None:
     say("")
     for finding in _found(document):
         _finding(finding, document)
+    _encoders(document)
     _refit(document["identification"]["before"], document["identification"]["after"])
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)

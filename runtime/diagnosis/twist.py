@@ -1,0 +1,141 @@
+"""Elasticity and backlash as a link-side encoder shows them, also where the motor torque does not.
+
+The twist equation (runtime/estimation/twist.py) is a regression of its own, on rows of an angle: the gates that a
+candidate must pass on the torque are asked on those rows, with the encoders' noise in the place of the torque's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.candidates import Candidate, CandidateField
+from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
+from runtime.diagnosis.gates import Evidence, Figures, Shown
+from runtime.estimation.estimate import Estimate
+from runtime.estimation.twist import TwistEquation, TwistFit, TwistRows, fit_twist
+from runtime.model.loader import EffectInfo
+from runtime.model.terms import Term
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Witnessed:
+    """A transmission that gives way as its encoders show it: what speaks for it, and its parameters."""
+
+    evidence: Evidence
+    values: Mapping[str, Estimate]
+
+    @property
+    def term(self) -> Term:
+        return self.evidence.term
+
+
+def witnessed(field: CandidateField) -> list[Witnessed]:
+    """What link-side encoders show at joints whose transmission is rigid in the fitted model, one effect a joint."""
+    found = []
+    for joint in range(field.model.n):
+        if any(field.model.library.effects[t.effect].gives_way and t.joint == joint + 1 for t in field.known()):
+            continue
+        fit = fit_twist(field.problem, field.fit, joint)
+        passing = [w for w in _of_joint(field, fit) if w.evidence.passes] if fit else []
+        # A gap is asked for beside a spring: where it is there, the spring alone is a special case.
+        found += passing[-1:]
+    return found
+
+
+def _of_joint(field: CandidateField, fit: TwistFit) -> list[Witnessed]:
+    """The spring, then the gap, as far as the twist equation tells them."""
+    found = []
+    for name, info in field.model.library.effects.items():
+        if not info.gives_way or info.scope != "joint":
+            continue
+        values = _values(info, fit)
+        if values is not None:
+            equation = fit.equation.of_gap() if info.has_gap else fit.equation
+            found.append((info.has_gap, Witnessed(_weighed(field, fit.joint, name, equation, values), values)))
+    return [w for _, w in sorted(found, key=lambda item: item[0])]
+
+
+def _values(info: EffectInfo, fit: TwistFit) -> dict[str, Estimate] | None:
+    """Of the parameters that the twist tells; None where it does not tell the effect."""
+    stiffness, gap = info.of_kind("stiffness"), info.of_kind("play")
+    told = [(gap, fit.gap), (stiffness, fit.behind_gap)] if info.has_gap else [(stiffness, fit.stiffness)]
+    found = {p.name: e for p, e in told if p is not None and e is not None}
+    return found if len(found) == len(told) else None
+
+
+def _weighed(
+    field: CandidateField, joint: int, effect: str, equation: TwistEquation, values: Mapping[str, Estimate]
+) -> Evidence:
+    """The gates on the rows of a twist equation, whose cause is the candidate."""
+    rows, noise, motion = equation.rows, equation.noise, field.motion
+    own = len(rows.base) - equation.along
+    index, free = np.arange(own), np.full(own, np.inf)
+    heard = np.vstack([noise.base[:own], noise.twist])
+    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece, 1.0)
+    before = float(np.sqrt(Ground.levelled((row,), -free, free).solve().sse / row.count))
+    row = replace(row, weight=1 / before if before else 0.0)
+    ground = Ground.levelled((row,), -free, free)
+    columns = CandidateRows(_alone(rows, own), _alone(noise, own))
+    lower = np.append(0.0, np.full(equation.along, -np.inf))
+    block = CandidateBlock({0: columns}, lower, np.full(1 + equation.along, np.inf))
+    figures, residual = _figures(ground, block, before, _floor(field, joint))
+    failed = [text for ok, text in figures.gates(_floor(field, joint), at_edge=False) if not ok]
+    # A finite end of every interval that is not the effect's absence: a gap above 0, a compliance above 0.
+    failed += [
+        f"its {name} may be none: 95 % in [{e.interval[0]:.3g}, {e.interval[1]:.3g}]"
+        for name, e in values.items()
+        if e.interval is not None and not (e.interval[0] > 0 and np.isfinite(e.interval[1]))
+    ]
+    after = before * float(np.sqrt(max(figures.after.sse, 0.0) / row.count))
+    shape = {name: e.value for name, e in values.items()}
+    return Evidence(
+        Candidate(Term(effect, joint + 1), shape, 0, figures.before.sse - figures.after.sse, at_edge=False),
+        0.0,
+        figures.share,
+        figures.delta_bic,
+        figures.likelihood_gain,
+        figures.cv_gain,
+        tuple(failed),
+        figures.white_after.rank,
+        residual,
+        Shown(before, after, figures.eff, field.model.joints[joint].position_unit),
+    )
+
+
+def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) -> tuple[Figures, Array]:
+    row = ground.rows[0]
+    ar = [row.autoregression(ground.solve(block).residual[0])]
+    # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
+    heard = Ground.levelled((replace(row, noise=np.zeros_like(row.noise)),), ground.lower, ground.upper)
+    own = replace(block, parts={0: CandidateRows(block.parts[0].columns)})
+    white, whitened = heard.whitened(ar), heard.whiten_block(own, ar)
+    figures = Figures(
+        ground.equations(),
+        ground.equations(block),
+        white.equations(),
+        white.equations(whitened),
+        0,
+        1,
+        rms / float(np.sqrt(row.count)),
+        max(1 - (floor / rms) ** 2, 0.0) if rms else 0.0,
+        ground.equations().sse,
+        row.count,
+    )
+    return figures, white.rows[0].used(white.solve(whitened).residual[0])
+
+
+def _alone(rows: TwistRows, own: int) -> Array:
+    """(2 + along, M) of a candidate without a fixed part: the cause, and what of the base comes with it."""
+    return np.vstack([np.zeros_like(rows.cause), rows.cause, rows.base[own:]])
+
+
+def _floor(field: CandidateField, joint: int) -> float:
+    """RMS of white noise of both encoders in the band, taken to be alike."""
+    band = field.motion.band
+    return float(np.sqrt(2 * band.position_density[joint] * band.cutoff))

@@ -1,0 +1,98 @@
+"""What makes an estimate less sure than its residuals say: what the model reads of itself, and biases that no residual
+shows, of effects that are simulated along the motion.
+
+Scores and shifts are first-order: of the unknowns' order in a fit's Jacobian, per joint (K', M).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.least_squares import solve
+from runtime.estimation.regressors import Regressors
+from runtime.estimation.settings import SHAPE_STEP
+from runtime.estimation.whitening import autoregression, whiten
+from runtime.model.terms import Term, joints_of
+
+if TYPE_CHECKING:
+    from runtime.estimation.problem import Fit, Problem
+
+Array = NDArray[np.float64]
+
+
+def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K', K') what an unknown (second index) adds to the equations' derivative because effects read the torque that is
+    predicted with it: what hangs on a transmission is as heavy as the fitted arm.
+
+    The equations were solved with the prediction held, and then again with what that gave.
+    """
+    model, motion, size = problem.model, problem.motion, len(jacobian[0])
+    reading = [t for t in problem.layout.terms if "arm" in model.library.needs[t.effect]]
+    found = np.zeros((size, size))
+    if motion.rigid_given or not reading:
+        return found
+    for k in range(problem.layout.lumps.start, problem.layout.lumps.stop):
+        step = SHAPE_STEP * abs(fit.coefficients[k]) or SHAPE_STEP
+        theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
+        other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
+        for i, more in _torque_change(problem, fit, other, reading).items():
+            use = motion.moving(i)
+            found[:, k] += problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use]) / step
+    return found
+
+
+def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K,) by which the unknowns move, to first order, if every joint's rows are whitened by its residual.
+
+    What pushes the link from outside shakes its resonance, and the controller hands that on to the motor, whose motion
+    the link is simulated under: noise and motion hang together, and plain least squares takes the one for the damping
+    of the other. With the noise's own spectrum it does so less; where the two estimates differ, the equations are not
+    exact, and the difference is as much as is known of the error.
+
+    Source: Hausman 1978, Specification tests in econometrics, Econometrica 46(6); for the bias of the closed loop and a
+    model of the noise against it: Ljung, System Identification, 1999.
+    """
+    motion = problem.motion
+    gram, moment = np.zeros((len(jacobian[0]), len(jacobian[0]))), np.zeros(len(jacobian[0]))
+    for i, x in enumerate(jacobian):
+        use, residual = motion.moving(i), fit.residual[i]
+        if not use.any():
+            continue
+        ar = autoregression(residual, use, motion.row_piece)
+        white = whiten(np.vstack([x, residual]), ar, use, motion.row_piece)[:, use]
+        weight = 1 / max(float(white[-1] @ white[-1]) / white.shape[1], 1e-300)
+        gram += weight * white[:-1] @ white[:-1].T
+        moment += weight * white[:-1] @ white[-1]
+    return solve(gram, moment)
+
+
+def _torque_change(problem: Problem, fit: Fit, other: Regressors, terms: Sequence[Term]) -> dict[int, Array]:
+    """By joint (0-based), (M,) by which the torque of some terms changes if other regressors are read."""
+    found = {i: np.zeros(len(fit.residual[i])) for i in range(problem.model.n)}
+    for term in terms:
+        theta = np.append(1.0, fit.coefficients[problem.layout.slices[term]])
+        for i in joints_of(problem.model, term):
+            here = problem.regressors.columns(term, i, fit.shapes[term])
+            found[i] += theta @ (other.columns(term, i, fit.shapes[term]) - here)
+    return found
+
+
+def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K',) by which the scores change if what a transmission is simulated under keeps all of the encoder's noise.
+
+    The load is smoothed, which takes some of the motion away near a resonance and makes the joint look stiffer and
+    less damped; without it, noise passes for motion, and the joint looks softer and more damped. The truth lies
+    between the two.
+    """
+    model, motion = problem.model, problem.motion
+    soft = [t for t in problem.layout.terms if model.library.effects[t.effect].gives_way]
+    score = np.zeros(len(jacobian[0]))
+    raw = Regressors(model, motion.unsmoothed, fit.prediction)
+    for i, more in _torque_change(problem, fit, raw, soft).items():
+        use = motion.moving(i)
+        score -= problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use])
+    return score

@@ -1,0 +1,67 @@
+"""Intervals of a soft transmission hold its values, also where something pushes the link that no model knows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.estimation.covariance import uncertainty
+from runtime.estimation.estimate import Estimate
+from runtime.estimation.identify import Identification, identify_motion, prepared
+from runtime.model.loader import Model
+from runtime.model.terms import Term, structure
+from runtime.workspace import open_model
+from tests.judge.bodies import ARMS, BELIEVED, model_text
+from tests.judge.cases import Setting
+from tests.runtime.test_sensors import recorded
+
+ELASTICITY = Term("elasticity", 1)
+
+
+@pytest.fixture(scope="module")
+def stiff(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Model:  # noqa: ARG001
+    path = tmp_path_factory.mktemp("arms") / "arm1.toml"
+    path.write_text(model_text(ARMS[1], BELIEVED))
+    return open_model(path)
+
+
+def soft(model: Model, stiffness: float, seed: int) -> tuple[Identification, float]:
+    """A fit with an elasticity of the independent plant, and its damping there, N m s/rad."""
+    made = recorded(Setting(), ("elasticity", 0, stiffness), seed=seed)
+    rows, _ = made.bench.plant(made.hidden)
+    known = {**structure(model), ELASTICITY: {}}
+    return identify_motion(model, prepared(model, [made.plain]), known), rows[0]["STIFFNESS_DAMPING"]
+
+
+def holds(e: Estimate, truth: float) -> bool:
+    return e.interval is not None and e.interval[0] < truth < e.interval[1]
+
+
+def test_a_soft_joint_pushed_from_outside_is_within_its_interval(stiff: Model) -> None:
+    found, damping = soft(stiff, 1500.0, 51)
+    values = found.inference.values[ELASTICITY]
+    assert holds(values["stiffness"], 1500.0)
+    assert holds(values["damping"], damping)
+
+
+def test_a_stiffness_is_no_surer_than_the_inertia_behind_it(stiff: Model) -> None:
+    """A resonance tells k/J: what the fit does not know of J it does not know of k."""
+    found, _ = soft(stiff, 600.0, 50)
+    sure = uncertainty(found.problem, found.fit)
+    behind = found.fit.coefficients[0] - ARMS[1][0].rotor
+    k = sure.names.index("elasticity@1 stiffness")
+    spread = np.sqrt(np.diagonal(sure.covariance))
+    assert spread[k] / 600.0 > 0.7 * spread[0] / behind
+
+
+@pytest.mark.slow
+def test_intervals_of_soft_joints_hold(stiff: Model) -> None:
+    held: dict[str, list[bool]] = {"stiffness": [], "damping": []}
+    for stiffness in (1500.0, 4000.0):
+        for seed in range(50, 56):
+            found, damping = soft(stiff, stiffness, seed)
+            for name, truth in (("stiffness", stiffness), ("damping", damping)):
+                held[name].append(holds(found.inference.values[ELASTICITY][name], truth))
+    assert all(sum(of_one) >= 11 for of_one in held.values())
