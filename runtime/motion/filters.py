@@ -43,8 +43,10 @@ class Differentiator:
 
     def __call__(self, x: Array) -> tuple[Array, Array, Array]:
         """x (N,) -> smoothed x, x', x'' (N − 2 half,) each: only samples that a whole kernel covers."""
-        parts = [oaconvolve(x - x[0], kernel, mode="valid") for kernel in (self.position, self.rate, self.acceleration)]
-        return parts[0] + x[0], parts[1], parts[2]
+        # Together, so that the spectra of x are computed once.
+        kernels = np.array([self.position, self.rate, self.acceleration])
+        position, rate, acceleration = oaconvolve((x - x[0])[None], kernels, mode="valid", axes=1)
+        return position + x[0], rate, acceleration
 
 
 def differentiator(cutoff: float, rate: float) -> Differentiator:
