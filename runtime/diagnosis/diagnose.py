@@ -155,7 +155,7 @@ def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
     outdone = _outdone(search, wider) if verdict == "effect" and wider else None
     if outdone:
         verdict, reason = "unexplained", compared.preface + outdone
-    reason += above_band(search.model, search.motion)
+    reason += above_band(search.steps[-1])
     ground = search.ground()
     able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
     seen = () if search.suspicions else tuple(detection_limits.of(ground, step.floors, able))

@@ -9,7 +9,9 @@ from runtime.diagnosis.settings import (
     BURST_POWER,
     FORM_ABOVE_NOISE,
     FORM_PART,
+    LEAST_EFFECT,
     LEAST_WHITE,
+    SAME_ORDER,
     SLOW_AND_BURSTS,
     SLOW_DENSITY,
     TIMES_SAID,
@@ -17,9 +19,8 @@ from runtime.diagnosis.settings import (
 from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import structure_shares
 from runtime.estimation.torque_lines import per_turn
-from runtime.model.loader import EffectInfo, Model
+from runtime.model.loader import EffectInfo
 from runtime.motion import spectrum
-from runtime.motion.motion import Motion
 
 
 def remainder(step: Step, joint: int) -> str | None:
@@ -56,14 +57,23 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> str | None:
     return f"{share}: something else is missing beside {effect.name}, or it has another form than the library's law"
 
 
-def above_band(model: Model, motion: Motion) -> str:
-    """That lines of the torque over the motor's angle lie above the band, as the end of a sentence."""
+def above_band(step: Step) -> str:
+    """That lines of the torque over the motor's angle lie above the band which would be named within it and are not
+    known from below it, as the end of a sentence."""
+    model, band = step.identification.model, step.identification.motion.band
+    known: dict[int, list[float]] = {}
+    for term, shape in step.shapes.items():
+        line = model.library.effects[term.effect].line
+        if line is not None and term.joint is not None:
+            known.setdefault(term.joint - 1, []).append(shape[line.name])
     found = [
         f"joint {line.joint + 1}: a line at {per_turn(line.order, model.joints[line.joint].gear_ratio)} lies above it, "
         f"at {line.frequency:.3g} Hz"
-        for line in motion.band.above
+        for line in band.above
+        if line.rms > LEAST_EFFECT * step.floors[line.joint]
+        and not any(abs(line.order / order - 1) < SAME_ORDER for order in known.get(line.joint, ()))
     ]
-    return f"; the band ends at {motion.band.cutoff:g} Hz, and {'; '.join(found)}" if found else ""
+    return f"; the band ends at {band.cutoff:g} Hz, and {'; '.join(found)}" if found else ""
 
 
 def outside(step: Step, joint: int) -> str | None:

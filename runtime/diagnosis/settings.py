@@ -175,6 +175,10 @@ FORM_ABOVE_NOISE: Final = 1.03
 """ratio to the instruments' noise; the same for the residual's level; development recordings with forms that are not
 the library's."""
 
+SAME_ORDER: Final = 0.01
+"""part of an order; a line above the band and one that was found from below it, so near to each other, are one; finer
+than the orders of a motor's lines are apart; a choice."""
+
 SLOW_DENSITY: Final = 3.2
 """ratio of densities; low frequencies over the rest of the band from which a disturbance from outside is called slow;
 development recordings with and without disturbances."""

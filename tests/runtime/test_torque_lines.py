@@ -11,6 +11,7 @@ import pytest
 
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.diagnosis.remainder import above_band
+from runtime.diagnosis.search import Step
 from runtime.estimation.identify import identify, prepared
 from runtime.estimation.torque_lines import per_turn
 from runtime.loop.improve import improve
@@ -144,7 +145,7 @@ def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
             assert not band.above
         else:
             assert [round(line.order) for line in band.above] == [72]
-            assert "a line at 72 per turn lies above it" in above_band(model, prepared(model, recordings))
+            assert "a line at 72 per turn lies above it" in above_band(Step.of(None, identify(model, recordings)))
     assert cutoffs[0] > cutoffs[1]
 
 
