@@ -49,5 +49,9 @@ def loaded(arm: Arm) -> Arm:
     """The arm with every effect of the library somewhere."""
     everything = {"gravity": {"gx": 0.1, "gy": 0.2}, "payload": {"mass": 1.0, "time": 0.0}}
     first, *others = arm.joints
-    effects = EVERY_JOINT_EFFECT | ({"coupled_friction": {"torque": 0.2}} if others else {})
+    coupled = {
+        "coupled_friction": {"torque": 0.2},
+        "coupled_gear": {"coulomb": 0.1, "viscous": 0.2, "inertia": 0.05, "ratio": -1.0},
+    }
+    effects = EVERY_JOINT_EFFECT | (coupled if others else {})
     return replace(arm, joints=(replace(first, effects=effects), *others), effects=everything)
