@@ -152,10 +152,11 @@ def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
     """The twist equation of a joint (0-based); None without a link-side encoder or without motion."""
     if not problem.motion.has("twist", joint) or not problem.motion.moving(joint).any():
         return None
-    skew, equation = 0.0, _equation(problem, fit, joint, 0.0)
+    errors = _load_errors(problem, fit, joint)
+    skew, equation = 0.0, _equation(problem, fit, joint, 0.0, errors)
     for _ in range(TWIST_PASSES):
         skew += float(equation.solution[0])
-        equation = _equation(problem, fit, joint, skew)
+        equation = _equation(problem, fit, joint, skew, errors)
     info, stretch = problem.model.joints[joint], stretches(problem.motion)
     covariance, degrees = equation.covariance(stretch)
     late = Estimate(skew, interval(skew, float(covariance[0, 0]), degrees), "s")
@@ -193,14 +194,14 @@ def late(problem: Problem, fit: Fit) -> Array:
     return np.array([0.0 if f is None else f.skew.value for f in found])
 
 
-def _equation(problem: Problem, fit: Fit, joint: int, skew: float) -> TwistEquation:
+def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array) -> TwistEquation:
     plain, again = (_rows(problem, fit, joint, skew, r) for r in (problem.regressors, problem.regressors.perturbed))
     motion, band = problem.motion, problem.motion.band
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     inside = white_inside(motion.torque(joint, fit.skew), motion.row_rate, band.cutoff)
     noise = band.cutoff * min(inside, float(band.torque_density[joint]))
     along = int(problem.model.joints[joint].rotor_inertia is None)
-    return TwistEquation(plain, again, noise, _load_errors(problem, fit, joint), along)
+    return TwistEquation(plain, again, noise, errors, along)
 
 
 def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors) -> TwistRows:

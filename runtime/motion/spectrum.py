@@ -52,9 +52,10 @@ def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff
 
 def white_inside(x: Array, rate: float, cutoff: float) -> float:
     """One-sided density of the white noise in x (M,), in the upper part of the band, which slow physics does not
-    reach."""
+    reach; infinite where the signal is too short to tell."""
     f, power = welch(x, rate, nperseg=min(len(x), RESIDUAL_SEGMENT))
-    return float(np.median(power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]))
+    inside = power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]
+    return float(np.median(inside)) if len(inside) else float("inf")
 
 
 def bursts(residual: Array, use: NDArray[np.bool_], expected: Array, rate: float) -> tuple[float, NDArray[np.intp]]:
