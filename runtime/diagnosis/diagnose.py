@@ -114,9 +114,9 @@ def diagnose(
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
     """A search on recordings; the held-out ones are judged in the same band and never fitted."""
-    refuse_copies([*recordings, *held_out])
     motion = prepared(model, recordings)
     search = Search(model, motion, _held_out(motion, held_out, model) if held_out else None)
+    refuse_copies([*recordings, *held_out])
     search.names = tuple(r.path.name for r in recordings)
     search.suspicions = suspicions(search.start(structure(model)).identification)
     return search

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,9 @@ from scipy.optimize import minimize_scalar
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
 from runtime.estimation.regressors import Ahead
-from runtime.estimation.settings import DELAY_ACCURACY, DELAY_STEPS, LONGEST_DELAY, LONGEST_LAG
+from runtime.estimation.settings import DELAY_ACCURACY, DELAY_STEPS, LONGEST_DELAY, LONGEST_LAG, SMALL_DELAY
 from runtime.model.terms import Term, Values
+from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,14 @@ def ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahead
     A delay shifts the torque and no regressor: the equations stay, and only their right side is filtered again.
     Source: separable least squares in the delay, Ljung, System Identification, 1999.
     """
-    return Ahead(skew, np.array([_of_joint(problem, shapes, i, skew) for i in range(problem.model.n)]))
+    return large(problem.motion, skew, [_of_joint(problem, shapes, i, skew) for i in range(problem.model.n)])
+
+
+def large(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
+    """These times (n,) s, where first order does not do for them: it has the encoders' noise in it, that is known."""
+    given = np.array(times)
+    small = 2 * np.pi * motion.band.cutoff * np.abs(given) < SMALL_DELAY
+    return Ahead(skew, np.where(small, 0.0, given))
 
 
 def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew: float) -> float:
