@@ -47,6 +47,7 @@ class Diagnosis:
             "reason": self.reason,
             "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
             "skew": self.steps[-1].identification.inference.skew_json(),
+            "delay": self.steps[-1].identification.delay_json(),
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
             "findings": [finding_json(self, k) for k in range(len(self.findings))],

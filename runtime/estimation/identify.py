@@ -245,11 +245,16 @@ class Identification:
         every = replace(self.motion, standstill=np.zeros(self.model.n))
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
+    def delay_json(self) -> list[dict[str, Any]]:
+        """The whole delay from torque to motion of every joint."""
+        return delays.to_json(self.model, self.inference, self.motion.pieces[0].dt)
+
     def to_json(self) -> dict[str, Any]:
-        """As `tendon identify --json`; intervals are 95 %."""
+        """Every figure of the fit, as JSON has them; intervals are 95 %."""
         document: dict[str, Any] = {
             "band": {"cutoff_hz": self.motion.band.cutoff, "reason": self.motion.band.reason},
             "skew": self.inference.skew_json(),
+            "delay": self.delay_json(),
             **self.inference.to_json(self.model),
         }
         document["uncorrected"] = None if self.uncorrected is None else self.uncorrected.to_json(self.model)

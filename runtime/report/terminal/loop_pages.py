@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from runtime.report.terminal.cells import (
     Document,
     console,
+    delay_lines,
     empty_table,
     figure,
     fit_table,
@@ -50,6 +51,7 @@ def diagnosis(document: Document) -> None:
         _finding(finding, document)
     if document["verdict"] != "effect":
         _not_named(document)
+    delay_lines(document)
     say("Base inertial parameters:")
     fit_table({"inertial": document["parameters"], "effects": []})
     _recordings(document)
@@ -218,6 +220,7 @@ def improvement(document: Document) -> None:
     say("")
     for finding in _found(document):
         _finding(finding, document)
+    delay_lines(document)
     _refit(document["identification"]["before"], document["identification"]["after"])
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)
