@@ -14,6 +14,7 @@ from runtime.model.terms import Term, Values, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
+from runtime.estimation import onsets
 from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import (
     INTERVAL_SIGMAS,
@@ -222,7 +223,7 @@ def _term_estimates(
         slope = gradient[name][used]
         variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
         found[name] = _estimate(value, variance, unit_of(problem.model, term, name), tuple(sorted(others)))
-    return found
+    return onsets.with_intervals(problem, fit, term, found)
 
 
 def estimate(e: Estimate | None) -> str:

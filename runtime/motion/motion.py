@@ -41,7 +41,8 @@ class Piece:
     """One gap-free stretch of one recording.
 
     t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
-    warmth (n, N) K; measured (n,) whether a temperature was.
+    warmth (n, N) K; measured (n,) whether a temperature was; began: s from the recording's start to that of the run,
+    the runs one after another.
     """
 
     recording: int
@@ -59,6 +60,7 @@ class Piece:
     derive: Differentiator
     excited: tuple[Smoother, ...]
     sensors: Sensors = NOTHING
+    began: float = 0.0
 
     def perturbed(self, band: Band, seed: int) -> Piece:
         """The piece as its encoders might have read it another time: other places of the steps, other noise.
@@ -238,7 +240,13 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         for segment in recording.segments:
             if segment.stop - segment.start > 2 * (derive.half + band_filter.half) + LEAST_ROWS * band_filter.factor:
                 piece = _piece(recording, number, segment, derive, band_filter, band)
-                pieces.append(replace(piece, sensors=sensors.read(recording, segment, derive, common)))
+                pieces.append(
+                    replace(
+                        piece,
+                        sensors=sensors.read(recording, segment, derive, common),
+                        began=_began(recording, piece.run),
+                    )
+                )
     if not pieces:
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
@@ -256,6 +264,14 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     return motion
+
+
+def _began(recording: Recording, run: int) -> float:
+    """s that all runs before this one lasted."""
+    numbers, first = np.unique(recording.run, return_index=True)
+    earlier = numbers[first < first[numbers == run]]
+    spans = [np.ptp(recording.t[recording.run == number]) + recording.dt for number in earlier]
+    return float(sum(spans))
 
 
 def _piece(

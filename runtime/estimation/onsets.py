@@ -1,0 +1,69 @@
+"""How well a moment is known from which an effect acts: as well as the torque around it shows, and no better.
+
+The torque of such an effect jumps with its moment, so that no derivative tells its interval. It reaches as far as the
+moment may be moved without explaining the recordings significantly less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.robust import lag_by_lag
+from runtime.estimation.settings import INTERVAL_SIGMAS
+from runtime.model.terms import Term, joints_of
+
+if TYPE_CHECKING:
+    from runtime.estimation.covariance import Estimate
+    from runtime.estimation.problem import Fit, Problem
+
+Array = NDArray[np.float64]
+
+
+def with_intervals(problem: Problem, fit: Fit, term: Term, found: dict[str, Estimate]) -> dict[str, Estimate]:
+    """A term's estimates, that of its moment with the interval that the recordings allow; others as they are."""
+    onset = problem.model.library.effects[term.effect].of_kind("onset")
+    if onset is None or onset.name not in found:
+        return found
+    ends = _ends(problem, fit, term, onset.name)
+    return {**found, onset.name: replace(found[onset.name], interval=ends, with_others=())}
+
+
+def _ends(problem: Problem, fit: Fit, term: Term, name: str) -> tuple[float, float]:
+    """The first and the last moment that is as good, to a row of the band, within the recordings."""
+    pieces = problem.motion.pieces
+    row = 1 / problem.motion.row_rate
+    low, high = min(p.began + float(p.t[0]) for p in pieces), max(p.began + float(p.t[-1]) for p in pieces)
+    at = fit.shapes[term][name]
+
+    def as_good(moment: float) -> bool:
+        return not _worse(problem, fit, term, {**fit.shapes[term], name: moment})
+
+    def end(limit: float) -> float:
+        near, step = at, row if limit > at else -row
+        while abs(limit - near) > row and as_good(near + step if abs(step) < abs(limit - near) else limit):
+            near = near + step if abs(step) < abs(limit - near) else limit
+            step *= 2
+        far = near + step if abs(step) < abs(limit - near) else limit
+        while abs(far - near) > row:
+            middle = (near + far) / 2
+            near, far = (middle, far) if as_good(middle) else (near, middle)
+        return far
+
+    return min(at, end(min(low, at))), max(at, end(max(high, at)))
+
+
+def _worse(problem: Problem, fit: Fit, term: Term, shape: dict[str, float]) -> bool:
+    """Whether the squared error with this shape is larger by more than the noise, whose rows hang together, makes it."""
+    part = fit.coefficients[problem.layout.slices[term]]
+    loss, noise = 0.0, []
+    for joint in joints_of(problem.model, term):
+        here, there = (problem.regressors.columns(term, joint, s) for s in (fit.shapes[term], shape))
+        use, change = problem.motion.moving(joint), np.append(1.0, part) @ (there - here)
+        weight = problem.weights[joint] ** 2
+        noise.append(weight * (fit.residual[joint] * change)[use])
+        loss += weight * float(change[use] @ change[use]) / 2 - float(noise[-1].sum())
+    return loss > INTERVAL_SIGMAS * float(np.sqrt(max(lag_by_lag(np.concatenate(noise)), 0.0)))
