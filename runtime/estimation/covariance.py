@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -223,7 +223,9 @@ def _term_estimates(
         slope = gradient[name][used]
         variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
         found[name] = _estimate(value, variance, unit_of(problem.model, term, name), tuple(sorted(others)))
-    return onsets.with_intervals(problem, fit, term, found)
+    for name, ends in onsets.interval(problem, fit, term).items():
+        found[name] = replace(found[name], interval=ends, with_others=())
+    return found
 
 
 def estimate(e: Estimate | None) -> str:

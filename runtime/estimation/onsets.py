@@ -6,7 +6,6 @@ moment may be moved without explaining the recordings significantly less.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,19 +16,15 @@ from runtime.estimation.settings import INTERVAL_SIGMAS
 from runtime.model.terms import Term, joints_of
 
 if TYPE_CHECKING:
-    from runtime.estimation.covariance import Estimate
     from runtime.estimation.problem import Fit, Problem
 
 Array = NDArray[np.float64]
 
 
-def with_intervals(problem: Problem, fit: Fit, term: Term, found: dict[str, Estimate]) -> dict[str, Estimate]:
-    """A term's estimates, that of its moment with the interval that the recordings allow; others as they are."""
+def interval(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, float]]:
+    """The 95 % interval of the moment from which a term acts, by that parameter's name; empty where it has none."""
     onset = problem.model.library.effects[term.effect].of_kind("onset")
-    if onset is None or onset.name not in found:
-        return found
-    ends = _ends(problem, fit, term, onset.name)
-    return {**found, onset.name: replace(found[onset.name], interval=ends, with_others=())}
+    return {} if onset is None else {onset.name: _ends(problem, fit, term, onset.name)}
 
 
 def _ends(problem: Problem, fit: Fit, term: Term, name: str) -> tuple[float, float]:
@@ -57,7 +52,7 @@ def _ends(problem: Problem, fit: Fit, term: Term, name: str) -> tuple[float, flo
 
 
 def _worse(problem: Problem, fit: Fit, term: Term, shape: dict[str, float]) -> bool:
-    """Whether the squared error with this shape is larger by more than the noise, whose rows hang together, makes it."""
+    """Whether the squared error with this shape is larger by more than the noise makes it, whose rows hang together."""
     part = fit.coefficients[problem.layout.slices[term]]
     loss, noise = 0.0, []
     for joint in joints_of(problem.model, term):
