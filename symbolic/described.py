@@ -48,6 +48,7 @@ class Grid:
          "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
          "load"             largest |load|
          "duration"         of the longest run, s
+         "elapsed"          of the longest recording, its runs one after another, s
          "link_inertia"     median link_inertia: for a stiffness low and high are then angular frequencies squared
          "critical"         2 sqrt(k · median link_inertia), k the parameter of the kind "stiffness" that is tried
          "line"             from an order of a line of the residual's spectrum over the motor's angle, in periods of the
@@ -67,6 +68,7 @@ class Grid:
         "tip",
         "load",
         "duration",
+        "elapsed",
         "link_inertia",
         "critical",
         "line",
@@ -80,7 +82,7 @@ class Grid:
         return self.spacing == "log" or self.count > 2
 
 
-ParameterKind = Literal["", "stiffness", "damping", "play", "side", "begin", "end", "lead"]
+ParameterKind = Literal["", "stiffness", "damping", "play", "side", "begin", "end", "onset", "lead"]
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,9 @@ class DescribedParameter:
               `default`, because no motion can tell it
     default   the value of a "given" parameter that the model file does not state
     kind      what searches and limits take a shape parameter for: "stiffness", more than 0, and the "damping" beside
-              it; "play", from flank to flank; "side", +1 or -1; "begin" and "end" of a stretch; "lead", by which the
-              recorded torque is ahead of the acting one (less than 0 cannot be simulated forwards)
+              it; "play", from flank to flank; "side", +1 or -1; "begin" and "end" of a stretch; "onset", a time from
+              which it acts, tried also where runs and gaps end; "lead", by which the recorded torque is ahead of the
+              acting one (less than 0 cannot be simulated forwards)
     neutral   the value at which the effect vanishes
     gives     the signal that its value is for the effects beside it; "" for none
     planned   what an optimization seeks of an effect that a trajectory brings: its "size", which may be chosen from a

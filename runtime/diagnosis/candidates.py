@@ -342,4 +342,5 @@ class CandidateField:
         values = grids.axis(self.excerpt[0], candidate.term, parameter, candidate.shape)
         if self.logarithmic(candidate.term):
             return float(np.log(values[1] / values[0]))
-        return float(values[1] - values[0])
+        # Moments between which runs end stand closer.
+        return float(np.median(np.diff(values)))

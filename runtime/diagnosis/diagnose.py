@@ -55,6 +55,7 @@ class Diagnosis:
                 "above": [{"joint": x.joint + 1, "order": x.order, "frequency_hz": x.frequency} for x in band.above],
             },
             "skew": self.steps[-1].identification.inference.skew_json(),
+            "delay": self.steps[-1].identification.delay_json(),
             "joints": [s.to_json() for s in self.steps[0].joints],
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
             "rotors": self.steps[-1].identification.inference.rotors_json(),
@@ -128,9 +129,9 @@ def diagnose(
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Search:
     """A search on recordings; the held-out ones are judged in the same band and never fitted."""
-    refuse_copies([*recordings, *held_out])
     motion = prepared(model, recordings)
     search = Search(model, motion, _held_out(motion, held_out, model) if held_out else None)
+    refuse_copies([*recordings, *held_out])
     search.names = tuple(r.path.name for r in recordings)
     search.suspicions = suspicions(search.start(structure(model)).identification)
     return search

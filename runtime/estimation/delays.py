@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from runtime.estimation.covariance import Estimate, Inference
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
 from runtime.estimation.regressors import Ahead
-from runtime.estimation.settings import DELAY_ACCURACY, DELAY_STEPS, LONGEST_DELAY, LONGEST_LAG
+from runtime.estimation.settings import DELAY_ACCURACY, DELAY_STEPS, LONGEST_DELAY, LONGEST_LAG, SMALL_DELAY
+from runtime.model.loader import Model
 from runtime.model.terms import Term, Values
+from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -23,7 +27,14 @@ def ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahead
     A delay shifts the torque and no regressor: the equations stay, and only their right side is filtered again.
     Source: separable least squares in the delay, Ljung, System Identification, 1999.
     """
-    return Ahead(skew, np.array([_of_joint(problem, shapes, i, skew) for i in range(problem.model.n)]))
+    return large(problem.motion, skew, [_of_joint(problem, shapes, i, skew) for i in range(problem.model.n)])
+
+
+def large(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
+    """These times (n,) s, where first order does not do for them: it has the encoders' noise in it, that is known."""
+    given = np.array(times)
+    small = 2 * np.pi * motion.band.cutoff * np.abs(given) < SMALL_DELAY
+    return Ahead(skew, np.where(small, 0.0, given))
 
 
 def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew: float) -> float:
@@ -45,3 +56,39 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
         left, bounds=(best - step, best + step), method="bounded", options={"xatol": DELAY_ACCURACY * step}
     )
     return float(found.x)
+
+
+def to_json(model: Model, inference: Inference, dt: float) -> list[dict[str, Any]]:
+    """The whole delay from torque to motion of every joint, s, as verbs print it: what is assumed of it (half a sample
+    of a hold) and what is estimated, the shift between the samples or an effect that leads. dt: s between samples."""
+    document = []
+    for joint in range(1, model.n + 1):
+        shift = dt * inference.skew
+        assumed, estimated, interval = shift, 0.0, None
+        if inference.skew_interval is not None:
+            assumed, estimated = 0.0, shift
+            interval = (dt * inference.skew_interval[0], dt * inference.skew_interval[1])
+        for found in _leads(model, inference, joint):
+            estimated += found.value
+            interval = None if found.interval is None else (found.interval[0] + shift, found.interval[1] + shift)
+        document.append(
+            {
+                "joint": joint,
+                "value": assumed + estimated,
+                "unit": "s",
+                "interval": None if interval is None else list(interval),
+                "assumed": assumed,
+                "estimated": estimated,
+            }
+        )
+    return document
+
+
+def _leads(model: Model, inference: Inference, joint: int) -> list[Estimate]:
+    """Times by which effects say that a joint's recorded torque is ahead."""
+    found = []
+    for term, values in inference.values.items():
+        lead = model.library.effects[term.effect].of_kind("lead")
+        if lead is not None and term.joint == joint:
+            found.append(values[lead.name])
+    return found

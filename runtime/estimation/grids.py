@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import inf, nan
 
 import numpy as np
@@ -51,6 +52,8 @@ def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[f
     pieces = regressors.motion.pieces
     if of == "duration":
         return 0.0, max(float(p.t[-1]) for p in pieces)
+    if of == "elapsed":
+        return 0.0, max(p.began + float(p.t[-1]) for p in pieces)
     if of == "rate":
         return 0.0, max(float(np.abs(p.qd[list(joints)]).max()) for p in pieces)
     if of in ("position", "tip"):
@@ -83,7 +86,18 @@ def axis(regressors: Regressors, term: Term, parameter: DescribedParameter, know
         raise ValueError(f'{term}: shape parameter "{parameter.name}" has no grid')
     offset, scale = _span(regressors, term, grid.of, known)
     spaced = np.geomspace if grid.spacing == "log" else np.linspace
-    return np.sort(offset + scale * spaced(grid.low, grid.high, grid.count))
+    values = offset + scale * spaced(grid.low, grid.high, grid.count)
+    return np.sort(np.append(values, _breaks(regressors)) if parameter.kind == "onset" else values)
+
+
+def _breaks(regressors: Regressors) -> list[float]:
+    """s since a recording began, halfway between two of its pieces: where a run or a gap ends."""
+    pieces = regressors.motion.pieces
+    return [
+        (one.began + float(one.t[-1]) + other.began + float(other.t[0])) / 2
+        for one, other in pairwise(pieces)
+        if one.recording == other.recording
+    ]
 
 
 def searchable(parameter: DescribedParameter, values: Array) -> bool:

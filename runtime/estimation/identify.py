@@ -134,22 +134,24 @@ def solve(
         before = fit.prediction.lumps
         if not _drivable(model, motion, needs, fit.prediction):
             break
-        problem, fit = _refine(model, motion, known, fit.shapes, fit.skew, free, fit.prediction, _delayed(model, fit))
+        problem, fit = _refine(
+            model, motion, known, fit.shapes, fit.skew, free, fit.prediction, _delayed(model, motion, fit)
+        )
         if np.allclose(before, fit.prediction.lumps, rtol=SAME_INERTIA):
             break
     return problem, fit
 
 
-def _delayed(model: Model, fit: Fit) -> Ahead | None:
+def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
     """Where delays are exact, moved to the delays that were found."""
     if fit.ahead is None:
         return None
-    times = fit.ahead.times.copy()
+    times = list(fit.ahead.times)
     for term, values in fit.prediction.values.items():
         lead = model.library.effects[term.effect].of_kind("lead")
         if lead is not None and term.joint is not None:
             times[term.joint - 1] = values[lead.name]
-    return Ahead(fit.skew, times)
+    return delays.large(motion, fit.skew, times)
 
 
 def _drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
@@ -173,6 +175,9 @@ def _refine(
     prediction: Prediction | None,
     ahead: Ahead | None = None,
 ) -> tuple[Problem, Fit]:
+    # What gives way delays, too: beside it a time cannot be measured by itself.
+    soft = any(model.library.effects[t.effect].gives_way for t in known)
+    ahead = None if soft else ahead
     problem = Problem(model, motion, tuple(known), prediction, ahead)
     missing = {t: v for t, v in known.items() if t not in shapes}
     at = Skew(skew, "shared" if free_skew else "no")
@@ -191,7 +196,7 @@ def _refine(
             break
     solved = problem.solve(shapes, Skew(at.at))
     theta = solved.coefficients
-    if free_skew and not hold:
+    if free_skew and not hold and not soft:
         ahead = delays.ahead(problem, shapes, at.at)
     prediction = problem.prediction(theta, shapes)
     return problem, Fit(prediction, theta, shapes, at.at, hold, solved.residual, problem.weights, ahead)
@@ -308,11 +313,16 @@ class Identification:
         every = replace(self.motion, standstill=np.zeros(self.model.n))
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
+    def delay_json(self) -> list[dict[str, Any]]:
+        """The whole delay from torque to motion of every joint."""
+        return delays.to_json(self.model, self.inference, self.motion.pieces[0].dt)
+
     def to_json(self) -> dict[str, Any]:
-        """As `tendon identify --json`; intervals are 95 %."""
+        """Every figure of the fit, as JSON has them; intervals are 95 %."""
         document: dict[str, Any] = {
             "band": {"cutoff_hz": self.motion.band.cutoff, "reason": self.motion.band.reason},
             "skew": self.inference.skew_json(),
+            "delay": self.delay_json(),
             **self.inference.to_json(self.model),
         }
         document["uncorrected"] = None if self.uncorrected is None else self.uncorrected.to_json(self.model)

@@ -80,6 +80,9 @@ class Signals(SignalContext):
     def time(self) -> Array:
         return self.piece.t
 
+    def elapsed(self) -> Array:
+        return self.piece.began + self.piece.t
+
     def warmth(self, joint: int) -> Array | None:
         return self.piece.warmth[joint] if self.piece.measured[joint] else None
 

@@ -43,6 +43,10 @@ DELAY_STEPS: Final = 8.0
 DELAY_ACCURACY: Final = 0.01
 """parts of such a step; finer, a delay changes no torque within the band; by construction."""
 
+SMALL_DELAY: Final = 1.0
+"""parts of a radian at the cut-off; a delay that is shorter is taken to first order in the torque that is predicted; by
+construction."""
+
 # the search for shapes ----------------------------------------------------------------------------------------------
 
 PREDICTION_PASSES: Final = 3

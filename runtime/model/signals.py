@@ -44,6 +44,10 @@ class SignalContext(ABC):
         """s since the run began."""
         raise UnknownHere("the time")
 
+    def elapsed(self) -> Any:
+        """s since the recording began, its runs one after another; where there is one run, its time."""
+        return self.time()
+
     def terms(self) -> Collection[Term]:
         """The effects that act."""
         raise UnknownHere("the effects that act")
@@ -138,6 +142,7 @@ def _warmth(at: SignalContext, joint: int, _: int | None) -> Any:
 
 _ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
     "t": lambda at, _, __: at.time(),
+    "elapsed": lambda at, _, __: at.elapsed(),
     "level": _level,
     "load": _load,
     "predicted": lambda at, joint, _: at.predicted(joint),

@@ -47,7 +47,8 @@ class Piece:
     t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
     warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
     were taken from which it was interpolated; None where they are those of the grid; rate_measured: joints
-    (0-based) whose qd and qdd are those of a measured rate.
+    (0-based) whose qd and qdd are those of a measured rate; began: s from the recording's start to that of the run,
+    the runs one after another.
     """
 
     recording: int
@@ -67,6 +68,7 @@ class Piece:
     rate_measured: tuple[int, ...] = ()
     sensors: Sensors = NOTHING
     places: Array | None = None
+    began: float = 0.0
 
     def perturbed(self, band: Band, seed: int) -> Piece:
         """The piece as its encoders might have read it another time: other places of the steps, other noise.
@@ -298,7 +300,8 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         for stretch in clock.stretches:
             if stretch.size > 2 * (derive.half + band_filter.half) + LEAST_ROWS * band_filter.factor:
                 piece = _piece(recording, number, clock, stretch, derive, band_filter, band)
-                pieces.append(replace(piece, sensors=sensors.read(recording, stretch, derive, common)))
+                read = sensors.read(recording, stretch, derive, common)
+                pieces.append(replace(piece, sensors=read, began=_began(recording, piece.run)))
     if not pieces:
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
@@ -319,6 +322,14 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum([_dry_friction(motion, i) for i in range(n)], 1e-300)
     return replace(motion, sticking=STICKING_OVER_NOISE * band.torque_floor()[:n] / friction)
+
+
+def _began(recording: Recording, run: int) -> float:
+    """s that all runs before this one lasted."""
+    numbers, first = np.unique(recording.run, return_index=True)
+    earlier = numbers[first < first[numbers == run]]
+    spans = [np.ptp(recording.t[recording.run == number]) + recording.dt for number in earlier]
+    return float(sum(spans))
 
 
 def _piece(

@@ -8,7 +8,7 @@ from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, Parameter, parameter
 from symbolic.primitives import WIDTH_RATE, WIDTH_TIME, sgn, step
 
-QD, QDD, T = (SIGNAL[name].symbol for name in ("qd", "qdd", "t"))
+QD, QDD, ELAPSED = (SIGNAL[name].symbol for name in ("qd", "qdd", "elapsed"))
 NEXT, PREVIOUS, HAS_NEXT = SIGNAL["qd_next"].symbol, SIGNAL["qd_previous"].symbol, SIGNAL["has_next"].symbol
 NEXT_ACCELERATION, PREVIOUS_ACCELERATION = (SIGNAL[name].symbol for name in ("qdd_next", "qdd_previous"))
 MOMENT_X, MOMENT_Y, TIP_LOAD = SIGNAL["moment_x"].symbol, SIGNAL["moment_y"].symbol, SIGNAL["tip_load"].symbol
@@ -37,15 +37,16 @@ PAYLOAD = Effect(
     name="payload",
     scope="arm",
     family="load",
-    torque=parameter("mass") * step(T - parameter("time"), WIDTH_TIME) * TIP_LOAD,
+    torque=parameter("mass") * step(ELAPSED - parameter("time"), WIDTH_TIME) * TIP_LOAD,
     parameters=(
         Parameter("mass", u.KILOGRAM, "a point at the end-effector", bounds=(0.0, inf)),
         Parameter(
             "time",
             u.SECOND,
-            "since the start of the run, when it is picked up",
+            "since the recording began, its runs one after another, when it is picked up",
             "shape",
-            grid=Grid(-0.05, 0.95, 26, "duration", "linear"),
+            grid=Grid(-0.05, 0.95, 26, "elapsed", "linear"),
+            kind="onset",
         ),
     ),
     carried=True,

@@ -128,6 +128,14 @@ SIGNALS: tuple[Signal, ...] = (
     ),
     Signal("t", u.SECOND, "time since the start of the run", "time", seen_over="time", span=(0.0, 100.0)),
     Signal(
+        "elapsed",
+        u.SECOND,
+        "time since the recording began, its runs one after another",
+        "time",
+        seen_over="time",
+        span=(0.0, 100.0),
+    ),
+    Signal(
         "load",
         u.FORCE,
         "predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else the "

@@ -342,8 +342,8 @@ def test_plate_is_equation_3_through_the_jacobian(y: float, yd: float, row: floa
 def test_gravity_and_payload_have_the_model_s_sign() -> None:
     # A level arm under gravity along -y needs a positive torque to hold a mass at positive x.
     assert torque("gravity", {"gx": 0.0, "gy": -9.81}, moment_x=0.0, moment_y=2.0) == pytest.approx(19.62)
-    assert torque("payload", {"mass": 2.0, "time": 5.0}, t=4.9, tip_load=3.0) == 0
-    assert torque("payload", {"mass": 2.0, "time": 5.0}, t=5.1, tip_load=3.0) == 6.0
+    assert torque("payload", {"mass": 2.0, "time": 5.0}, elapsed=4.9, tip_load=3.0) == 0
+    assert torque("payload", {"mass": 2.0, "time": 5.0}, elapsed=5.1, tip_load=3.0) == 6.0
 
 
 def test_drive_effects_distort_the_predicted_torque() -> None:

@@ -49,6 +49,16 @@ def joints_table(document: Document) -> None:
     console().print(table)
 
 
+def delay_lines(document: Document) -> None:
+    """The whole delay from torque to motion, and how much of it is assumed."""
+    for d in document["delay"]:
+        parts = [f"{1e3 * d['assumed']:.3g} ms assumed, of a hold"] if d["assumed"] else []
+        parts += [f"{1e3 * d['estimated']:.3g} ms estimated"] if d["estimated"] else []
+        known = d["interval"]
+        within = f", 95 % in [{1e3 * known[0]:.3g}, {1e3 * known[1]:.3g}]" if known else ""
+        say(f"Delay from torque to motion, joint {d['joint']}: {1e3 * d['value']:.3g} ms{within} ({'; '.join(parts)}).")
+
+
 def console() -> Console:
     """Where tables go."""
     # Off a terminal, a fixed width keeps tables whole in files and pipes.

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from runtime.report.terminal.cells import (
     Document,
     console,
+    delay_lines,
     empty_table,
     figure,
     fit_table,
@@ -51,6 +52,7 @@ def diagnosis(document: Document) -> None:
     if document["verdict"] != "effect":
         _not_named(document)
     _encoders(document)
+    delay_lines(document)
     say("Base inertial parameters:")
     fit_table({"inertial": document["parameters"], "rotors": document["rotors"], "effects": []})
     _recordings(document)
@@ -231,6 +233,7 @@ def improvement(document: Document) -> None:
     for finding in _found(document):
         _finding(finding, document)
     _encoders(document)
+    delay_lines(document)
     _refit(document["identification"]["before"], document["identification"]["after"])
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)

@@ -13,6 +13,7 @@ from rich.console import Console
 from runtime.report.terminal.cells import (
     Document,
     console,
+    delay_lines,
     empty_table,
     figure,
     fit_table,
@@ -83,6 +84,7 @@ def identify(document: Document) -> None:
     origin = "estimated" if skew.get("estimated") else "given"
     say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
     say(f"Skew between torque and motion: {figure(skew['value'])} {skew['unit']} ({origin}){interval(skew)}.")
+    delay_lines(document)
     fit_table(document)
     if document.get("uncorrected"):
         say("Without skew correction:")
