@@ -12,6 +12,7 @@ from runtime.motion.angle_spectrum import lines
 from runtime.motion.band import Band, LineAbove
 from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
+    ENOUGH_FOR_NOISE,
     LINE_INSIDE,
     LINE_WORTH,
     NOISE_OF_LINES,
@@ -56,7 +57,9 @@ def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: 
 
 
 def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: float) -> list[LineAbove]:
-    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio, band.cutoff) for r in recordings for s in r.segments]
+    # A stretch of each is enough to see a line, as it is for noise.
+    stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
+    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio, band.cutoff) for r, s in stretches]
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]

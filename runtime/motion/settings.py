@@ -294,7 +294,7 @@ ORDERS_A_PERIOD: Final = 4
 """number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
 construction."""
 
-MOST_ANGLES: Final = 2_000_000
+MOST_ANGLES: Final = 500_000
 """number of steps of the angle's grid; of a longer way only lower orders are looked at; memory."""
 
 LEAST_PERIODS: Final = 6.0
