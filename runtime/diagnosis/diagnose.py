@@ -13,12 +13,13 @@ from runtime.diagnosis.remainder import after_effect, physics, remainder
 from runtime.diagnosis.search import Finding, Search, Step, seconds_moving
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, MOST_FINDINGS
 from runtime.estimation.compare import warnings
-from runtime.estimation.covariance import ROTOR, Estimate, Inference
+from runtime.estimation.covariance import Estimate, Inference
 from runtime.estimation.identify import prepared
 from runtime.model.loader import Model
 from runtime.model.terms import at, structure
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
+from symbolic.model_file.arm import ROTOR
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,9 @@ from runtime.estimation.settings import (
     VALUE_STEP_AT_0,
 )
 from runtime.wording import number
+from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
-
-ROTOR = "rotor_inertia"
-"""The key of the model file under which a rotor's inertia stands."""
 
 
 @dataclass(frozen=True)
