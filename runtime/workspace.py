@@ -142,6 +142,7 @@ class Source:
     def put(self, text: str, identification: Mapping[str, Any]) -> str:
         """`text` with the values of an identification, as its to_json() gives them."""
         from symbolic.model_file import editor
+        from symbolic.model_file.arm import ROTOR
 
         def known(values: Mapping[str, float | None]) -> dict[str, float]:
             return {name: v for name, v in values.items() if v is not None and math.isfinite(v)}
@@ -150,7 +151,7 @@ class Source:
             (entry["name"], entry["joint"]): known({name: p["value"] for name, p in entry["parameters"].items()})
             for entry in identification["effects"]
         }
-        rotor = [entry for entry in identification["inertial"] if entry["name"] == editor.ROTOR]
+        rotor = [entry for entry in identification["inertial"] if entry["name"] == ROTOR]
         lumps = [entry for entry in identification["inertial"] if entry not in rotor]
         return editor.set_values(
             text,

@@ -34,13 +34,11 @@ from runtime.estimation.settings import (
     WHITENED_BIAS,
 )
 from runtime.wording import number
+from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
 
 INERTIA_UNIT = {"revolute": "kg m^2", "prismatic": "kg"}
-
-ROTOR = "rotor_inertia"
-"""The key of the model file under which a rotor's inertia stands."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def open_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
 
 def untold(model: Model, terms: Iterable[Term]) -> list[str]:
     """For every term whose values hang on masses that nobody knows, in words: what was taken in their place."""
-    return [text for term in terms for text in (_masses(model, term),) if text is not None]
+    return [text for text in (_masses(model, term) for term in terms) if text is not None]
 
 
 def _masses(model: Model, term: Term) -> str | None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+ROTOR = "rotor_inertia"
+"""The key of the model file under which a rotor's inertia stands."""
+
 Values = dict[str, float]
 """Parameter values of one active effect; parameters that are not yet known are absent."""
 
@@ -99,7 +102,7 @@ class Joint(DescribedJoint):
     def unknown(self) -> tuple[str, ...]:
         """Keys of the model file that say what inertia it moves, and are left out."""
         stated = {"mass": self.link.mass, "com": self.link.com, "inertia": self.link.inertia}
-        return tuple(key for key, value in {**stated, "rotor_inertia": self.rotor_inertia}.items() if value is None)
+        return tuple(key for key, value in {**stated, ROTOR: self.rotor_inertia}.items() if value is None)
 
 
 @dataclass(frozen=True)

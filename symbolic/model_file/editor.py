@@ -19,7 +19,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symbolic.described import declared, number_name, numbered
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import ROTOR, Arm
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
 
 DIGITS = 7
-ROTOR = "rotor_inertia"
 Owner = tuple[str, int | None]
 """Whose effects: ("joint", i counted from 1), ("arm", None) or ("contact", None)."""
 
