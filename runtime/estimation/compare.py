@@ -269,7 +269,7 @@ def early_torques(identification: Identification) -> list[str]:
     delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
     return [
         f"joint {joint}: the recorded torque is {quantity(abs(time), 's', 3)} {'ahead of' if time > 0 else 'behind'} "
-        "its motion, beyond half a sample of a hold; the fit leaves that in the error: tendon diagnose says by which effect"
+        "its motion, beyond half a sample of a hold; that is left in the error: tendon diagnose says by which effect"
         for joint, time in enumerate(fit.ahead.times, start=1)
         if time and joint not in delayed
     ]
