@@ -28,6 +28,7 @@ from runtime.motion.inertia import asked
 from runtime.motion.motion import Motion
 from runtime.motion.noise_floor import Floor, floor
 from runtime.recordings.recording import Recording
+from runtime.wording import quantity
 
 Array = NDArray[np.float64]
 
@@ -247,6 +248,7 @@ def warnings(identification: Identification) -> list[str]:
         return [f"the data look wrong: {suspicion}" for suspicion in wrong]
     return [
         *left_out(identification),
+        *early_torques(identification),
         *idle_terms(identification),
         *improper_inertia(identification),
         *range_warnings(identification),
@@ -262,6 +264,20 @@ def left_out(identification: Identification) -> list[str]:
         why = f"tau{i + 1} is constant, as of a joint without a motor" if passive else "it is held"
         found.append(f"joint {i + 1}: left out of the fit: {why}")
     return found
+
+
+def early_torques(identification: Identification) -> list[str]:
+    """Joints whose torque leads the motion by more than a hold explains, and that no effect of the structure delays."""
+    model, fit = identification.model, identification.fit
+    if fit.ahead is None:
+        return []
+    delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
+    return [
+        f"joint {joint}: the recorded torque is {quantity(abs(time), 's', 3)} {'ahead of' if time > 0 else 'behind'} "
+        "its motion, beyond half a sample of a hold; that is left in the error: tendon diagnose says by which effect"
+        for joint, time in enumerate(fit.ahead.times, start=1)
+        if time and joint not in delayed
+    ]
 
 
 def idle_terms(identification: Identification) -> list[str]:

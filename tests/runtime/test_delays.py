@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime.diagnosis.diagnose import diagnose
+from runtime.estimation.compare import compare
 from runtime.estimation.identify import identify, identify_motion, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
@@ -67,7 +68,9 @@ def test_a_delay_of_samples_is_found_in_time(drive: Model, samples: int) -> None
 
 def test_a_delay_is_named_first(drive: Model) -> None:
     """At 15 ms and 8 Hz no first order explains it; a cable or gravity was nearer."""
-    found = diagnose(drive, [chirped(0.015)])
+    recording = chirped(0.015)
+    assert any("0.015 s ahead of its motion" in w for w in compare(drive, [recording]).to_json()["warnings"])
+    found = diagnose(drive, [recording])
     assert found.findings[0].term == DELAY
     assert found.to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)
 
