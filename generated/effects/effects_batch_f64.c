@@ -1400,12 +1400,12 @@ void tendon_payload_columns_batch_f64(
     double *restrict out)
 {
     (void)dt;
-    const double *restrict t = s->t;
+    const double *restrict elapsed = s->elapsed;
     const double *restrict tip_load = s->tip_load;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(t[k] - p[1], tip_load[k]);
+        out[count + k] = tendon_gate_f64(elapsed[k] - p[1], tip_load[k]);
     }
 }
 
@@ -1418,11 +1418,11 @@ void tendon_payload_torque_batch_f64(
     double *restrict out)
 {
     (void)dt;
-    const double *restrict t = s->t;
+    const double *restrict elapsed = s->elapsed;
     const double *restrict tip_load = s->tip_load;
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(t[k] - p[1], p[0] * tip_load[k]);
+        out[k] = tendon_gate_f64(elapsed[k] - p[1], p[0] * tip_load[k]);
     }
 }
 
@@ -1463,6 +1463,61 @@ void tendon_coupled_friction_torque_batch_f64(
     TENDON_INDEPENDENT
     for (size_t k = 0; k < count; ++k) {
         out[k] = p[0] * tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] + has_next[k] * qd_next[k]));
+    }
+}
+
+/* coupled_gear_columns along `count` samples, 4 rows in `out`. */
+void tendon_coupled_gear_columns_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    const double *restrict qd = s->qd;
+    const double *restrict qdd = s->qdd;
+    const double *restrict qd_next = s->qd_next;
+    const double *restrict qd_previous = s->qd_previous;
+    const double *restrict has_next = s->has_next;
+    const double *restrict qdd_next = s->qdd_next;
+    const double *restrict qdd_previous = s->qdd_previous;
+    TENDON_INDEPENDENT
+    for (size_t k = 0; k < count; ++k) {
+        const double t1 = 1.0 - has_next[k];
+        const double t2 = has_next[k] + p[3] * t1;
+        const double t3 = has_next[k] * (qd[k] + p[3] * qd_next[k]) + t1 * (qd_previous[k] + p[3] * qd[k]);
+        out[k] = 0.0;
+        out[count + k] = t2 * tendon_sgn_f64(t3);
+        out[2 * count + k] = t2 * t3;
+        out[3 * count + k] = t2 * (has_next[k] * (qdd[k] + p[3] * qdd_next[k]) + t1 * (qdd_previous[k] + p[3] *
+            qdd[k]));
+    }
+}
+
+/* coupled_gear_torque along `count` samples, 1 row in `out`. */
+void tendon_coupled_gear_torque_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    const double *restrict qd = s->qd;
+    const double *restrict qdd = s->qdd;
+    const double *restrict qd_next = s->qd_next;
+    const double *restrict qd_previous = s->qd_previous;
+    const double *restrict has_next = s->has_next;
+    const double *restrict qdd_next = s->qdd_next;
+    const double *restrict qdd_previous = s->qdd_previous;
+    TENDON_INDEPENDENT
+    for (size_t k = 0; k < count; ++k) {
+        const double t1 = 1.0 - has_next[k];
+        const double t2 = has_next[k] * (qd[k] + p[3] * qd_next[k]) + t1 * (qd_previous[k] + p[3] * qd[k]);
+        const double t3 = p[2] * (has_next[k] * (qdd[k] + p[3] * qdd_next[k]) + t1 * (qdd_previous[k] + p[3] *
+            qdd[k]));
+        out[k] = (has_next[k] + p[3] * t1) * (t2 * p[1] + (p[0] * tendon_sgn_f64(t2) + t3));
     }
 }
 

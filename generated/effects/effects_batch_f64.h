@@ -10,6 +10,7 @@ typedef struct {
     const double *qd;
     const double *qdd;
     const double *t;
+    const double *elapsed;
     const double *load;
     const double *link_inertia;
     const double *coupling;
@@ -29,6 +30,8 @@ typedef struct {
     const double *tip_row;
     const double *plate_y;
     const double *ratio;
+    const double *qdd_next;
+    const double *qdd_previous;
 } tendon_signals_f64;
 
 /* coulomb_columns along `count` samples, 2 rows in `out`. */
@@ -473,6 +476,22 @@ void tendon_coupled_friction_columns_batch_f64(
 
 /* coupled_friction_torque along `count` samples, 1 row in `out`. */
 void tendon_coupled_friction_torque_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* coupled_gear_columns along `count` samples, 4 rows in `out`. */
+void tendon_coupled_gear_columns_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* coupled_gear_torque along `count` samples, 1 row in `out`. */
+void tendon_coupled_gear_torque_batch_f64(
     size_t count,
     const tendon_signals_f64 *s,
     double dt,

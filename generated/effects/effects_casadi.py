@@ -80,7 +80,7 @@ PARAMETERS = {
         "width": ("rad", "displacement from rest after which all elements slide; after a reversal it takes twice that", None),
     },
     "torque_ripple": {
-        "order": ("1", "periods per revolution of the motor; 2 is the wave generator of a harmonic drive", None),
+        "order": ("1", "periods per revolution of the motor, k / N for k periods per revolution of the joint; 2 is the wave generator of a harmonic drive", None),
         "amplitude": ("N m", "at the joint", None),
         "phase": ("1", "at q = 0, in rad", None),
     },
@@ -103,15 +103,21 @@ PARAMETERS = {
         "damping": ("N m s/rad", "of the transmission in contact", None),
     },
     "gravity": {
-        "gx": ("m/s^2", "acceleration of gravity along base x, beyond the model file's", None),
-        "gy": ("m/s^2", "acceleration of gravity along base y, beyond the model file's", None),
+        "gx": ("m/s^2", "of gravity along base x, beyond the model file's", None),
+        "gy": ("m/s^2", "of gravity along base y, beyond the model file's", None),
     },
     "payload": {
         "mass": ("kg", "a point at the end-effector", None),
-        "time": ("s", "since the start of the run, when it is picked up", None),
+        "time": ("s", "since the recording began, its runs one after another, when it is picked up", None),
     },
     "coupled_friction": {
         "torque": ("N m", "friction torque on the relative rate", None),
+    },
+    "coupled_gear": {
+        "coulomb": ("N m", "dry friction on the motor's rate, at the first joint", None),
+        "viscous": ("N m s/rad", "viscous friction on the motor's rate, at the first joint", None),
+        "inertia": ("kg m^2", "of what turns at the motor's rate, at the first joint", None),
+        "ratio": ("1", "turns of the motor for a turn of the second joint over those for a turn of the first; 1 or -1 are tried", None),
     },
     "plate": {
         "stiffness": ("N/m", "of the plate's spring, k_p", None),
@@ -381,7 +387,8 @@ def stribeck_torque():
 def load_friction_torque():
     """load_friction_torque: Gear friction in proportion to the torque that the gear transmits. mu |load| sgn(qd)
     in   qd [rad/s]: joint rate
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
     in   p (1) [1]: coefficient
     in   x (0): empty: no memory
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
@@ -977,9 +984,10 @@ def torque_delay_torque():
 def elasticity_torque():
     """elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -J
       delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
-    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
+    in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
     in   x (4) [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
@@ -1005,9 +1013,10 @@ def elasticity_torque():
 
 def elasticity_start():
     """elasticity_start: The memory of elasticity where a motion begins.
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
-    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
+    in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
     in   x (4) [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
@@ -1033,9 +1042,10 @@ def elasticity_start():
 
 def elasticity_step():
     """elasticity_step: The memory of elasticity, a sample later.
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
-    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
+    in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   dt [s]: step
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
@@ -1089,9 +1099,10 @@ def backlash_torque():
     """backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
       other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
       sgn(delta)
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
-    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
+    in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   p (3) [rad, N m/rad, N m s/rad]: gap, stiffness, damping
     in   x (5) [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
@@ -1117,9 +1128,10 @@ def backlash_torque():
 
 def backlash_start():
     """backlash_start: The memory of backlash where a motion begins.
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
-    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
+    in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   p (3) [rad, N m/rad, N m s/rad]: gap, stiffness, damping
     in   x (5) [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
@@ -1147,9 +1159,10 @@ def backlash_start():
 
 def backlash_step():
     """backlash_step: The memory of backlash, a sample later.
-    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
-    in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
-    in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+    in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+      the transmission carries: gravity, payloads, springs, contact
+    in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
+    in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
     in   dt [s]: step
     in   p (3) [rad, N m/rad, N m s/rad]: gap, stiffness, damping
@@ -1269,7 +1282,7 @@ def gravity_torque():
 def payload_torque():
     """payload_torque: A mass at the end-effector that the model does not know, from a moment on. m tau_tip(q, qd, qdd)
       for t > t_0, tau_tip the torque of a unit mass at the end-effector
-    in   t [s]: time since the start of the run
+    in   elapsed [s]: time since the recording began, its runs one after another
     in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
     in   p (2) [kg, s]: mass, time
     in   x (0): empty: no memory
@@ -1279,18 +1292,18 @@ def payload_torque():
       manipulators, ICRA
     Operations: 13 operations (2 add, 2 sub, 8 mul, 1 div) and 1 max and 1 min
     """
-    t = ca.SX.sym("t")
+    elapsed = ca.SX.sym("elapsed")
     tip_load = ca.SX.sym("tip_load")
     p = ca.SX.sym("p", 2)
     (p_mass, p_time) = ca.vertsplit(p)
     x = ca.SX.sym("x", 0)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
-    t1 = ca.fmax(-1.0, ca.fmin(1.0, (t - p_time) / width_time))
+    t1 = ca.fmax(-1.0, ca.fmin(1.0, (elapsed - p_time) / width_time))
     t2 = t1 * t1
     torque = ca.SX((0.5 + 0.0625 * (t1 * (3.0 * (t2 * t2) + (15.0 - 10.0 * t2)))) * (p_mass * tip_load))
-    inputs, outputs = [t, tip_load, p, x, width], [torque]
-    return ca.Function("payload_torque", inputs, outputs, ["t", "tip_load", "p", "x", "width"], ["torque"])
+    inputs, outputs = [elapsed, tip_load, p, x, width], [torque]
+    return ca.Function("payload_torque", inputs, outputs, ["elapsed", "tip_load", "p", "x", "width"], ["torque"])
 
 
 def coupled_friction_torque():
@@ -1322,6 +1335,48 @@ def coupled_friction_torque():
     torque = ca.SX(0.125 * (t1 * (p_torque * (3.0 * (t2 * t2) + (15.0 - 10.0 * t2)))))
     inputs, outputs = [qd, qd_next, qd_previous, has_next, p, x, width], [torque]
     return ca.Function("coupled_friction_torque", inputs, outputs, ["qd", "qd_next", "qd_previous", "has_next", "p", "x", "width"], ["torque"])
+
+
+def coupled_gear_torque():
+    """coupled_gear_torque: A motor that turns with two joints at once, as in wrists: its friction and inertia are felt
+      at both. F sgn(w) + c w + I w_d,  w = qd_i + r qd_(i+1), on joint i; r times that on joint i+1
+    in   qd [rad/s]: joint rate
+    in   qdd [rad/s^2]: joint acceleration
+    in   qd_next [rad/s]: rate of the next joint outwards; 0 at the last
+    in   qd_previous [rad/s]: rate of the joint before; 0 at the first
+    in   has_next [1]: 1 if the effect's second joint is the next one outwards, else 0
+    in   qdd_next [rad/s^2]: acceleration of the next joint outwards; 0 at the last
+    in   qdd_previous [rad/s^2]: acceleration of the joint before; 0 at the first
+    in   p (4) [N m, N m s/rad, kg m^2, 1]: coulomb, viscous, inertia, ratio
+    in   x (0): empty: no memory
+    in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
+    out  torque [N m]: added to the motor torque
+    Source: Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot
+      identification, IEEE Trans. Control Systems Technology 22(1): the wrist of the TX40; Gautier, Janot &
+      Vandanjon 2012, A new closed-loop output error method for parameter identification of robot dynamics, likewise
+      21(2)
+    Operations: 32 operations (10 add, 2 sub, 19 mul, 1 div) and 1 max and 1 min
+    """
+    qd = ca.SX.sym("qd")
+    qdd = ca.SX.sym("qdd")
+    qd_next = ca.SX.sym("qd_next")
+    qd_previous = ca.SX.sym("qd_previous")
+    has_next = ca.SX.sym("has_next")
+    qdd_next = ca.SX.sym("qdd_next")
+    qdd_previous = ca.SX.sym("qdd_previous")
+    p = ca.SX.sym("p", 4)
+    (p_coulomb, p_viscous, p_inertia, p_ratio) = ca.vertsplit(p)
+    x = ca.SX.sym("x", 0)
+    width = ca.SX.sym("width", 4)
+    (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
+    t1 = 1.0 - has_next
+    t2 = has_next * (qd + p_ratio * qd_next) + t1 * (qd_previous + p_ratio * qd)
+    t3 = ca.fmax(-1.0, ca.fmin(1.0, t2 / width_rate))
+    t4 = t3 * t3
+    t5 = p_inertia * (has_next * (qdd + p_ratio * qdd_next) + t1 * (qdd_previous + p_ratio * qdd)) + p_viscous * t2
+    torque = ca.SX((has_next + p_ratio * t1) * (0.125 * (t3 * (p_coulomb * (3.0 * (t4 * t4) + (15.0 - 10.0 * t4)))) + t5))
+    inputs, outputs = [qd, qdd, qd_next, qd_previous, has_next, qdd_next, qdd_previous, p, x, width], [torque]
+    return ca.Function("coupled_gear_torque", inputs, outputs, ["qd", "qdd", "qd_next", "qd_previous", "has_next", "qdd_next", "qdd_previous", "p", "x", "width"], ["torque"])
 
 
 def plate_torque():

@@ -97,7 +97,8 @@ float tendon_stribeck_torque_f32(float qd, float torque, float speed)
 
 /* load_friction_torque: Gear friction in proportion to the torque that the gear transmits. mu |load| sgn(qd)
  * in   qd [rad/s]: joint rate
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+ *   the transmission carries: gravity, payloads, springs, contact
  * in   coefficient [1]: friction torque per transmitted torque
  * out  torque [N m]: added to the motor torque
  * Source: Hamon, Gautier & Garrec 2010, Dynamic identification of robots with a dry friction model depending on
@@ -364,7 +365,8 @@ void tendon_spring_hysteresis_step_f32(float q, float width, tendon_spring_hyste
  *   cos(n N q + phi)
  * in   q [rad]: joint position
  * in   ratio [1/rad]: gear ratio per unit of position: motor turns' angle by q
- * in   order [1]: periods per revolution of the motor; 2 is the wave generator of a harmonic drive
+ * in   order [1]: periods per revolution of the motor, k / N for k periods per revolution of the joint; 2 is the
+ *   wave generator of a harmonic drive
  * in   amplitude [N m]: at the joint
  * in   phase [1]: at q = 0, in rad
  * out  torque [N m]: added to the motor torque
@@ -417,7 +419,7 @@ float tendon_torque_delay_torque_f32(float predicted_rate, float time)
 
 /* elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -J
  *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ * in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
@@ -430,7 +432,8 @@ float tendon_elasticity_torque_f32(float coupling, const tendon_elasticity_state
 }
 
 /* elasticity_start: The memory of elasticity where a motion begins.
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+ *   the transmission carries: gravity, payloads, springs, contact
  * in   stiffness [N m/rad]: of the transmission
  * out  state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load: at the first sample
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
@@ -445,8 +448,9 @@ void tendon_elasticity_start_f32(float load, float stiffness, tendon_elasticity_
 }
 
 /* elasticity_step: The memory of elasticity, a sample later.
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+ *   the transmission carries: gravity, payloads, springs, contact
+ * in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
  * in   dt [s]: step
  * in   stiffness [N m/rad]: of the transmission
  * in   damping [N m s/rad]: of the transmission
@@ -501,7 +505,7 @@ void tendon_elasticity_step_f32(
 /* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
  *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
  *   sgn(delta)
- * in   coupling [N m s^2/rad]: inertia between this joint and the effect's own, link side; at the own joint
+ * in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
  * in   state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
  * out  torque [N m]: added to the motor torque
@@ -514,7 +518,8 @@ float tendon_backlash_torque_f32(float coupling, const tendon_backlash_state_f32
 }
 
 /* backlash_start: The memory of backlash where a motion begins.
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+ *   the transmission carries: gravity, payloads, springs, contact
  * in   gap [rad]: free play from flank to flank, at the joint
  * in   stiffness [N m/rad]: of the transmission in contact
  * out  state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load: at
@@ -532,8 +537,9 @@ void tendon_backlash_start_f32(float load, float gap, float stiffness, tendon_ba
 }
 
 /* backlash_step: The memory of backlash, a sample later.
- * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor
- * in   link_inertia [N m s^2/rad]: inertia of the link side as this joint sees it, without the own rotor
+ * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
+ *   the transmission carries: gravity, payloads, springs, contact
+ * in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
  * in   dt [s]: step
  * in   gap [rad]: free play from flank to flank, at the joint
  * in   stiffness [N m/rad]: of the transmission in contact
@@ -627,8 +633,8 @@ void tendon_backlash_step_f32(
  *   the arm's first mass moment
  * in   moment_x [N s^2]: derivative of the arm's first mass moment along base x by q
  * in   moment_y [N s^2]: derivative of the arm's first mass moment along base y by q
- * in   gx [m/s^2]: acceleration of gravity along base x, beyond the model file's
- * in   gy [m/s^2]: acceleration of gravity along base y, beyond the model file's
+ * in   gx [m/s^2]: of gravity along base x, beyond the model file's
+ * in   gy [m/s^2]: of gravity along base y, beyond the model file's
  * out  torque [N m]: added to the motor torque
  * Source: Spong & Vidyasagar 1989, Robot Dynamics and Control
  * Operations: 4 operations (1 add, 2 mul, 1 neg) */
@@ -639,17 +645,17 @@ float tendon_gravity_torque_f32(float moment_x, float moment_y, float gx, float 
 
 /* payload_torque: A mass at the end-effector that the model does not know, from a moment on. m tau_tip(q, qd, qdd)
  *   for t > t_0, tau_tip the torque of a unit mass at the end-effector
- * in   t [s]: time since the start of the run
+ * in   elapsed [s]: time since the recording began, its runs one after another
  * in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
  * in   mass [kg]: a point at the end-effector
- * in   time [s]: since the start of the run, when it is picked up
+ * in   time [s]: since the recording began, its runs one after another, when it is picked up
  * out  torque [N m]: added to the motor torque
  * Source: Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial
  *   manipulators, ICRA
  * Operations: 2 operations (1 sub, 1 mul) and 1 gate */
-float tendon_payload_torque_f32(float t, float tip_load, float mass, float time)
+float tendon_payload_torque_f32(float elapsed, float tip_load, float mass, float time)
 {
-    return tendon_gate_f32(t - time, mass * tip_load);
+    return tendon_gate_f32(elapsed - time, mass * tip_load);
 }
 
 /* coupled_friction_torque: Dry friction between two links that are not neighbours: a belt, cable or shaft that
@@ -671,6 +677,46 @@ float tendon_coupled_friction_torque_f32(
     float torque)
 {
     return torque * tendon_sgn_f32(qd_previous * (1.0f - has_next) + (qd + has_next * qd_next));
+}
+
+/* coupled_gear_torque: A motor that turns with two joints at once, as in wrists: its friction and inertia are felt
+ *   at both. F sgn(w) + c w + I w_d,  w = qd_i + r qd_(i+1), on joint i; r times that on joint i+1
+ * in   qd [rad/s]: joint rate
+ * in   qdd [rad/s^2]: joint acceleration
+ * in   qd_next [rad/s]: rate of the next joint outwards; 0 at the last
+ * in   qd_previous [rad/s]: rate of the joint before; 0 at the first
+ * in   has_next [1]: 1 if the effect's second joint is the next one outwards, else 0
+ * in   qdd_next [rad/s^2]: acceleration of the next joint outwards; 0 at the last
+ * in   qdd_previous [rad/s^2]: acceleration of the joint before; 0 at the first
+ * in   coulomb [N m]: dry friction on the motor's rate, at the first joint
+ * in   viscous [N m s/rad]: viscous friction on the motor's rate, at the first joint
+ * in   inertia [kg m^2]: of what turns at the motor's rate, at the first joint
+ * in   ratio [1]: turns of the motor for a turn of the second joint over those for a turn of the first; 1 or -1
+ *   are tried
+ * out  torque [N m]: added to the motor torque
+ * Source: Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot
+ *   identification, IEEE Trans. Control Systems Technology 22(1): the wrist of the TX40; Gautier, Janot &
+ *   Vandanjon 2012, A new closed-loop output error method for parameter identification of robot dynamics, likewise
+ *   21(2)
+ * Operations: 23 operations (9 add, 1 sub, 13 mul) and 1 sgn */
+float tendon_coupled_gear_torque_f32(
+    float qd,
+    float qdd,
+    float qd_next,
+    float qd_previous,
+    float has_next,
+    float qdd_next,
+    float qdd_previous,
+    float coulomb,
+    float viscous,
+    float inertia,
+    float ratio)
+{
+    const float t1 = 1.0f - has_next;
+    const float t2 = has_next * (qd + ratio * qd_next) + t1 * (qd_previous + ratio * qd);
+    const float t3 = coulomb * tendon_sgn_f32(t2) + inertia * (has_next * (qdd + ratio * qdd_next) + t1 *
+        (qdd_previous + ratio * qdd));
+    return (has_next + ratio * t1) * (t2 * viscous + t3);
 }
 
 /* plate_torque: A plate on a spring that the end-effector presses down. -J_y^T F_p,  F_p = F_p0 + k_p (y_p - y) -
