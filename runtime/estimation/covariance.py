@@ -134,7 +134,7 @@ def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
         other = whitened_shift(problem, fit, [x[there] for x in jacobian])
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
         covariance[part] += WHITENED_BIAS**2 * np.outer(other, other)
-    degrees = len(np.unique(stretches(problem.motion))) - len(names)
+    degrees = len(np.unique(stretches(problem.motion))) - 1
     return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
 
 

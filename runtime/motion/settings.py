@@ -201,7 +201,7 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
-STICKING_OVER_NOISE: Final = 20.0
+STICKING_OVER_NOISE: Final = 25.0
 """ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
 more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
 recordings with little noise."""
