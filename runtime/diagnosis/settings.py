@@ -67,6 +67,10 @@ recordings."""
 MOST_BRANCHES: Final = 3
 """number of rivals of a finding that are followed to their ends beside it; time."""
 
+UNRESOLVED_ORDER: Final = 0.5
+"""periods a turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole number: chance
+would find one in half of all; by construction."""
+
 # the search over candidates -----------------------------------------------------------------------------------------
 
 EXCERPT_SAMPLES: Final = 60_000

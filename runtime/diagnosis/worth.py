@@ -8,6 +8,7 @@ the rest of an effect that was found before, in another form than that one's law
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor
 
 from runtime.diagnosis.settings import (
     AT_THE_FLOOR,
@@ -15,6 +16,7 @@ from runtime.diagnosis.settings import (
     LEAST_FALL,
     LEAST_OF_EXCESS,
     MOST_OF_BOTH,
+    UNRESOLVED_ORDER,
 )
 from runtime.diagnosis.steps import Errors, Step
 from runtime.estimation.covariance import Estimate
@@ -27,7 +29,8 @@ from symbolic.described import DescribedParameter
 def worth_its_name(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that the data tell."""
     own = own_joints(after.identification.model, term)
-    return any(falls(before, after, i) for i in own) and not worse_elsewhere(before, after) and told(after, term)
+    fallen = any(falls(before, after, i) for i in own) and not worse_elsewhere(before, after)
+    return fallen and told(after, term) and comes_back(after, term)
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
@@ -42,8 +45,8 @@ def missing_at(step: Step, joints: Sequence[int]) -> bool:
 
 def falls(before: Step, after: Step, joint: int) -> bool:
     """Whether a joint's error (0-based) is above the noise, and falls by more than chance and by a part of that."""
-    was, now, floor = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
-    above = missing_at(before, (joint,)) and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - floor**2)
+    was, now, noise = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
+    above = missing_at(before, (joint,)) and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - noise**2)
     return above and now < (1 - LEAST_FALL) * was
 
 
@@ -79,6 +82,22 @@ def _away(e: Estimate, neutral: float) -> bool:
     if e.interval is None:
         return False
     return not e.interval[0] <= neutral <= e.interval[1]
+
+
+def comes_back(step: Step, term: Term) -> bool:
+    """Whether a line over the motor's angle can come back after a turn of the motor or of the joint: its order counts
+    whole periods of one of them, as far as the data tell. Any other line is one over time, or chance."""
+    model = step.identification.model
+    line = model.library.effects[term.effect].line
+    if line is None or term.joint is None:
+        return True
+    order, ratio = step.identification.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
+    if order.interval is None or order.interval[1] - order.interval[0] > UNRESOLVED_ORDER:
+        return True
+    return any(
+        high - low <= UNRESOLVED_ORDER and floor(high) >= low
+        for low, high in ((order.interval[0] * n, order.interval[1] * n) for n in (1.0, ratio))
+    )
 
 
 def same_signals(one: EffectInfo, other: EffectInfo) -> bool:

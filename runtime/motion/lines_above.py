@@ -14,6 +14,7 @@ from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
     ENOUGH_FOR_NOISE,
     LINE_INSIDE,
+    LINE_TURNS,
     LINE_WORTH,
     NOISE_OF_LINES,
     SLOW_FOR_LINES,
@@ -63,7 +64,7 @@ def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: fl
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]
-    if not len(angle):
+    if not len(angle) or np.ptp(angle) < 2 * np.pi * LINE_TURNS:
         return []
     ordered = np.sort(speed)
     middle = float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
