@@ -9,6 +9,7 @@ motion and judged on the whole.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -254,6 +255,12 @@ class CandidateField:
         # What it replaces would have explained something, too.
         gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
         return Candidate(term, shape, searched, gain, edge, self._lines(term)[1])
+
+    def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
+        """The candidate at that of some shapes which lowers the squared error most."""
+        ground = self.without(self.excerpt[1], self.replaced(term))
+        gain, k = max((self._gain(ground, term, c), k) for k, c in enumerate(choices))
+        return Candidate(term, choices[k], len(choices[k]), gain, False)
 
     def each(self, term: Term) -> list[Candidate]:
         """A candidate at every shape at which the term is tried, refined."""

@@ -152,17 +152,36 @@ class Search:
             self.steps.append(found[1])
 
     def _show(self, step: Step, found: Sequence[Witnessed]) -> bool:
-        """Add what link-side encoders show and the torque does not; whether there was any.
+        """Add what link-side encoders show; whether there was any that the torque alone does not.
 
-        It changes no torque: the fit stays as it is.
+        Where the torque falls with it, too, once all is refitted from there, it is fitted to the torque; else the fit
+        stays as it is.
         """
         in_torque = {e.term for e in self.last.ranked if e.passes}
         for one in (w for w in found if w.term not in in_torque):
             before = self.steps[-1]
-            identification = _beside(before.identification, {one.term: one.values})
-            self.steps.append(replace(before, added=one.term, identification=identification))
-            self.findings.append(Finding(one.evidence, (), Verdict((one.evidence,), ()), before, self.steps[-1]))
+            finding = self._fitted_to_torque(before, one)
+            if finding is None:
+                same = _beside(before.identification, {one.term: one.values})
+                after = replace(before, added=one.term, identification=same)
+                finding = Finding(one.evidence, (), Verdict((one.evidence,), ()), before, after)
+            self.steps.append(finding.after)
+            self.findings.append(finding)
         return self.steps[-1] is not step
+
+    def _fitted_to_torque(self, before: Step, one: Witnessed) -> Finding | None:
+        """A transmission that encoders show, from its values there; None if the torque does not fall with it."""
+        ground = self._field_of(before)
+        shown = {name: e.value for name, e in one.values.items()}
+        choices = [{**c, **shown} for c in ground.choices(one.term)]
+        if not choices or not missing_at(before, own_joints(self.model, one.term)):
+            return None
+        verdict = weigh(ground, [ground.best_of(one.term, choices)], before.floors)
+        if not verdict.ranked:
+            return None
+        (evidence,) = verdict.ranked
+        after = self._with(before, evidence.candidate)
+        return Finding(evidence, (), verdict, before, after) if worth_its_name(before, after, one.term) else None
 
     def _forward(self, step: Step) -> Finding | None:
         able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
@@ -230,9 +249,11 @@ class Search:
 
     def _alike(self, one: Term, other: Term) -> bool:
         """Whether two terms act over the same quantities at the same joint."""
-        effects = self.model.library.effects
-        here = one.joint == other.joint is not None
-        return here and one.effect != other.effect and same_signals(effects[one.effect], effects[other.effect])
+        one_info, other_info = (self.model.library.effects[t.effect] for t in (one, other))
+        if one.joint is None or one.joint != other.joint or one.effect == other.effect:
+            return False
+        contained = one.effect in other_info.generalises or other.effect in one_info.generalises
+        return not contained and same_signals(one_info, other_info)
 
     def _superfluous(self, earlier: Term, terms: Sequence[Term], both: Step) -> int | None:
         """As `needless` of an earlier finding and later terms; `both`: the step with all of them."""

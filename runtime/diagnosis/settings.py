@@ -65,7 +65,7 @@ CLEARLY_LESS: Final = 0.01
 recordings."""
 
 MOST_BRANCHES: Final = 3
-"""number of rivals of a finding that are followed to their ends beside it; time."""
+"""number of rivals; so many of a finding are followed to their ends beside it; time."""
 
 UNRESOLVED_ORDER: Final = 0.5
 """periods a turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole number: chance

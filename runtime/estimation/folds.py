@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.least_squares import bounded, rank
-from runtime.estimation.settings import FOLDS
+from runtime.estimation.least_squares import bounded, bounded_each, rank
 
 Array = NDArray[np.float64]
 
@@ -50,11 +49,10 @@ class NormalEquations:
     @cached_property
     def held_out(self) -> tuple[Array, Array]:
         """Held-out and training SSE (FOLDS,), every fold left out once."""
-        held, trained = np.zeros(FOLDS), np.zeros(FOLDS)
-        for f in range(FOLDS):
-            rest = self._whole - self.grams[f]
-            direction = np.append(bounded(rest[:-1, :-1], rest[:-1, -1], self.lower, self.upper), -1.0)
-            held[f], trained[f] = direction @ self.grams[f] @ direction, direction @ rest @ direction
+        rest = self._whole - self.grams
+        theta = bounded_each(rest[:, :-1, :-1], rest[:, :-1, -1], self.lower, self.upper)
+        direction = np.column_stack([theta, np.full(len(theta), -1.0)])
+        held, trained = (np.einsum("fi,fij,fj->f", direction, gram, direction) for gram in (self.grams, rest))
         return held + self.level, trained + self.level.sum() - self.level
 
     @cached_property

@@ -49,7 +49,7 @@ construction."""
 
 # the search for shapes ----------------------------------------------------------------------------------------------
 
-PREDICTION_PASSES: Final = 3
+PREDICTION_PASSES: Final = 8
 """number of fits; an effect that reads the predicted torque is fitted again with the prediction that it improved,
 unless that moves nothing; development recordings."""
 

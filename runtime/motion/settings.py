@@ -328,8 +328,9 @@ SLOW_FOR_LINES: Final = 0.1
 """part of the highest speed; where the motor is slower, nothing is above the band; a choice."""
 
 LINE_TURNS: Final = 4
-"""turns of the motor from end to end of the motion; with fewer, a line above the band cannot be told to come back with
-the turn, and a wave over time passes for it; an order is then known to a quarter, as the Rayleigh limit has it."""
+"""periods, turns of the motor from end to end of the motion; with fewer, a line above the band cannot be told to come
+back with the turn, and a wave over time passes for it; an order is then known to a quarter, as the Rayleigh limit has
+it."""
 
 LINE_INSIDE: Final = 1.1
 """ratio to a line's frequency at the middle speed; a band up to there holds it on about half of the way; a choice."""

@@ -88,7 +88,7 @@ def test_what_is_not_compensated_is_said(vishard4: Arm) -> None:
     }
     text = render.controller_files(derive(loaded(MIXED["rprrp"])), LIBRARY)["arm_rprrp_controller_f32.h"]
     assert "Not compensated: lugre@1 (has a memory)." in text
-    assert "Not compensated: payload (reads t, tip_load)." in text
+    assert "Not compensated: payload (reads elapsed, tip_load)." in text
     assert "Not compensated" not in sources(vishard4)["vishard4_controller_f32.h"]
 
 
