@@ -35,12 +35,14 @@ from runtime.diagnosis.settings import (
     WORTH_A_LOOK,
 )
 from runtime.estimation.folds import NormalEquations
+from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.wording import whole
 
 Array = NDArray[np.float64]
 
-_EXPLAINS = "it explains"
+_EXPLAINS, _UNSEEN = "it explains", "held-out"
+"""How the sayings of gates begin that a recording which was not fitted can answer better."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,10 @@ class Evidence:
         return not self.failed
 
     @property
-    def small(self) -> bool:
-        """Whether all that speaks against it is that it explains a small part of what is left."""
-        return bool(self.failed) and all(why.startswith(_EXPLAINS) for why in self.failed)
+    def answerable(self) -> bool:
+        """Whether all that speaks against it is that it explains a small part of what is left, or little of stretches
+        that were left out in turn: a recording that was not fitted tells more of both."""
+        return bool(self.failed) and all(why.startswith((_EXPLAINS, _UNSEEN)) for why in self.failed)
 
     def to_json(self) -> dict[str, Any]:
         document: dict[str, Any] = {
@@ -328,7 +331,7 @@ def weigh(field: CandidateField, candidates: Sequence[Candidate], floors: Sequen
     bench = WhitenedGround(field, field.ground, floors, blocks[int(np.argmin(held))])
     evidence = [bench.weigh(c, b) for c, b in zip(finalists, blocks, strict=True)]
     evidence.sort(key=lambda e: (not e.passes, -e.delta_bic))
-    return Verdict(tuple(evidence), _rivals(evidence))
+    return Verdict(tuple(evidence), _rivals(field.model, evidence))
 
 
 def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
@@ -354,13 +357,14 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     return chosen
 
 
-def _rivals(evidence: Sequence[Evidence]) -> tuple[Term, ...]:
-    """Those that pass, too, and that neither Vuong's test nor BIC sets apart from the first."""
+def _rivals(model: Model, evidence: Sequence[Evidence]) -> tuple[Term, ...]:
+    """Those that pass, too, and that neither Vuong's test nor BIC sets apart from the first; what acts on none of its
+    joints explains something else."""
     first = evidence[0]
     if not first.passes:
         return ()
-    found = []
-    for other in evidence[1:]:
+    found, own = [], set(joints_of(model, first.term))
+    for other in (e for e in evidence[1:] if own & set(joints_of(model, e.term))):
         apart = vuong(first.residual, other.residual) >= VUONG_APART and (
             first.delta_bic - other.delta_bic >= BIC_APART
         )

@@ -198,9 +198,8 @@ class Search:
         return None
 
     def _vouched(self, evidence: Evidence) -> bool:
-        """Whether a small part of much that is left may be true all the same, as a recording that was not fitted can
-        tell."""
-        return self.held_out is not None and evidence.small and evidence.share > LEAST_VOUCHED_SHARE
+        """Whether a recording that was not fitted can tell if what gates on the fitted ones hold against it matters."""
+        return self.held_out is not None and evidence.answerable and evidence.share > LEAST_VOUCHED_SHARE
 
     def _able(self, term: Term) -> bool:
         """Whether the term's joint moves for long enough to say anything of it."""

@@ -64,14 +64,15 @@ def squared(errors: Errors) -> float:
 
 def told(step: Step, term: Term) -> bool:
     """Whether the data tell how large a term is: one of the parameters that size it lies away from where the effect
-    vanishes, whatever the rest of the model is; none stopped at a bound."""
+    vanishes, whatever the rest of the model is; none stopped at a bound, or is one with an inertial parameter."""
     info = step.identification.model.library.effects[term.effect]
     if info.gives_way:
         # Its intervals hold biases of the load that are not known in size: the gates alone say whether it is there.
         return True
     values = step.identification.inference.values[term]
     sizes = [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
-    if any(_at_a_bound(values[p.name].value, p) for p in sizes):
+    inertial = {lump.name for lump in step.identification.model.lumps}
+    if any(_at_a_bound(values[p.name].value, p) or inertial & set(values[p.name].with_others) for p in sizes):
         return False
     return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
 
