@@ -68,8 +68,8 @@ MOST_BRANCHES: Final = 3
 """number of rivals; so many of a finding are followed to their ends beside it; time."""
 
 UNRESOLVED_ORDER: Final = 0.5
-"""periods, per turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole number: chance
-would find one in half of all; by construction."""
+"""periods, per turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole number:
+chance would find one in half of all; by construction."""
 
 # the search over candidates -----------------------------------------------------------------------------------------
 

@@ -32,6 +32,7 @@ from runtime.motion.settings import (
     STICKING_OVER_NOISE,
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
+    TURNING_OVER_NOISE,
 )
 from runtime.recordings.plausible import unpowered
 from runtime.recordings.recording import Recording, RecordingError
@@ -143,14 +144,14 @@ class Motion:
     """All pieces, and which of their in-band rows may be used for each joint.
 
     standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
-    sticking (n,): how much of the dry friction at rest, which nobody knows, may leak into a row that counts, as a
-    part of the friction in motion.
+    quiet (n,): torque noise in the band over the joint's dry friction: how much of that must not leak, through the
+    band's filter, from where it is not known into a row that counts.
     """
 
     band: Band
     pieces: tuple[Piece, ...]
     standstill: Array
-    sticking: Array
+    quiet: Array
 
     @property
     def n(self) -> int:
@@ -210,7 +211,7 @@ class Motion:
     @cached_property
     def _moving(self) -> list[Mask]:
         return [
-            np.concatenate([_moving(p, i, self.standstill[i], self.sticking[i]) for p in self.pieces])
+            np.concatenate([_moving(p, i, self.standstill[i], self.quiet[i]) for p in self.pieces])
             for i in range(self.n)
         ]
 
@@ -273,9 +274,11 @@ def _dry_friction(motion: Motion, joint: int) -> float:
     return max(float(found[0] / size[0]), 0.0)
 
 
-def _moving(piece: Piece, joint: int, standstill: float, sticking: float) -> Mask:
-    """(M,) rows that no sample at rest comes near; what is at rest sticks, with any torque below its friction."""
+def _moving(piece: Piece, joint: int, standstill: float, quiet: float) -> Mask:
+    """(M,) rows that no sample at rest comes near; what is at rest sticks, with any torque below its friction, and
+    where it turns, nobody knows when within a sample."""
     still = np.abs(piece.qd[joint]) < standstill
+    turning = np.append(np.diff(np.sign(piece.qd[joint])) != 0, False)
     cutoff = piece.low_pass.cutoff
     blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
     near = max(STANDSTILL_S, blurred)
@@ -283,7 +286,9 @@ def _moving(piece: Piece, joint: int, standstill: float, sticking: float) -> Mas
     count = np.concatenate([[0], np.cumsum(still)])
     lo = np.clip(piece.centres - reach, 0, len(still))
     hi = np.clip(piece.centres + reach + 1, 0, len(still))
-    return (count[hi] == count[lo]) & (piece.low_pass.reach(still) < sticking)
+    stuck = piece.low_pass.reach(still) >= STICKING_OVER_NOISE * quiet
+    turned = piece.low_pass.reach(turning) >= TURNING_OVER_NOISE * quiet
+    return (count[hi] == count[lo]) & ~stuck & ~turned
 
 
 def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
@@ -321,7 +326,7 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum([_dry_friction(motion, i) for i in range(n)], 1e-300)
-    return replace(motion, sticking=STICKING_OVER_NOISE * band.torque_floor()[:n] / friction)
+    return replace(motion, quiet=band.torque_floor()[:n] / friction)
 
 
 def _began(recording: Recording, run: int) -> float:

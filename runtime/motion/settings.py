@@ -206,6 +206,11 @@ STICKING_OVER_NOISE: Final = 25.0
 more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
 recordings with little noise."""
 
+TURNING_OVER_NOISE: Final = 5.0
+"""ratio to the torque noise in the band; a row is left out if dry friction that turned a whole sample earlier or later
+would come to more in it: the instant is anywhere within a sample, which is 0.29 of it, RMS; uniform distribution, and
+development recordings at 100 to 500 Hz."""
+
 HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
 """rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development
 recordings with held joints."""
