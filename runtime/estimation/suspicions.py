@@ -223,6 +223,8 @@ def _turns(motion: Motion, joint: int) -> float:
 
 def _too_small(identification: Identification, able: Sequence[int]) -> list[Suspicion]:
     """Joints whose inertia comes out as the file's, divided by the gear ratio or by the degrees in a radian."""
+    if not identification.model.lumps_known:
+        return []
     found = []
     for i, (fitted, stated) in enumerate(_inertias(identification)):
         info = identification.model.joints[i]

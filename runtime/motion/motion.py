@@ -278,7 +278,7 @@ def _moving(piece: Piece, joint: int, standstill: float, quiet: float) -> Mask:
     """(M,) rows that no sample at rest comes near; what is at rest sticks, with any torque below its friction, and
     where it turns, nobody knows when within a sample."""
     still = np.abs(piece.qd[joint]) < standstill
-    turning = np.append(np.diff(np.sign(piece.qd[joint])) != 0, False)
+    turning = np.append((np.diff(np.sign(piece.qd[joint])) != 0) & ~(still[1:] & still[:-1]), False)
     cutoff = piece.low_pass.cutoff
     blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
     near = max(STANDSTILL_S, blurred)

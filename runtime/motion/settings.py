@@ -201,12 +201,12 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
-STICKING_OVER_NOISE: Final = 25.0
+STICKING_OVER_NOISE: Final = 22.0
 """ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
 more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
 recordings with little noise."""
 
-TURNING_OVER_NOISE: Final = 5.0
+TURNING_OVER_NOISE: Final = 6.0
 """ratio to the torque noise in the band; a row is left out if dry friction that turned a whole sample earlier or later
 would come to more in it: the instant is anywhere within a sample, which is 0.29 of it, RMS; uniform distribution, and
 development recordings at 100 to 500 Hz."""
