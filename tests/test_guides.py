@@ -50,7 +50,6 @@ NOT_TYPED = {
     "tcp://": "needs that cluster",
     '"NumPy"]': "a piece of a back end; tests/codegen/test_codegen_guide.py puts it together",
     "numpy_code": "likewise",
-    "diagnose mounted.toml": "takes some minutes; what it said is told as of one run",
 }
 """What stands in a command or script that is not run here -> why."""
 SLOW = (
