@@ -182,7 +182,7 @@ class CandidateField:
         parts = {}
         for i in joints_of(self.model, term):
             columns = self.regressors.columns(term, i, shape)
-            parts[i] = CandidateRows(columns, self.regressors.perturbed.columns(term, i, shape) - columns)
+            parts[i] = CandidateRows(columns, _apart(self.regressors.perturbed.columns(term, i, shape), columns))
         return self._bounded(term, parts)
 
     def _bounded(self, term: Term, parts: dict[int, CandidateRows]) -> CandidateBlock:
@@ -223,7 +223,7 @@ class CandidateField:
         parts = {}
         for i in joints:
             columns = self.excerpt[0].columns(term, i, shape)
-            parts[i] = CandidateRows(columns, self._reread.columns(term, i, shape) - columns if reread else None)
+            parts[i] = CandidateRows(columns, _apart(self._reread.columns(term, i, shape), columns) if reread else None)
         return self._bounded(term, parts)
 
     def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
@@ -351,3 +351,9 @@ class CandidateField:
             return float(np.log(values[1] / values[0]))
         # Moments between which runs end stand closer.
         return float(np.median(np.diff(values)))
+
+
+def _apart(one: Array, other: Array) -> Array:
+    """Their difference; of what is not finite in both there is none."""
+    with np.errstate(invalid="ignore"):
+        return one - other

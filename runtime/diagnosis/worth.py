@@ -12,6 +12,7 @@ from math import floor
 
 from runtime.diagnosis.settings import (
     AT_THE_FLOOR,
+    FORETOLD,
     HELD_OUT_FALLS_TO,
     LEAST_FALL,
     LEAST_OF_EXCESS,
@@ -30,7 +31,7 @@ def worth_its_name(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that the data tell."""
     own = own_joints(after.identification.model, term)
     fallen = any(falls(before, after, i) for i in own) and not worse_elsewhere(before, after)
-    return fallen and told(after, term) and comes_back(after, term)
+    return fallen and (told(after, term) or foretold(before, after)) and comes_back(after, term)
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
@@ -55,6 +56,14 @@ def worse_elsewhere(before: Step, after: Step) -> bool:
     if before.held_out is None or after.held_out is None:
         return False
     return squared(after.held_out) >= HELD_OUT_FALLS_TO * squared(before.held_out)
+
+
+def foretold(before: Step, after: Step) -> bool:
+    """Whether recordings that were not fitted are explained so much better that the values must be near the truth,
+    however wide their intervals: several of them may do for each other."""
+    if before.held_out is None or after.held_out is None:
+        return False
+    return squared(after.held_out) < FORETOLD * squared(before.held_out)
 
 
 def squared(errors: Errors) -> float:

@@ -140,7 +140,7 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         step[i] = max(resolution(r.q[i, g.longest.samples]) for r, g in zip(recordings, grids, strict=True))
         torque[i] = np.median([d.density(r.tau[i]) for r, d in zip(recordings, noise, strict=True)])
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
     # A torque that never changes has no noise to be rivalled: the joint is passive, and left out of the fit.
     balance[torque == 0] = np.inf
