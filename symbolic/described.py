@@ -137,6 +137,7 @@ class DescribedEffect(Generic[P]):
     has_gap      between two flanks nothing is transmitted; a link-side encoder shows the play
     carried      the transmission carries it on to the link, as it carries the weight of the arm: it belongs to the
                  signal `load`, so that it may read neither that nor what hangs on other effects
+    one_form     its law is one of many forms of such an effect: what it leaves is where it differs from the true one
     sits_at      on which side of a torque sensor at the joint's output, where `side` does not follow from the rest
     brought      a trajectory brings it along, with parameters of its own: springs to plan with (scope "joint"), what
                  the end-effector touches (scope "contact"); a controller always compensates it
@@ -165,6 +166,7 @@ class DescribedEffect(Generic[P]):
     dry: bool = False
     has_gap: bool = False
     carried: bool = False
+    one_form: bool = False
     sits_at: Literal["motor", "link"] | None = None
     brought: bool = False
     several: bool = False

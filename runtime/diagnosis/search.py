@@ -247,12 +247,13 @@ class Search:
         return any(self._superfluous(f.term, terms, both) == 1 for f in earlier)
 
     def _alike(self, one: Term, other: Term) -> bool:
-        """Whether two terms act over the same quantities at the same joint."""
+        """Whether a later term may be the rest of one before, at the same joint: over the same quantities, or after one
+        whose law is one form of many."""
         one_info, other_info = (self.model.library.effects[t.effect] for t in (one, other))
         if one.joint is None or one.joint != other.joint or one.effect == other.effect:
             return False
         contained = one.effect in other_info.generalises or other.effect in one_info.generalises
-        return not contained and same_signals(one_info, other_info)
+        return not contained and (one_info.one_form or same_signals(one_info, other_info))
 
     def _superfluous(self, earlier: Term, terms: Sequence[Term], both: Step) -> int | None:
         """As `needless` of an earlier finding and later terms; `both`: the step with all of them."""

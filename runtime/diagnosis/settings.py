@@ -68,7 +68,7 @@ MOST_BRANCHES: Final = 3
 """number of rivals; so many of a finding are followed to their ends beside it; time."""
 
 UNRESOLVED_ORDER: Final = 0.5
-"""periods, per turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole number:
+"""number of periods a turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole one:
 chance would find one in half of all; by construction."""
 
 # the search over candidates -----------------------------------------------------------------------------------------
@@ -176,9 +176,9 @@ ABOVE_NOISE: Final = 1.15
 """ratio to the instruments' noise; a residual must be above it before what comes back with the motion is called
 physics: coarse steps come back, too; development recordings."""
 
-FORM_PART: Final = 0.1
-"""part of the variance; if as much comes back with the motion after an effect was added, its law should have explained
-more; development recordings with forms that are not the library's."""
+FORM_PART: Final = 0.2
+"""part of the variance; if as much surely comes back with the motion after an effect was added, its law should have
+explained more; development recordings with forms that are not the library's."""
 
 FORM_ABOVE_NOISE: Final = 1.03
 """ratio to the instruments' noise; the same for the residual's level; development recordings with forms that are not

@@ -143,7 +143,7 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
     # A torque that never changes has no noise to be rivalled: the joint is passive, and left out of the fit.
-    balance[torque == 0] = np.inf
+    balance[(torque == 0) | np.isnan(balance)] = np.inf
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
     band = Band(*_cut(balance, ceiling), torque, position, step)
     band = replace(band, rates=judged(recordings, grids, band.cutoff, position))

@@ -16,6 +16,8 @@ from runtime.motion.settings import (
     REPEAT_LEAST_S,
     REPEAT_LEAST_TRAVEL,
     REPEAT_SEARCH_HZ,
+    REPEAT_SIGMAS,
+    REPEAT_STRETCHES,
     REPEAT_WINDOW_S,
     REPEAT_WINDOWS,
 )
@@ -39,9 +41,10 @@ class Repeats:
     seconds: float
 
     def pure_error(self, residual: Array, use: NDArray[np.bool_]) -> tuple[float, float] | None:
-        """Standard deviation of what does not repeat in a residual (M,), and of what does; None: too few rows.
+        """Standard deviation of what does not repeat in a residual (M,), and of what surely does; None: too few rows.
 
-        Between two passes the repeating part cancels in the difference and remains in the mean.
+        Between two passes the repeating part cancels in the difference and remains in the mean. That mean varies by
+        chance, as its stretches show: what it may owe to that is taken off.
         """
         both = [(residual[p.first], residual[p.second], use[p.first] & use[p.second]) for p in self.pairs]
         a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
@@ -49,7 +52,9 @@ class Repeats:
         if len(a) < REPEAT_LEAST_ROWS:
             return None
         noise = float(np.mean((a - b) ** 2) / 2)
-        repeating = float(np.mean(a * b))
+        means = [float(stretch.mean()) for stretch in np.array_split(a * b, REPEAT_STRETCHES)]
+        chance = float(np.std(means, ddof=1)) / REPEAT_STRETCHES**0.5
+        repeating = float(np.mean(a * b)) - REPEAT_SIGMAS * chance
         return float(np.sqrt(noise)), float(np.sqrt(max(repeating, 0.0)))
 
 

@@ -201,7 +201,7 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
-STICKING_OVER_NOISE: Final = 22.0
+STICKING_OVER_NOISE: Final = 8.0
 """ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
 more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
 recordings with little noise."""
@@ -256,6 +256,14 @@ REPEAT_LEAST_TRAVEL: Final = 0.02
 
 REPEAT_LEAST_S: Final = 4.0
 """s; less motion that comes back gives no floor; two windows."""
+
+REPEAT_STRETCHES: Final = 10
+"""number of stretches; their means say how much a mean over all pairs of rows varies by chance: enough to know that to
+a quarter, each long against what hangs together; by construction."""
+
+REPEAT_SIGMAS: Final = 2.0
+"""standard deviations; what comes back must be beyond chance by as many, one in forty on one side; normal
+distribution."""
 
 REPEAT_LEAST_ROWS: Final = 100
 """rows; from so many a variance is known to a seventh; chi-squared distribution."""
@@ -333,9 +341,8 @@ SLOW_FOR_LINES: Final = 0.1
 """part of the highest speed; where the motor is slower, nothing is above the band; a choice."""
 
 LINE_TURNS: Final = 4
-"""periods, turns of the motor from end to end of the motion; with fewer, a line above the band cannot be told to come
-back with the turn, and a wave over time passes for it; an order is then known to a quarter, as the Rayleigh limit has
-it."""
+"""number of turns of the motor from end to end of the motion; with fewer, a line above the band cannot be told to come
+back with the turn, and a wave over time passes for it; an order is known to a quarter then, the Rayleigh limit."""
 
 LINE_INSIDE: Final = 1.1
 """ratio to a line's frequency at the middle speed; a band up to there holds it on about half of the way; a choice."""

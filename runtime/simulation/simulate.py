@@ -259,7 +259,8 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
         raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
     found = model.library.recover(term.effect, np.where(rows > 0, SHARE * size / rows, 0.0), shape)
     # A factor is an effect by what it differs from 1; its fixed part says so.
-    return {p.name: p.neutral + SHARE if p.neutral else found[p.name] for p in info.parameters}
+    sizes = {p.name: p.neutral + SHARE if p.neutral else found[p.name] for p in info.parameters}
+    return {p.name: float(np.clip(sizes[p.name], *p.bounds)) for p in info.parameters}
 
 
 def _middle(grid: Sequence[Values], info: EffectInfo) -> int:

@@ -201,6 +201,7 @@ FRICTION_PATCH = Effect(
             "end", u.POSITION, "where the patch ends", "shape", grid=Grid(0, 1, 11, "position", "linear"), kind="end"
         ),
     ),
+    one_form=True,
     summary="A stretch of the range with more friction: a worn or dirty place, a bent shaft, a tight seal.",
     equation="dF sgn(qd) for start < q < end, else 0",
     trace="Over the position, a rectangle that changes its sign with the direction.",
@@ -241,6 +242,7 @@ LUGRE = Effect(
             step=LEVEL * SIGN + (_Z - LEVEL * SIGN) * _DECAY,
         ),
     ),
+    one_form=True,
     summary="Presliding: after a reversal, dry friction builds up like a spring until it slides.",
     equation="z - F sgn(qd) + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction",
     trace="After each reversal the residual decays over a fixed distance, not over a fixed time or speed.",

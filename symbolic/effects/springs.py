@@ -134,6 +134,7 @@ CABLE = Effect(
     ),
     # A polynomial: a dress pack bends and does not repeat with the turn, so harmonics of q have no meaning, and the
     # fourth degree is what the source found sufficient over a joint's range. Its constant is the effect `offset`.
+    one_form=True,
     summary="The pull of hoses and wires along the arm: a smooth curve over the position.",
     equation="c1 q + c2 q^2 + c3 q^3 + c4 q^4",
     trace="Over the position, a smooth curve, the same in both directions and at every speed.",
@@ -168,6 +169,7 @@ END_STOP = Effect(
             kind="side",
         ),
     ),
+    one_form=True,
     summary="A soft mechanical stop at one end of the range.",
     equation="k (q - q_e)+ + d qd in contact, mirrored for side = -1",
     trace="Over the position, nothing up to a point near one end of the range, then a steep rise.",
@@ -219,6 +221,7 @@ SPRING_HYSTERESIS = Effect(
         ),
         State("position", u.POSITION, "q of the last sample", Q, initial=Q),
     ),
+    one_form=True,
     summary="A loop over the position, the same at any speed: inner friction of a flexspline, belt or cable.",
     equation="F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j = 1..4",
     trace="After each reversal the residual follows the same parabola over twice the width, at any speed.",

@@ -1,0 +1,73 @@
+"""Effects that hang on each other: the load that friction reads, rivals followed to their ends, one effect in another
+form, and what a held-out recording says; on a plant written apart from the library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from runtime.diagnosis.diagnose import Diagnosis, diagnose, finding_json
+from runtime.estimation.identify import identify
+from runtime.model.loader import Model
+from runtime.model.terms import Term
+from runtime.workspace import Source
+from tests.upright import Upright, model, record
+from tests.variants import slow
+
+
+@pytest.fixture
+def opened(cache: Path, tmp_path: Path):  # noqa: ARG001
+    def opened(effects: str = "", gravity: float = 0.0) -> Model:
+        path = tmp_path / "upright.toml"
+        path.write_text(model(effects, gravity))
+        return Source.read(path, None).model()
+
+    return opened
+
+
+def named(found: Diagnosis) -> list[str]:
+    return [str(f.term) for f in found.findings]
+
+
+@pytest.mark.parametrize("seed", [1, slow(2), slow(3), slow(4)])
+def test_gravity_that_is_left_out_belongs_to_the_load(seed: int, opened) -> None:
+    found = diagnose(opened(), [record(Upright(gravity=9.81, by_load=0.1 + 0.05 * seed), seed)])
+    assert named(found) == ["gravity", "load_friction@1"]
+    values = found.steps[-1].identification.inference.values
+    assert values[Term("gravity")]["gy"].value == pytest.approx(-9.81, abs=0.1)
+    friction = values[Term("load_friction", 1)]["coefficient"]
+    assert friction.value == pytest.approx(0.1 + 0.05 * seed, rel=0.05)
+
+
+def test_what_an_effect_of_the_file_carries_belongs_to_the_load(opened) -> None:
+    """Gravity that the file does not state but has as an effect, its values unknown."""
+    known = opened("[joint.effects.load_friction]\n[effects.gravity]")
+    fitted = identify(known, [record(Upright(gravity=9.81, by_load=0.2), 5)]).inference.values
+    assert fitted[Term("load_friction", 1)]["coefficient"].value == pytest.approx(0.2, rel=0.05)
+    assert fitted[Term("gravity")]["gy"].value == pytest.approx(-9.81, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", [6, slow(7)])
+def test_another_form_is_one_finding_with_a_remainder(seed: int, opened) -> None:
+    found = diagnose(opened(), [record(Upright(pack=4.0), seed)])
+    assert named(found) == ["cable@1"]
+    assert "another form" in finding_json(found, 0)["remainder"]
+
+
+def test_what_sticks_at_a_turn_does_not_bend_the_friction(opened) -> None:
+    """Where noise is low, a joint that sticks while it turns holds a torque that no law of its rate has."""
+    known = identify(opened("[joint.effects.stribeck]"), [record(Upright(stribeck=0.35, noise=0.03), 3, substeps=25)])
+    values = known.inference.values
+    assert values[Term("coulomb_asymmetric", 1)]["positive"].value == pytest.approx(2.0, rel=0.01)
+    assert values[Term("viscous", 1)]["coefficient"].value == pytest.approx(1.2, rel=0.01)
+
+
+def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
+    """Over a small range a weight and a spring are one; over a large one that was not fitted they are not."""
+    plant = Upright(gravity=9.81)
+    small = diagnose(opened(), [record(plant, 8, size=0.25)])
+    wide = diagnose(opened(), [record(plant, 8, size=0.25)], [record(plant, 9)])
+    assert small.findings[0].rivals
+    assert named(wide) == ["gravity"]
+    assert len(wide.findings[0].rivals) < len(small.findings[0].rivals)
