@@ -31,7 +31,7 @@ from runtime.estimation.settings import (
     PREDICTION_PASSES,
     ROTOR_ASSUMED,
     ROTOR_SHARES,
-    SAME_INERTIA,
+    SAME_PREDICTION,
     SEARCH_EVALUATIONS,
     SEARCH_FALL,
     SEARCH_INSIDE,
@@ -131,13 +131,13 @@ def solve(
     ahead = start.ahead if start else None
     problem, fit = _refine(model, motion, known, shapes, at, free, prediction, ahead)
     for _ in range(PREDICTION_PASSES - 1 if needs else 0):
-        before = fit.prediction.lumps
+        before = fit.coefficients
         if not _drivable(model, motion, needs, fit.prediction):
             break
         problem, fit = _refine(
             model, motion, known, fit.shapes, fit.skew, free, fit.prediction, _delayed(model, motion, fit)
         )
-        if np.allclose(before, fit.prediction.lumps, rtol=SAME_INERTIA):
+        if np.allclose(before, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0):
             break
     return problem, fit
 

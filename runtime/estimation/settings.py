@@ -53,9 +53,8 @@ PREDICTION_PASSES: Final = 8
 """number of fits; an effect that reads the predicted torque is fitted again with the prediction that it improved,
 unless that moves nothing; development recordings."""
 
-SAME_INERTIA: Final = 1e-3
-"""part of an inertial parameter; a prediction that moves it by less is as good as the one before; development
-recordings."""
+SAME_PREDICTION: Final = 1e-3
+"""part of a coefficient; a prediction that moves none by more is as good as the one before; development recordings."""
 
 SEARCH_STEP: Final = 1e-4
 """part of a grid's stretch; over it a derivative by a shape is taken, and a search that moves less has ended; between
