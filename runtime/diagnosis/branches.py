@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from runtime.diagnosis.likelihood import whitened_bic
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import BIC_APART, HELD_OUT_FALLS_TO, MOST_BRANCHES
@@ -49,7 +50,7 @@ def _best(branches: list[Search], number: int) -> Search:
     """The branch whose whole set explains most, the first unless another is clearly better; its rivals are the terms
     of those that are not clearly worse."""
     ends = [b.steps[-1] for b in branches]
-    scores = branches[0].whitened_bic(branches[0].ground(), ends)
+    scores = whitened_bic(branches[0].ground().ground, ends)
     best = 0
     for k in range(1, len(branches)):
         if _clearly_better(ends[k], ends[best], scores[k], scores[best]):

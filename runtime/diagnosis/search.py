@@ -10,11 +10,10 @@ import numpy as np
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
+from runtime.diagnosis.likelihood import whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
-    CLEARLY_LESS,
-    HELD_OUT_FALLS_TO,
     LEAST_DELTA_BIC,
     LEAST_MOVING_S,
     LEAST_VOUCHED_SHARE,
@@ -25,9 +24,17 @@ from runtime.diagnosis.settings import (
 )
 from runtime.diagnosis.steps import Finding, Step, errors_elsewhere, seconds_moving
 from runtime.diagnosis.twist import Witnessed, witnessed
-from runtime.diagnosis.worth import missing_at, needless, own_joints, same_signals, squared, worth_its_name
+from runtime.diagnosis.worth import (
+    missing_at,
+    needless,
+    own_joints,
+    preferred,
+    refuted,
+    same_signals,
+    squared,
+    worth_its_name,
+)
 from runtime.estimation.estimate import Estimate
-from runtime.estimation.folds import bic
 from runtime.estimation.identify import Identification, identify_motion
 from runtime.estimation.problem import Problem
 from runtime.estimation.suspicions import Suspicion
@@ -217,11 +224,11 @@ class Search:
         best = 0
         for k, (other, after) in enumerate(zip(tried, steps, strict=True)):
             joint = joints_of(self.model, other.term)[0]
-            if _preferred(after, steps[best], joint):
+            if preferred(after, steps[best], joint):
                 best = k
-        refuted = tuple(e.term for e, after in zip(tried, steps, strict=True) if _refuted(after, steps[best]))
+        lost = tuple(e.term for e, after in zip(tried, steps, strict=True) if refuted(after, steps[best]))
         others = tuple(t for t in (evidence.term, *rivals) if t != tried[best].term)
-        return Finding(tried[best], others, self.last, step, steps[best], refuted)
+        return Finding(tried[best], others, self.last, step, steps[best], lost)
 
     def instead(self, number: int, term: Term) -> Search | None:
         """A search that differs from this one from a finding on: it has one of its rivals in its place; None where
@@ -280,7 +287,7 @@ class Search:
             return None
         steps = [self._with(step, p.first, p.second) for p in others]
         beside = [self._with(step, own[0].first, own[0].second)] if own else []
-        scores = self.whitened_bic(ground, [single.after if single else step, *steps, *beside])
+        scores = whitened_bic(ground.ground, [single.after if single else step, *steps, *beside])
         plain, scores, alternatives = scores[0], scores[1 : 1 + len(steps)], scores[1 + len(steps) :]
         best = int(np.argmin(scores))
         if plain - scores[best] < LEAST_DELTA_BIC or any(b - scores[best] < BIC_APART for b in alternatives):
@@ -319,21 +326,6 @@ class Search:
                 replace(together, added=second.term),
             ),
         )
-
-    def whitened_bic(self, ground: CandidateField, steps: Sequence[Step]) -> list[float]:
-        """BIC of refitted structures under one noise model, that of the best of them; ground: of any of them."""
-        fits = [s.identification for s in steps]
-        rows = ground.ground.rows
-        weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(rows, f.fit.residual, strict=True)) for f in fits]
-        best = fits[int(np.argmin(weighted))].fit.residual
-        noise = [r.autoregression(e) for r, e in zip(rows, best, strict=True)]
-        total = sum(r.count for r in rows)
-        found = []
-        for f in fits:
-            white = [r.whiten(e, ar) for r, e, ar in zip(rows, f.fit.residual, noise, strict=True)]
-            fit = sum(bic(float(e @ e), r.count, 0) for r, e in zip(rows, white, strict=True) if r.count)
-            found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
-        return found
 
     def _reconsider(self) -> bool:
         """Take back or exchange the first finding that later ones have made superfluous or less likely than another;
@@ -403,21 +395,6 @@ class Search:
             steps.append(self._step(finding.term, self._structure(added), self.steps[-1]))
             findings.append(replace(finding, before=steps[-2], after=steps[-1]))
         self.steps, self.findings = steps, findings
-
-
-def _preferred(other: Step, best: Step, joint: int) -> bool:
-    """Whether a step clearly leaves less than another: of recordings that were not fitted where they tell, else at
-    a joint (0-based) of those that were."""
-    if _refuted(other, best):
-        return False
-    return _refuted(best, other) or other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
-
-
-def _refuted(step: Step, best: Step) -> bool:
-    """Whether another step explains recordings that were not fitted clearly better."""
-    if step.held_out is None or best.held_out is None:
-        return False
-    return squared(best.held_out) < HELD_OUT_FALLS_TO * squared(step.held_out)
 
 
 def _beside(identification: Identification, shown: Mapping[Term, Mapping[str, Estimate]]) -> Identification:

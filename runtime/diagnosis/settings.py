@@ -33,7 +33,7 @@ quarter in the trial of a method, a fifth after development recordings with two 
 
 LEAST_SHARE_OF_ONE: Final = 0.1
 """part of the variance above the noise floor; of an effect of which a joint may have several, each must explain so much
-of what is left: half of what a single one must, as two of them share it; by construction."""
+of what is left: half of what a single one must, as two of them share it; a choice, with a real motor in view."""
 
 MOST_NOISE: Final = 0.4
 """part of its own torque, of the square; so much a second reading of the encoders may change before it is the encoder's

@@ -12,6 +12,7 @@ from math import floor
 
 from runtime.diagnosis.settings import (
     AT_THE_FLOOR,
+    CLEARLY_LESS,
     FORETOLD,
     HELD_OUT_FALLS_TO,
     LEAST_FALL,
@@ -128,3 +129,18 @@ def needless(none: Step, alone: Sequence[Step], both: Step, joint: int) -> int |
     if max(kept) < MOST_OF_BOTH:
         return None
     return 1 if kept[0] >= kept[1] else 0
+
+
+def preferred(other: Step, best: Step, joint: int) -> bool:
+    """Whether a step clearly leaves less than another: of recordings that were not fitted where they tell, else at
+    a joint (0-based) of those that were."""
+    if refuted(other, best):
+        return False
+    return refuted(best, other) or other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
+
+
+def refuted(step: Step, best: Step) -> bool:
+    """Whether another step explains recordings that were not fitted clearly better."""
+    if step.held_out is None or best.held_out is None:
+        return False
+    return squared(best.held_out) < HELD_OUT_FALLS_TO * squared(step.held_out)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library
-from runtime.motion import sensors
+from runtime.motion import sensors, turns
 from runtime.motion.band import Band, excitation
 from runtime.motion.clock import EvenGrid, Stretch, grid, interpolated
 from runtime.motion.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
@@ -23,16 +23,10 @@ from runtime.motion.settings import (
     LEAST_ROWS,
     MOST_DELAY,
     SPLINE_DEGREE,
-    STANDSTILL_BLUR,
     STANDSTILL_NOISE,
     STANDSTILL_OF_TOP_SPEED,
-    STANDSTILL_PERIODS,
-    STANDSTILL_S,
-    STANDSTILL_SHARP_HZ,
-    STICKING_OVER_NOISE,
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
-    TURNING_OVER_NOISE,
 )
 from runtime.recordings.plausible import unpowered
 from runtime.recordings.recording import Recording, RecordingError
@@ -138,6 +132,10 @@ class Piece:
         """x (..., N) -> (..., M)."""
         return self.low_pass(x)
 
+    def moving(self, joint: int, standstill: float, quiet: float) -> Mask:
+        """(M,) as `turns.moving`, at a joint (0-based)."""
+        return turns.moving(self.qd[joint], self.dt, self.low_pass, standstill, quiet)
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -211,8 +209,7 @@ class Motion:
     @cached_property
     def _moving(self) -> list[Mask]:
         return [
-            np.concatenate([_moving(p, i, self.standstill[i], self.quiet[i]) for p in self.pieces])
-            for i in range(self.n)
+            np.concatenate([p.moving(i, self.standstill[i], self.quiet[i]) for p in self.pieces]) for i in range(self.n)
         ]
 
     @cached_property
@@ -263,32 +260,9 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
 
 
 def _dry_friction(motion: Motion, joint: int) -> float:
-    """N m (N), about: the jump of a joint's torque where it turns, beside what is smooth in its own motion."""
     use = motion.moving(joint)
-    if not use.any():
-        return 0.0
     q, qd, qdd = (motion.rows(name)[joint, use] for name in ("q", "qd", "qdd"))
-    columns = np.array([np.sign(qd), qd, qdd, np.ones_like(q), np.sin(q), np.cos(q)])
-    size = np.linalg.norm(columns, axis=1)
-    found = np.linalg.lstsq((columns / size[:, None]).T, motion.torque(joint, 0.0)[use], rcond=1e-9)[0]
-    return max(float(found[0] / size[0]), 0.0)
-
-
-def _moving(piece: Piece, joint: int, standstill: float, quiet: float) -> Mask:
-    """(M,) rows that no sample at rest comes near; what is at rest sticks, with any torque below its friction, and
-    where it turns, nobody knows when within a sample."""
-    still = np.abs(piece.qd[joint]) < standstill
-    turning = np.append((np.diff(np.sign(piece.qd[joint])) != 0) & ~(still[1:] & still[:-1]), False)
-    cutoff = piece.low_pass.cutoff
-    blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
-    near = max(STANDSTILL_S, blurred)
-    reach = max(1, round(near / piece.dt))
-    count = np.concatenate([[0], np.cumsum(still)])
-    lo = np.clip(piece.centres - reach, 0, len(still))
-    hi = np.clip(piece.centres + reach + 1, 0, len(still))
-    stuck = piece.low_pass.reach(still) >= STICKING_OVER_NOISE * quiet
-    turned = piece.low_pass.reach(turning) >= TURNING_OVER_NOISE * quiet
-    return (count[hi] == count[lo]) & ~stuck & ~turned
+    return turns.dry_friction(q, qd, qdd, motion.torque(joint, 0.0)[use])
 
 
 def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:

@@ -348,8 +348,9 @@ LINE_INSIDE: Final = 1.1
 """ratio to a line's frequency at the middle speed; a band up to there holds it on about half of the way; a choice."""
 
 LINE_WORTH: Final = 0.01
-"""part of the strongest line's power, a tenth of its size; a line with less asks for no higher band; a choice."""
+"""part of the strongest line's power, a tenth of its size; a line with less asks for no higher band; a choice, with
+a real motor in view."""
 
 NOISE_OF_LINES: Final = 0.1
 """ratio of RMS; the encoder's noise as an inertial torque in the raised band to all lines above it: a hundredth of
-their power; a choice."""
+their power; a choice, with a real motor in view."""
