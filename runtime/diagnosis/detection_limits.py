@@ -33,6 +33,7 @@ from runtime.estimation import grids
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
+from runtime.parallel import of_each
 from runtime.wording import quantity
 
 Array = NDArray[np.float64]
@@ -79,7 +80,7 @@ def of(ground: CandidateField, floors: Sequence[float], joints: Sequence[int]) -
     """
     bench = WhitenedGround(ground, ground.excerpt[1], floors, None)
     own = [term for term in ground.terms() if joints_of(ground.model, term)[0] in joints]
-    found = (_limit(bench, term) for term in own)
+    found = of_each("detection limits", lambda term: _limit(bench, term), own)
     return [limit for limit in found if limit is not None and np.isfinite(limit.value)]
 
 

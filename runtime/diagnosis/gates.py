@@ -37,6 +37,7 @@ from runtime.diagnosis.settings import (
 from runtime.estimation.folds import NormalEquations
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
+from runtime.parallel import of_each
 from runtime.wording import whole
 
 Array = NDArray[np.float64]
@@ -338,13 +339,16 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
     transmission that an encoder watches."""
     ground = field.excerpt[1]
-    found = [c for c in map(field.search, terms) if c is not None]
+    # Made once, before several threads ask for it.
+    regressors, _ = field.excerpt
+    assert regressors.signals
+    found = [c for c in of_each("candidates", field.search, terms) if c is not None]
 
     def held(c: Candidate) -> float:
         block = field.trial(c.term, c.shape)
         return float(field.without(ground, field.replaced(c.term)).equations(block).held_out[0].sum())
 
-    errors = {c.term: held(c) for c in found}
+    errors = dict(zip((c.term for c in found), of_each("their errors", held, found), strict=True))
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
     least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.equations(None).held_out[0].sum())

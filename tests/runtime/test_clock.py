@@ -113,6 +113,16 @@ def test_a_lost_sample_is_a_place_left_out(run: Recording) -> None:
     assert places == pytest.approx(rows)
 
 
+@pytest.mark.parametrize("pace", [0.9962, 0.9989, 1.0011, 1.0037])
+def test_rounding_does_not_draw_the_period_to_its_own_places(pace: float, run: Recording) -> None:
+    """500 Hz of a clock that is off by up to 0.4 %, jittering, in whole milliseconds: no sample is taken for lost."""
+    rows = np.arange(0, len(run.t), 2)
+    jitter = np.random.default_rng(4).normal(0, 1.5e-4, len(rows))
+    found = grid(sampled(run, rows, np.round(pace * run.t[rows] + jitter - jitter.min(), 3)))
+    assert found.period == pytest.approx(2e-3 * pace, rel=1e-4)
+    assert found.longest.size == len(rows)
+
+
 def test_segments_have_one_period(run: Recording) -> None:
     logged = uneven(run)
     middle = len(logged.t) // 2

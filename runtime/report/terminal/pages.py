@@ -10,6 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
+from runtime.parallel import Progress, heard_by
 from runtime.report.terminal.cells import (
     Document,
     console,
@@ -29,13 +30,14 @@ _PATIENCE = 2.0  # s
 
 @contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
-    """Says on standard error what is going on: a spinner on a terminal, else one line after two seconds.
+    """Says on standard error what is going on: a spinner on a terminal, with how far it is and how long that will
+    take, else one line after two seconds.
 
     Gives a function for lines of progress in between.
     """
     console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
     if console.is_terminal:
-        with console.status(f"{what} …"):
+        with console.status(f"{what} …") as status, heard_by(lambda p: status.update(f"{what} … {_how_far(p)}")):
             yield console.print
         return
     timer = threading.Timer(_PATIENCE, lambda: print(f"{what} …", file=sys.stderr, flush=True))
@@ -45,6 +47,12 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
         yield lambda line: print(line, file=sys.stderr, flush=True)
     finally:
         timer.cancel()
+
+
+def _how_far(progress: Progress) -> str:
+    """The part of a piece of work that is done, and the time that is left of it."""
+    done = f"{progress.what} {progress.done} of {progress.parts}"
+    return f"{done}, {progress.left:.0f} s left" if progress.left >= 1 else done
 
 
 def effects(document: Document) -> None:
