@@ -32,7 +32,8 @@ def worth_its_name(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that the data tell."""
     own = own_joints(after.identification.model, term)
     fallen = any(falls(before, after, i) for i in own) and not worse_elsewhere(before, after)
-    return fallen and (told(after, term) or foretold(before, after)) and comes_back(after, term)
+    sure = told(after, term) or foretold(before, after)
+    return fallen and sure and not stopped(after, term) and comes_back(after, term)
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
@@ -74,17 +75,28 @@ def squared(errors: Errors) -> float:
 
 def told(step: Step, term: Term) -> bool:
     """Whether the data tell how large a term is: one of the parameters that size it lies away from where the effect
-    vanishes, whatever the rest of the model is; none stopped at a bound, or is one with an inertial parameter."""
+    vanishes, whatever the rest of the model is."""
+    values, sizes = step.identification.inference.values[term], _sizes(step, term)
+    return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
+
+
+def stopped(step: Step, term: Term) -> bool:
+    """Whether a parameter that sizes a term stopped at the bound of what is physical, or is one with an inertial
+    parameter."""
+    values = step.identification.inference.values[term]
+    inertial = {lump.name for lump in step.identification.model.lumps}
+    return any(
+        _at_a_bound(values[p.name].value, p) or inertial & set(values[p.name].with_others) for p in _sizes(step, term)
+    )
+
+
+def _sizes(step: Step, term: Term) -> list[DescribedParameter]:
+    """The parameters that size a term. None of a transmission: its intervals hold biases of the load that are not
+    known in size, and the gates alone say whether it is there."""
     info = step.identification.model.library.effects[term.effect]
     if info.gives_way:
-        # Its intervals hold biases of the load that are not known in size: the gates alone say whether it is there.
-        return True
-    values = step.identification.inference.values[term]
-    sizes = [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
-    inertial = {lump.name for lump in step.identification.model.lumps}
-    if any(_at_a_bound(values[p.name].value, p) or inertial & set(values[p.name].with_others) for p in sizes):
-        return False
-    return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
+        return []
+    return [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
 
 
 def _at_a_bound(value: float, p: DescribedParameter) -> bool:

@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from codegen import render
@@ -37,18 +37,23 @@ def changed(arm: Arm, place: tuple[int, str], out: bool) -> Arm:
     return replace(arm, joints=tuple(made if j is joint else j for j in arm.joints))
 
 
+def off_their_lines() -> list[tuple[int, int]]:
+    """Arms by (joints, seed) whose centres of mass lie off their links' lines and ends: there, moments would be left
+    out that an unknown one may have."""
+    every = ((n, seed) for n in (1, 2, 3) for seed in range(41))
+    links = {(n, seed): [j.link for j in random_arm(n, seed).joints] for n, seed in every}
+    return [key for key, arm in links.items() if all(x.com and x.com[1] and x.com[0] != x.length for x in arm)]
+
+
 @settings(max_examples=25, deadline=None)
 @given(
-    n=st.integers(1, 3),
-    seed=st.integers(0, 40),
+    which=st.sampled_from(off_their_lines()),
     left_out=st.sets(st.tuples(st.integers(0, 2), st.sampled_from(KEYS)), max_size=4),
 )
 def test_a_base_parameter_is_known_where_no_number_behind_it_is_left_out(
-    n: int, seed: int, left_out: set[tuple[int, str]]
+    which: tuple[int, int], left_out: set[tuple[int, str]]
 ) -> None:
-    arm = random_arm(n, seed)
-    # A centre of mass on the link's line, or at its end, leaves moments out that an unknown one may have.
-    assume(all(j.link.com is not None and j.link.com[1] and j.link.com[0] != j.link.length for j in arm.joints))
+    arm = random_arm(*which)
     whole = base_parameters(arm).values
     bare = arm
     for place in left_out:
