@@ -33,7 +33,7 @@ codegen.firmware
 codegen.verify
 codegen.prepare
 
-runtime.files runtime.plain_json runtime.wording runtime.setting runtime.parallel
+runtime.files runtime.plain_json runtime.wording runtime.setting runtime.progress
 runtime.model
 runtime.recordings
 runtime.motion

@@ -33,7 +33,7 @@ from runtime.estimation import grids
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
-from runtime.parallel import of_each
+from runtime.progress import of_each
 from runtime.wording import quantity
 
 Array = NDArray[np.float64]

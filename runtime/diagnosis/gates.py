@@ -37,7 +37,7 @@ from runtime.diagnosis.settings import (
 from runtime.estimation.folds import NormalEquations
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
-from runtime.parallel import of_each
+from runtime.progress import of_each
 from runtime.wording import whole
 
 Array = NDArray[np.float64]
@@ -339,9 +339,6 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
     transmission that an encoder watches."""
     ground = field.excerpt[1]
-    # Made once, before several threads ask for it.
-    regressors, _ = field.excerpt
-    assert regressors.signals
     found = [c for c in of_each("candidates", field.search, terms) if c is not None]
 
     def held(c: Candidate) -> float:

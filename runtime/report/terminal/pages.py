@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
-from runtime.parallel import Progress, heard_by
+from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     Document,
     console,

@@ -1,15 +1,12 @@
-"""Work of many like parts: on all processor cores, with a word to whoever listens of how far it is.
+"""Work of many like parts, with a word to whoever listens of how far it is.
 
-Threads do, as what takes time is compiled code, which lets other threads run meanwhile. Results come in the order of
-the parts, whatever finishes first, so that an answer does not hang on the number of cores.
+One part after another: what takes time is small calls from Python, and threads only wait for each other there.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -35,7 +32,7 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 @contextmanager
 def heard_by(listener: Listener) -> Iterator[None]:
-    """Within, every part that is done is told to the listener, in the thread that asked for the work."""
+    """Within, every part that is done is told to the listener."""
     token = _listener.set(listener)
     try:
         yield
@@ -44,12 +41,11 @@ def heard_by(listener: Listener) -> Iterator[None]:
 
 
 def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R]:
-    """function(part) for each part, in their order; what: is being done, for people. An exception ends the work."""
+    """function(part) for each part, in their order; what: is being done, for people."""
     tell, began, found = _listener.get(), time.monotonic(), []
-    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        for result in pool.map(function, parts):
-            found.append(result)
-            if tell is not None:
-                pace = (time.monotonic() - began) / len(found)
-                tell(Progress(what, len(found), len(parts), pace * (len(parts) - len(found))))
+    for part in parts:
+        found.append(function(part))
+        if tell is not None:
+            pace = (time.monotonic() - began) / len(found)
+            tell(Progress(what, len(found), len(parts), pace * (len(parts) - len(found))))
     return found
