@@ -156,7 +156,7 @@ reached by effects that are not there."""
 FORETOLD: Final = 0.9
 """part of the squared error on held-out recordings; an effect that brings it below is told by them, though the fitted
 ones leave its values wide intervals: a law of two parameters beside friction of two more has them; a choice, clearly
-below what an effect must reach in any case."""
+below what an effect must reach in any case, with a real axis in view."""
 
 LEAST_VOUCHED_SHARE: Final = 0.1
 """part of the variance above the noise floor; where a recording that was not fitted speaks for it, an effect may

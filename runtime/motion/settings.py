@@ -204,7 +204,7 @@ recordings."""
 STICKING_OVER_NOISE: Final = 8.0
 """ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
 more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
-recordings with little noise."""
+recordings with little noise, and a real axis, whose slow rows tell a law that fewer would not."""
 
 TURNING_OVER_NOISE: Final = 6.0
 """ratio to the torque noise in the band; a row is left out if dry friction that turned a whole sample earlier or later
