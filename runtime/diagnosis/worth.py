@@ -81,13 +81,12 @@ def told(step: Step, term: Term) -> bool:
 
 
 def stopped(step: Step, term: Term) -> bool:
-    """Whether a parameter that sizes a term stopped at the bound of what is physical, or is one with an inertial
-    parameter."""
-    values = step.identification.inference.values[term]
+    """Whether a parameter that sizes a term stopped at the bound of what is physical, or none of them is more than an
+    inertial parameter by another name."""
+    values, sizes = step.identification.inference.values[term], _sizes(step, term)
     inertial = {lump.name for lump in step.identification.model.lumps}
-    return any(
-        _at_a_bound(values[p.name].value, p) or inertial & set(values[p.name].with_others) for p in _sizes(step, term)
-    )
+    bound = any(_at_a_bound(values[p.name].value, p) for p in sizes)
+    return bound or (bool(sizes) and all(inertial & set(values[p.name].with_others) for p in sizes))
 
 
 def _sizes(step: Step, term: Term) -> list[DescribedParameter]:
