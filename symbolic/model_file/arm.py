@@ -1,4 +1,4 @@
-"""The model file, read and checked: Arm, Joint, Link, Contact."""
+"""The model file, read and checked: a planar Arm with Joints and Links, or a SpatialArm with its own; Contact."""
 
 from __future__ import annotations
 
@@ -23,6 +23,29 @@ class Link:
     mass: float | None = None
     com: tuple[float, float] | None = None
     inertia: float | None = None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a frame stands in another, as URDF says it.
+
+    xyz   (3,) m, of its origin
+    rpy   (3,) rad, turned about the other's x, then its y, then its z: R = Rz(yaw) Ry(pitch) Rx(roll)
+    """
+
+    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SpatialLink:
+    """A body in the frame of the joint that moves it: mass in kg, centre of mass (3,) in m, inertia about the centre of
+    mass along the joint frame's axes, (ixx, ixy, ixz, iyy, iyz, izz) in kg m². None: not known.
+    """
+
+    mass: float | None = None
+    com: tuple[float, float, float] | None = None
+    inertia: tuple[float, float, float, float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +101,7 @@ class DescribedJoint:
 
     rotor_inertia    at the joint's output (kg m² or kg), None: not known; torque_constant at the joint (N m/A or N/A)
     encoder_counts   per turn of the motor; encoder_zero: of them where the position is 0
+    name             shown beside the number; None: it has none
     """
 
     type: Literal["revolute", "prismatic"]
@@ -90,19 +114,42 @@ class DescribedJoint:
     encoder_zero: int = 0
     drive: Drive | None = None
     effects: dict[str, Values] = field(default_factory=dict)
+    name: str | None = None
 
 
 @dataclass(frozen=True)
 class Joint(DescribedJoint):
-    """A joint of the model file."""
+    """A joint of a planar arm."""
 
     link: Link = field(kw_only=True)
 
     @property
     def unknown(self) -> tuple[str, ...]:
         """Keys of the model file that say what inertia it moves, and are left out."""
-        stated = {"mass": self.link.mass, "com": self.link.com, "inertia": self.link.inertia}
-        return tuple(key for key, value in {**stated, ROTOR: self.rotor_inertia}.items() if value is None)
+        return _left_out(self)
+
+
+@dataclass(frozen=True)
+class SpatialJoint(DescribedJoint):
+    """A joint of an arm in space.
+
+    origin   of the joint's frame in that of the joint before (the first: in the base's), where q = 0
+    axis     (3,) in the joint's frame, of any length but zero: it turns about it, or slides along it
+    """
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    origin: Frame = field(default_factory=Frame)
+    link: SpatialLink = field(kw_only=True)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Keys of the model file that say what inertia it moves, and are left out."""
+        return _left_out(self)
+
+
+def _left_out(joint: Joint | SpatialJoint) -> tuple[str, ...]:
+    stated = {"mass": joint.link.mass, "com": joint.link.com, "inertia": joint.link.inertia}
+    return tuple(key for key, value in {**stated, ROTOR: joint.rotor_inertia}.items() if value is None)
 
 
 @dataclass(frozen=True)
@@ -114,17 +161,36 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Arm:
-    """A planar serial chain. gravity (2,) m/s²; effects: those of the whole arm.
+class SerialArm:
+    """What planar and spatial chains have in common.
 
-    inertial: base inertial parameters that an identification has put into the file; they override
-    what follows from the links.
+    gravity    the acceleration vector, m/s², in the plane or in space
+    effects    those of the whole arm
+    inertial   base inertial parameters that an identification has put into the file; they override what follows from
+               the links
     """
 
     name: str
-    gravity: tuple[float, float]
-    joints: tuple[Joint, ...]
+    gravity: tuple[float, ...]
+    joints: tuple[Joint, ...] | tuple[SpatialJoint, ...]
     effects: dict[str, Values] = field(default_factory=dict)
     contact: Contact | None = None
     inertial: Values = field(default_factory=dict)
     controller: Control | None = None
+
+
+@dataclass(frozen=True)
+class Arm(SerialArm):
+    """A planar serial chain."""
+
+    gravity: tuple[float, float]
+    joints: tuple[Joint, ...]
+
+
+@dataclass(frozen=True)
+class SpatialArm(SerialArm):
+    """A serial chain in space; tip: the flange or tool, in the last joint's frame. It has no contact with a plate."""
+
+    gravity: tuple[float, float, float]
+    joints: tuple[SpatialJoint, ...]
+    tip: Frame = field(default_factory=Frame)
