@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from runtime.planning.trajectory import Trajectory
     from runtime.recordings.recording import Recording
     from symbolic.effects.declaration import Effect
-    from symbolic.model_file.arm import Arm, Values
+    from symbolic.model_file.arm import Arm, SpatialArm, Values
 
 
 class UsageError(ValueError):
@@ -73,7 +73,7 @@ class Source:
         """An arm that comes with the toolkit. Raises UsageError."""
         return cls.read(_shipped(ARMS, ARM, name), effects_file)
 
-    def arm(self, text: str | None = None) -> Arm:
+    def arm(self, text: str | None = None) -> Arm | SpatialArm:
         from symbolic.model_file import reader
 
         return reader.parse(self.text if text is None else text, str(self.path), self.library)

@@ -271,6 +271,7 @@ def test_every_field_of_a_declaration_has_its_line() -> None:
     ("guide", "heading", "declared"),
     [
         ("symbolic/README.md", "The model file", "symbolic.model_file.keys:model_file_rows"),
+        ("symbolic/README.md", "An arm in space", "symbolic.model_file.keys:spatial_file_rows"),
         ("runtime/README.md", "Motion and springs together", "runtime.planning.scenario_file:scenario_file_rows"),
     ],
 )

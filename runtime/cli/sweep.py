@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from runtime.cli.opening import tell
 from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
@@ -111,7 +112,7 @@ def _read(path: Path, effects: Path | None) -> tuple[Scenario, Model]:
 
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, effects)
-    source.arm()
+    tell(source)
     with pages.working("deriving and compiling the model"):
         model = source.model()
     return scenario_file.fitted(asked, model, str(path)), model

@@ -19,18 +19,12 @@ from symbolic.model_file.fields import (
     Choice,
     FieldRow,
     Flag,
-    Inner,
     Interval,
     JointNumbers,
     Name,
-    Named,
     Number,
     Numbers,
-    OpenTable,
-    Others,
     Pair,
-    PerJoint,
-    Several,
     Text,
     Whole,
     WholeNumber,
@@ -39,6 +33,7 @@ from symbolic.model_file.fields import (
 from symbolic.model_file.fields import (
     read as read_fields,
 )
+from symbolic.model_file.tables import Inner, Named, OpenTable, Others, PerJoint, Several
 
 MAX_DEGREE = 20
 _OF_A_SPRING = ("joint", "effect", "catalogue")
