@@ -21,7 +21,7 @@ from symbolic.model_file.keys import MODEL
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
 
-__all__ = ["ModelError", "check_effect", "load", "parse", "read_text"]
+__all__ = ["ModelError", "check_effect", "is_spatial", "load", "parse", "read_text"]
 
 MAX_BYTES = 1_000_000
 
@@ -57,6 +57,15 @@ def read_text(path: Path | str) -> str:
         ) from None
 
 
+def is_spatial(text: str) -> bool:
+    """Whether a model file is one of an arm in space: its gravity has three components."""
+    try:
+        gravity = tomllib.loads(text.removeprefix("\ufeff")).get("gravity")
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(gravity, list) and len(gravity) == 3
+
+
 def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) -> Arm:
     """The arm described by `text`; `where` names the file in messages.
 
@@ -64,9 +73,9 @@ def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) ->
     Raises ModelError for the first thing that is wrong.
     """
     if effects is None:
-        from symbolic.effects import LIBRARY
+        from symbolic.effects import DECLARED, LIBRARY
 
-        effects = LIBRARY
+        effects = DECLARED if is_spatial(text) else LIBRARY
     top = Place(printable(where))
     said = fields.read(top, _toml(text, top), MODEL)
     arm = Arm(
