@@ -171,9 +171,12 @@ class Source:
     ) -> list[Recording]:
         """Recordings of this arm, in SI."""
         from runtime.recordings import recording
+        from symbolic.model_file.arm import SpatialArm
 
-        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in self.arm().joints]
-        return [recording.read(path, {"joints": joints}, mapping, allow_gaps) for path in paths]
+        arm = self.arm()
+        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in arm.joints]
+        said = {"joints": joints, "space": isinstance(arm, SpatialArm)}
+        return [recording.read(path, said, mapping, allow_gaps) for path in paths]
 
     def replace(self, text: str) -> None:
         """Write the model file anew, unless someone else has changed it since it was read."""
