@@ -20,6 +20,7 @@ from runtime.report.terminal.cells import (
     fit_table,
     interval,
     joints_table,
+    names_of,
     percent,
     say,
 )
@@ -94,10 +95,11 @@ def identify(document: Document) -> None:
     say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
     say(f"Skew between torque and motion: {figure(skew['value'])} {skew['unit']} ({origin}){interval(skew)}.")
     delay_lines(document)
-    fit_table(document)
+    names = names_of(document)
+    fit_table(document, names)
     if document.get("uncorrected"):
         say("Without skew correction:")
-        fit_table(document["uncorrected"])
+        fit_table(document["uncorrected"], names)
     joints_table(document)
     say(*(f"Warning: {warning}" for warning in document["warnings"]))
     if document["verdict"] == "refused":
