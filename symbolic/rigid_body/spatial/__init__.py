@@ -1,0 +1,1 @@
+"""Serial chains in space: their recursion, base parameters, matrices and kinematics, and the Lagrangian that proves them."""
