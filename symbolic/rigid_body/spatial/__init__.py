@@ -1,1 +1,1 @@
-"""Serial chains in space: their recursion, base parameters, matrices and kinematics, and the Lagrangian that proves them."""
+"""Chains in space: their geometry, the recursion that is emitted, base parameters, closed forms, kinematics."""

@@ -1,7 +1,7 @@
 """The Lagrangian of a chain in space in Uicker's form, evaluated modulo a prime: the proof of all that is emitted.
 
-Bodies are 4x4 pseudo-inertias Sigma, postures 4x4 homogeneous transforms T in base axes, straight from the model file's
-origins and axes. With the generator Q of a joint, S_j = T_j Q_j T_j^-1 and dT_l/dq_j = S_j T_l, Lagrange's equations
+Bodies are 4x4 pseudo-inertias Sigma, postures 4x4 homogeneous transforms T in base axes, from the model file's origins
+and axes. With the generator Q of a joint, S_j = T_j Q_j T_j^-1 and dT_l/dq_j = S_j T_l, Lagrange's equations
 are traces:
 
     tau_j      = sum_l tr(dT_l/dq_j Sigma_l (T''_l - G)^T),   T'' from jets in time, G gravity as an acceleration
@@ -22,9 +22,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from symbolic.model_file.arm import Frame, SpatialArm, SpatialLink
+from symbolic.model_file.arm import SpatialLink
 from symbolic.rigid_body.base_parameters import exact
-from symbolic.rigid_body.spatial.rotations import exact_axis, exact_rotation
+from symbolic.rigid_body.spatial.geometry import Placement, Vector
+from symbolic.rigid_body.spatial.rounding import ExactFileChain
 from symbolic.straightline import Turn
 
 PRIME = 2**127 - 1
@@ -81,14 +82,14 @@ class ExactChain:
     gravity: tuple[int, ...]
 
     @classmethod
-    def of(cls, arm: SpatialArm) -> ExactChain:
+    def of(cls, chain: ExactFileChain) -> ExactChain:
         """The chain of a model file."""
         return cls(
-            tuple(j.type == "revolute" for j in arm.joints),
-            tuple(_placement(j.origin) for j in arm.joints),
-            _placement(arm.tip),
-            tuple(_generator(j.axis, j.type == "revolute") for j in arm.joints),
-            tuple(residue(exact(g)) for g in arm.gravity),
+            chain.revolute,
+            tuple(_placement(placement) for placement in chain.placements),
+            _placement(chain.tip),
+            tuple(_generator(axis, turns) for axis, turns in zip(chain.axes, chain.revolute, strict=True)),
+            tuple(residue(g) for g in chain.gravity),
         )
 
     def posture(self, q: Sequence[Turn | int], bodies: Sequence[Square]) -> ExactPosture:
@@ -211,9 +212,7 @@ def identity() -> Square:
 def times(a: Square, b: Square) -> Square:
     """Matrix product modulo PRIME."""
     columns = list(zip(*b, strict=True))
-    return [
-        [(w * a0 + x * a1 + y * a2 + z * a3) % PRIME for w, x, y, z in columns] for a0, a1, a2, a3 in a
-    ]
+    return [[(w * a0 + x * a1 + y * a2 + z * a3) % PRIME for w, x, y, z in columns] for a0, a1, a2, a3 in a]
 
 
 def transposed(a: Square) -> Square:
@@ -229,7 +228,12 @@ def inverse(T: Square) -> Square:
 
 def trace(a: Square, b: Square) -> int:
     """Of the product."""
-    return sum(x * y for row, column in zip(a, zip(*b, strict=True), strict=True) for x, y in zip(row, column, strict=True)) % PRIME
+    return (
+        sum(
+            x * y for row, column in zip(a, zip(*b, strict=True), strict=True) for x, y in zip(row, column, strict=True)
+        )
+        % PRIME
+    )
 
 
 def _scaled(a: Square, factor: int) -> Square:
@@ -249,13 +253,13 @@ def _outer_sums(parts: Sequence[Square]) -> list[Square]:
     return sums[::-1]
 
 
-def _placement(frame: Frame) -> Square:
-    rows = zip(exact_rotation(frame.rpy), frame.xyz, strict=True)
-    return [[*(residue(x) for x in row), residue(exact(p))] for row, p in rows] + [[0, 0, 0, 1]]
+def _placement(placement: Placement) -> Square:
+    rows = zip(placement.turn, placement.at, strict=True)
+    return [[*(residue(x) for x in row), residue(p)] for row, p in rows] + [[0, 0, 0, 1]]
 
 
-def _generator(axis: Sequence[float], revolute: bool) -> Square:
-    x, y, z = (residue(u) for u in exact_axis(axis))
+def _generator(axis: Vector, revolute: bool) -> Square:
+    x, y, z = (residue(u) for u in axis)
     if revolute:
         return [[0, -z, y, 0], [z, 0, -x, 0], [-y, x, 0, 0], [0, 0, 0, 0]]
     return [[0, 0, 0, x], [0, 0, 0, y], [0, 0, 0, z], [0, 0, 0, 0]]
