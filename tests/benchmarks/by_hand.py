@@ -93,6 +93,12 @@ def rates(program: Program, plan: PhasePlan, i: int) -> tuple[float, float]:
     return -limit, limit
 
 
+def places(program: Program, plan: PhasePlan) -> dict[int, tuple[float, float]]:
+    """Where the scenario keeps joints (0-based) in a phase: those that move there."""
+    moved = program.scenario.moving if plan.kind == "free" else range(1, program.model.n + 1)
+    return {j - 1: program.scenario.ranges[j] for j in moved if j in program.scenario.ranges}
+
+
 def downwards(program: Program, plan: PhasePlan) -> float:
     """1 or -1: which way along y a contact phase goes."""
     start, end = (program.scenario.points[name].tip for name in (plan.start, plan.end))
@@ -230,6 +236,8 @@ class ByHand:
             for i in [j - 1 for j in self.scenario.moving]:
                 low, high = rates(self.program, plan, i)
                 rows += [qd[i] - low, high - qd[i]]
+            for i, (low, high) in places(self.program, plan).items():
+                rows += [q[i] - low, high - q[i]]
             if plan.kind == "contact":
                 rows.append(self.scenario.elbow * np.sin(q[1]) - CLEAR_OF_SINGULAR)
                 yd = np.sum(self.model.tip_jacobian(q)[1] * qd, axis=0)

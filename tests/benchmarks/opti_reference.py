@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from by_hand import STIFFNESS_UNIT, Laws, Solved, downwards, rates
+from by_hand import STIFFNESS_UNIT, Laws, Solved, downwards, places, rates
 from numpy.typing import NDArray
 
 from runtime.planning.program import CLEAR_OF_SINGULAR, Program, bernstein
@@ -40,12 +40,10 @@ class OptiByHand:
         opti = self.opti = ca.Opti()
         free = program.unknowns.free
         self._points = [opti.variable(len(f), p.degree + 1) for f, p in zip(free, self.scenario.phases, strict=True)]
-        self._springs = opti.variable(max(2 * len(self.scenario.springs), 1))
+        self._springs = opti.variable(2 * len(self.scenario.springs)) if self.scenario.springs else ca.MX(0, 1)
         opti.minimize(sum(self._along(k) for k in range(len(self.scenario.phases))))
         for k in range(len(self.scenario.phases)):
             self._between(k - 1, k)
-        if not self.scenario.springs:
-            opti.subject_to(self._springs == 0)
         for k, spring in enumerate(self.scenario.springs):
             low, high = np.array(spring.sought["stiffness"]) / STIFFNESS_UNIT
             opti.subject_to(opti.bounded(low, self._springs[2 * k], high))
@@ -99,6 +97,7 @@ class OptiByHand:
         plan = self.scenario.phases[phase]
         tip, J = self._tip(q)
         rows = [(qd[j - 1], *rates(self.program, plan, j - 1)) for j in self.scenario.moving]
+        rows += [(q[i], *span) for i, span in places(self.program, plan).items()]
         if plan.kind == "contact":
             rows.append((self.scenario.elbow * ca.sin(q[1]), CLEAR_OF_SINGULAR, np.inf))
             if plan.monotone:
@@ -168,13 +167,25 @@ class OptiByHand:
         elif point.tip_rest:
             self.opti.subject_to(tip_rate[axes] == 0)
 
-    def solve(self, x: Array, cap: float) -> Solved:
-        """From unknowns x (nx,), in the order of the program's."""
+    def _begin(self, x: Array) -> None:
         u = self.program.unknowns
         for k, points in enumerate(self._points):
             self.opti.set_initial(points, np.array([x[u.points(k, row)] for row in range(points.shape[0])]))
         for k in range(len(self.scenario.springs)):
             self.opti.set_initial(self._springs[2 * k : 2 * k + 2], x[u.spring(k)])
+
+    def rows(self, x: Array) -> tuple[float, Array, Array, Array]:
+        """Cost, constraints, and their lower and upper bounds at unknowns x (nx,), in the order of the program's."""
+        self._begin(x)
+        here = self.opti.initial()
+        f, g, lower, upper = (
+            self.opti.debug.value(e, here) for e in (self.opti.f, self.opti.g, self.opti.lbg, self.opti.ubg)
+        )
+        return float(f), *(np.asarray(part, dtype=float).ravel() for part in (g, lower, upper))
+
+    def solve(self, x: Array, cap: float) -> Solved:
+        """From unknowns x (nx,), in the order of the program's."""
+        self._begin(x)
         self.opti.solver("ipopt", {"print_time": False, "show_eval_warnings": False}, {**IPOPT, "max_cpu_time": cap})
         wall, cpu = time.perf_counter(), time.process_time()
         # Opti says in this way that IPOPT gave up; what it had then counts.
