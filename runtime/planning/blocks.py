@@ -64,27 +64,34 @@ class ProgramBlock:
         cost, squares, rows = ca.cse([self.cost, self.squares, self.rows])
         return cost, squares, rows
 
+    @cached_property
+    def value_function(self) -> ca.Function:
+        """(z, p) -> cost with its squares, rows."""
+        cost, squares, rows = self._lean
+        return ca.Function("value", [self.z, self.p], [cost + ca.sumsqr(squares), rows])
+
+    @cached_property
+    def slope_function(self) -> ca.Function:
+        """(z, p) -> gradient of the cost (nz,), Jacobian of the rows."""
+        cost, squares, rows = self._lean
+        slopes = [ca.gradient(cost + ca.sumsqr(squares), self.z), ca.jacobian(rows, self.z)]
+        return ca.Function("slope", [self.z, self.p], slopes)
+
     def values(self, x: Any, p: Any) -> tuple[Any, Any]:
         """Weighted cost, and all rows place after place."""
-        cost, squares, rows = self._lean
-        function = ca.Function("values", [self.z, self.p], [cost + ca.sumsqr(squares), rows])
-        cost, rows = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
+        cost, rows = self.value_function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
         return ca.dot(ca.DM(self.weights).T, cost), ca.vec(rows)
 
     def first(self, x: Any, p: Any) -> tuple[Any, Any]:
         """Gradient of the cost (nx,), Jacobian of the rows (N rows, nx)."""
-        cost, squares, rows = self._lean
-        gradient, jacobian = ca.gradient(cost + ca.sumsqr(squares), self.z), ca.jacobian(rows, self.z)
-        function = ca.Function("first", [self.z, self.p], [gradient, jacobian])
-        slopes, jacobians = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
+        slopes, jacobians = self.slope_function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
         weighted = slopes * ca.repmat(ca.DM(self.weights).T, self.z.numel(), 1)
         blocks = ca.horzsplit(jacobians, self.z.numel())
         return self._map.T @ ca.vec(weighted), ca.diagcat(*blocks) @ self._map
 
     def second(self, x: Any, p: Any, scale: Any, multipliers: Any) -> Any:
         """Hessian of scale · cost + multipliers · rows, (nx, nx)."""
-        function = self._curvature
-        found = function.map(self.count)(
+        found = self.curvature_function.map(self.count)(
             self.seen(x),
             ca.repmat(p, 1, self.count),
             scale * ca.DM(self.weights).T,
@@ -94,8 +101,8 @@ class ProgramBlock:
         return self._map.T @ (ca.diagcat(*blocks) @ self._map)
 
     @cached_property
-    def _curvature(self) -> ca.Function:
-        """Of weight · cost + y · rows at a place, (nz, nz)."""
+    def curvature_function(self) -> ca.Function:
+        """(z, p, weight, y) -> Hessian of weight · cost + y · rows at a place, (nz, nz)."""
         weight, y = ca.SX.sym("weight"), ca.SX.sym("y", self.rows.numel())
         cost, squares, rows = self._lean
         # Of a square's two terms, 2 (∇r ∇rᵀ + r ∇²r), the second is derived with r in front as a number: half the work.
