@@ -73,6 +73,7 @@ class Model:
         self.metadata, self._lib = _open(directory, "metadata.json")
         self.name: str = self.metadata["name"]
         self.n: int = self.metadata["n"]
+        self.spatial: bool = bool(self.metadata.get("space", False))
         self.gravity: tuple[float, float] = tuple(self.metadata["gravity"])
         self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
         self.contact: dict[str, Any] | None = self.metadata["contact"]

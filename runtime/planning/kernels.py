@@ -56,31 +56,27 @@ class PlacedBlock:
     @cached_property
     def maps(self) -> Array:
         dense = self.block.places[:, self.unknowns].toarray()
-        return np.ascontiguousarray(dense.reshape(self.block.count, self.block.z.numel(), len(self.unknowns)))
+        return np.ascontiguousarray(dense.reshape(self.block.count, self.block.expression.z.numel(), len(self.unknowns)))
 
     @cached_property
     def _flat(self) -> Array:
         return self.maps.reshape(-1, len(self.unknowns))
 
     @cached_property
-    def _offset(self) -> Array:
-        return np.asarray(self.block.offset, dtype=float).reshape(self.block.count, -1)
-
-    @cached_property
     def _value(self) -> Batch:
-        return Batch(self.block.value_function, self.block.count)
+        return Batch(self.block.expression.value, self.block.count)
 
     @cached_property
     def _slope(self) -> Batch:
-        return Batch(self.block.slope_function, self.block.count)
+        return Batch(self.block.expression.slope, self.block.count)
 
     @cached_property
     def _curvature(self) -> Batch:
-        return Batch(self.block.curvature_function, self.block.count)
+        return Batch(self.block.expression.curvature, self.block.count)
 
     def seen(self, x: Array) -> Array:
         """(N, nz) z at every place."""
-        return (self._flat @ x[self.unknowns]).reshape(self.block.count, -1) + self._offset
+        return (self._flat @ x[self.unknowns]).reshape(self.block.count, -1)
 
     def value(self, x: Array, p: Array) -> tuple[float, Array]:
         """Cost, and rows (N, rows)."""
@@ -130,7 +126,7 @@ class Kernels:
 
     @cached_property
     def _ends(self) -> list[slice]:
-        ends = np.cumsum([0, *(b.block.rows.numel() * b.block.count for b in self.blocks)]).tolist()
+        ends = np.cumsum([0, *(b.block.expression.rows.numel() * b.block.count for b in self.blocks)]).tolist()
         return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
 
     def value(self, x: Array, p: Array) -> tuple[float, Array]:

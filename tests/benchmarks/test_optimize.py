@@ -151,7 +151,7 @@ def _opti(program: Program, arm: Arm, rnea: ca.Function, start: Array) -> Solved
 
 def _assert_same(program: Program, by_hand: ByHand, opti: OptiByHand, bounds: tuple[Array, Array], start: Array) -> None:
     """One program three times: at several points the same cost, and every constraint of one in the others."""
-    at, p = ca.MX.sym("x", len(start)), ca.DM(program.p.vector(program.values(WIDTH)))
+    at, p = ca.MX.sym("x", len(start)), ca.DM(program.task.p.vector(program.task.values(WIDTH)))
     values = [block.values(at, p) for block in program.blocks]
     whole = ca.Function("whole", [at], [sum(cost for cost, _ in values), ca.vertcat(*(rows for _, rows in values))])
     ends = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
