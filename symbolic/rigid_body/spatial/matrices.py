@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from symbolic.rigid_body.spatial.composites import NOWHERE, Flow, Moments, Step, Wrench
+from symbolic.rigid_body.spatial.composites import Flow, Moments, Step, Wrench
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.vectors import NOWHERE, cross, scaled
 
 Square = list[list[Any]]
 """(n, n), row by row."""
@@ -80,45 +81,9 @@ def turning(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> 
     return result
 
 
-def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
-    """(n,) C qd + g: forces of the composites in the acceleration of their first link relative to the link before."""
-    rates = signed(geometry, qd)
-    turns, hanging = turning(geometry, steps, rates), gravity(geometry, steps, wholes)
-    result = list(hanging)
-    wrench: Wrench = (NOWHERE, NOWHERE)
-    for i in reversed(range(geometry.n)):
-        link, step = geometry.links[i], steps[i]
-        if i < geometry.n - 1:
-            wrench = step.turned_wrench(wrench, "")
-        own = _relative(link.revolute, step, wholes[i], turns[i], rates[i])
-        f, n = (
-            step.named([f"{name}{e}" for e in "xyz"], [u + v for u, v in zip(a, b, strict=True)])
-            for name, a, b in zip("fn", wrench, own, strict=True)
-        )
-        result[i] = link.sign * _along(link.revolute, (f, n)) + hanging[i]
-        wrench = step.carried((f, n), "")
-    return result
-
-
-def _relative(revolute: bool, step: Step, b: Moments, w: Vector, rate: Any) -> Wrench:
-    """Force and moment of a composite in the field by which its first link is accelerated at constant rates.
-
-    Revolute: [[-s, 0, 0], [0, -s, 0], [p, r, 0]] x, s = rate (2 w_z + rate), p = 2 rate w_x, r = 2 rate w_y.
-    Prismatic: 2 rate w × z for all x.
-    """
-    (twice,) = step.named(("u",), (2 * rate,))
-    p, r = step.named(("p", "r"), (twice * w[0], twice * w[1]))
-    if not revolute:
-        return _uniform(b, (r, -p, 0))
-    (s,) = step.named(("s",), (rate * (2 * w[2] + rate),))
-    f = (-s * b.x, -s * b.y, p * b.x + r * b.y)
-    return f, (p * b.xy + r * b.yy + s * b.yz, -s * b.xz - p * b.xx - r * b.xy, 0)
-
-
 def _uniform(b: Moments, a: Vector) -> Wrench:
     """Force and moment of a body whose points are all accelerated alike."""
-    n = (b.y * a[2] - b.z * a[1], b.z * a[0] - b.x * a[2], b.x * a[1] - b.y * a[0])
-    return (b.m * a[0], b.m * a[1], b.m * a[2]), n
+    return scaled(b.m, a), cross(b.first, a)
 
 
 def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
