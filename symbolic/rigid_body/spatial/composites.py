@@ -112,7 +112,7 @@ class Step:
         return self.twisted(added(self.turned(point, name), (self.a, 0, self.d)))
 
     def carried(self, wrench: Wrench, name: str) -> Wrench:
-        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1, in its axes."""
+        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1."""
         f, n = wrench
         moved = (n[0] - self.d * f[1], n[1] + self.d * f[0] - self.a * f[2], n[2] + self.a * f[1])
         f = self.named([f"f{name}{e}" for e in "xyz"], self.twisted(f))

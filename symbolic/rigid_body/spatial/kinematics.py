@@ -253,7 +253,7 @@ def _gradient(w: Vector, al: Vector, k: int, recorder: Recorder) -> Matrix:
 
 
 def _unit_loads(a: Vector, U: Matrix) -> list[tuple[Vector, Vector]]:
-    """Force and moment of each of LOADS: of 1: (a, 0); of x: (U e, e x a), e along x; of xx: (0, e x U e), and so on."""
+    """Force and moment of each of LOADS: (a, 0) of 1; (U e, e x a) of x, with e along x; (0, e x U e) of xx."""
     e: list[Vector] = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
     grown = [applied(U, axis) for axis in e]
     second = [(NOWHERE, cross(e[i], grown[i])) for i in range(3)]
