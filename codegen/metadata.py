@@ -12,7 +12,7 @@ from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json
 from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
-from symbolic.model_file.arm import DescribedJoint, Joint
+from symbolic.model_file.arm import DescribedJoint, Joint, SpatialArm, SpatialJoint
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -27,6 +27,7 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     return {
         "name": file.name,
         "gravity": list(file.gravity),
+        "space": isinstance(file, SpatialArm),
         "n": len(file.joints),
         "joints": [_joint(joint) for joint in file.joints],
         "effects": _values(file.effects),
@@ -46,7 +47,7 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     }
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
+def _joint(joint: Joint | SpatialJoint) -> dict[str, Any]:
     units = {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)}
     document = {**to_json(joint, DescribedJoint), "units": units}
     return {**document, "unknown": list(joint.unknown)} if joint.unknown else document

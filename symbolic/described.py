@@ -104,6 +104,7 @@ class DescribedParameter:
     says      the words with which a plan gives its value; None: its name
     abroad    what files of simulators (URDF, MJCF) call it, where they have it: the "damping" or the dry "friction" of
               a joint, the "stiffness" of a spring and its "rest"
+    space     only an effect of an arm in space has it; on a planar one it is as if it were zero
     """
 
     name: str
@@ -120,6 +121,7 @@ class DescribedParameter:
     scale: float = 1.0
     says: str | None = None
     abroad: Literal["", "damping", "friction", "stiffness", "rest"] = ""
+    space: bool = False
 
 
 P = TypeVar("P", bound=DescribedParameter)

@@ -42,7 +42,7 @@ def import_arm(
     check_writable(json, out)
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
-    made = imported(file, effects_library(effects), base, tip, _locked(lock or []), friction)
+    made = imported(file, effects_library(effects, space=True), base, tip, _locked(lock or []), friction)
     files.replace(out, made.text.encode())
     emit(json, {"out": str(out), **made.document()}, exchange_pages.imported)
 

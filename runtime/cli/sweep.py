@@ -74,7 +74,7 @@ def sweep(
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
-    axes = grid.parse(over, effects_library(effects))
+    axes = grid.parse(over, effects_library(effects, space=True))
     case, model = _read(scenario_path(scenario), effects)
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)

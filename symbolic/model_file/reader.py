@@ -88,9 +88,9 @@ def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) ->
     Raises ModelError for the first thing that is wrong.
     """
     if effects is None:
-        from symbolic.effects import LIBRARY
+        from symbolic.effects import DECLARED, LIBRARY
 
-        effects = LIBRARY
+        effects = DECLARED if is_spatial(text) else LIBRARY
     top = Place(printable(where))
     table = _toml(text, top)
     kind = fields_of(top, table)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symbolic.effects import LIBRARY
+from symbolic.effects import DECLARED as LIBRARY
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Frame, SpatialArm, SpatialLink
 from symbolic.model_file.editor import add_effect, remove_effect, set_values

@@ -1,0 +1,118 @@
+"""The model file's origins and axes as the frames of geometry.py round them: what the proof takes for the arm.
+
+A cosine that a file means by 0.7854 is irrational, and equations can be equal exactly only for numbers that both sides
+share. The frames are therefore led back to the file's own chain, joint frame in joint frame, in exact numbers, and held
+against what the file says: a mistake of the frames is a deviation many orders of magnitude above rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.rigid_body.spatial.geometry import Geometry, Link, Matrix, Placement, Vector
+
+ROUNDING = 1e-8
+"""m and rad; how far a number of the file may stand from the exact one: rounded decimals of a dozen frames."""
+
+
+@dataclass(frozen=True)
+class ExactFileChain:
+    """A file's chain in exact numbers, the joints' frames as it has them.
+
+    placements   (n,) of a joint's frame in the one before, where q = 0; the first in the base
+    axes         (n,) unit vectors in the joints' frames
+    tip          in the last joint's frame
+    gravity      in the base, m/s²
+    """
+
+    revolute: tuple[bool, ...]
+    placements: tuple[Placement, ...]
+    axes: tuple[Vector, ...]
+    tip: Placement
+    gravity: Vector
+
+
+def exact_file_chain(geometry: Geometry) -> ExactFileChain:
+    """The file's chain, from frames with exact numbers."""
+    placements, before = [], geometry.base
+    for link in geometry.links:
+        placements.append(_joined(before, _joined(_step(link), link.body)))
+        before = _reversed(link.body)
+    return ExactFileChain(
+        tuple(link.revolute for link in geometry.links),
+        tuple(placements),
+        tuple(_scaled(link.body.turn[2], link.sign) for link in geometry.links),
+        _joined(before, geometry.tip),
+        _turned(geometry.base.turn, geometry.gravity),
+    )
+
+
+def deviation(arm: SpatialArm, chain: ExactFileChain) -> float:
+    """The largest difference of an element from what the model file says."""
+    frames = zip(chain.placements, (j.origin for j in arm.joints), strict=True)
+    apart = [_apart(placement, frame) for placement, frame in [*frames, (chain.tip, arm.tip)]]
+    for axis, joint in zip(chain.axes, arm.joints, strict=True):
+        length = math.hypot(*joint.axis)
+        apart += [abs(float(u) - v / length) for u, v in zip(axis, joint.axis, strict=True)]
+    apart += [abs(float(g) - h) for g, h in zip(chain.gravity, arm.gravity, strict=True)]
+    return max(apart)
+
+
+def _apart(placement: Placement, frame: Frame) -> float:
+    pairs = [
+        (u, v) for a, b in zip(placement.turn, _rotation(frame.rpy), strict=True) for u, v in zip(a, b, strict=True)
+    ]
+    return max(abs(float(u) - v) for u, v in [*pairs, *zip(placement.at, frame.xyz, strict=True)])
+
+
+def _rotation(rpy: Sequence[float]) -> list[list[float]]:
+    """R = Rz(yaw) Ry(pitch) Rx(roll): every unit vector turned about x, then y, then z."""
+    columns = []
+    for k in range(3):
+        v = [float(i == k) for i in range(3)]
+        for axis, angle in enumerate(rpy):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            c, s = math.cos(angle), math.sin(angle)
+            v[i], v[j] = c * v[i] - s * v[j], s * v[i] + c * v[j]
+        columns.append(v)
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _step(link: Link) -> Placement:
+    """Frame j in frame j − 1 where q = 0."""
+    ct, st = link.twist.pair
+    c, s = link.offset.pair if isinstance(link.rest, int) else (link.offset + link.rest).pair
+    turn = ((c, -s, 0), (ct * s, ct * c, -st), (st * s, st * c, ct))
+    return Placement(turn, (link.a, -st * link.d, ct * link.d))
+
+
+def _turned(R: Matrix, v: Vector) -> Vector:
+    x, y, z = (sum((a * b for a, b in zip(row, v, strict=True)), Fraction(0)) for row in R)
+    return x, y, z
+
+
+def _scaled(v: Vector, factor: Any) -> Vector:
+    return v[0] * factor, v[1] * factor, v[2] * factor
+
+
+def _transposed(R: Matrix) -> Matrix:
+    a, b, c = zip(*R, strict=True)
+    return a, b, c
+
+
+def _joined(outer: Placement, inner: Placement) -> Placement:
+    """inner, given in outer, in what outer is given in."""
+    columns = [_turned(outer.turn, column) for column in _transposed(inner.turn)]
+    at = _turned(outer.turn, inner.at)
+    a, b, c = columns
+    return Placement(_transposed((a, b, c)), (at[0] + outer.at[0], at[1] + outer.at[1], at[2] + outer.at[2]))
+
+
+def _reversed(placement: Placement) -> Placement:
+    turn = _transposed(placement.turn)
+    return Placement(turn, _scaled(_turned(turn, placement.at), -1))
