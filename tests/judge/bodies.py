@@ -151,7 +151,7 @@ def joint_rows(bodies: Bodies, q: Array, qd: Array, qdd: Array, gravity: Sequenc
 
 
 def link_inertia(bodies: Bodies, joint: int, q: Array) -> float:
-    """What hangs on a joint's transmission: of a planar arm stretched out, of one in space at the angles q (n,), kg m²."""
+    """kg m² behind a joint's transmission: of a planar arm stretched out, of one in space at the angles q (n,)."""
     if in_space(bodies):
         still, push = np.zeros((len(bodies), 1)), np.zeros((len(bodies), 1))
         push[joint] = 1.0

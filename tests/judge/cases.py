@@ -258,7 +258,9 @@ def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator
     if name in CLEAN:
         setting, expected = CLEAN[name]
         excitation = base.excitation if setting.excitation == "full" else setting.excitation
-        yield Case(name, "clean", (), replace(setting, joints=base.joints, excitation=excitation), 0.0, seed, expected)
+        gravity = base.gravity if in_space(ARMS[base.joints]) else setting.gravity
+        setting = replace(setting, joints=base.joints, excitation=excitation, gravity=gravity)
+        yield Case(name, "clean", (), setting, 0.0, seed, expected)
         return
     if name.startswith(_LIMIT):
         yield Case(name, "limits", (name.removeprefix(_LIMIT),), base, 0.0, seed)

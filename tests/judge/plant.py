@@ -66,9 +66,8 @@ def names(enum: str) -> tuple[str, ...]:
 def library() -> ctypes.CDLL:
     """plant.c as a shared library, in a directory of the system's for temporary files, by content."""
     command = [*compiler(), "-O2", "-std=c99", "-fPIC", "-shared"]
-    digest = hashlib.sha256(
-        SOURCE.read_bytes() + LAWS.read_bytes() + SPACE.read_bytes() + repr(command).encode()
-    ).hexdigest()[:16]
+    content = b"".join(path.read_bytes() for path in (SOURCE, LAWS, SPACE)) + repr(command).encode()
+    digest = hashlib.sha256(content).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"tendon-plant-{os.getuid()}-{digest}.so"
     if not path.exists():
         fresh = path.with_suffix(f".{os.getpid()}")

@@ -9,7 +9,7 @@ and the base parameters of the library.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ Triple = tuple[float, float, float]
 
 DOWN = (0.0, 0.0, -9.81)
 SECOND = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+QUARTERS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""Cosine and sine of none, one, two and three quarter turns."""
 PER_BODY = 11
 """Columns of a body: mass, first moments, second moments, all where q = 0 about the joint's point, and the rotor."""
 
@@ -95,14 +97,12 @@ def chain(bodies: Sequence[SpatialBody]) -> tuple[SpatialBody, ...]:
     axes, point, out = np.eye(3), np.zeros(3), []
     for body in bodies:
         quarters, along, up = body.frame
-        c, s = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarters % 4]
+        c, s = QUARTERS[quarters % 4]
         point = point + axes @ np.array([along, 0.0, 0.0])
         axes = axes @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
         point = point + axes @ np.array([0.0, 0.0, up])
         placed = (tuple(map(tuple, axes.tolist())), tuple(point.tolist()))
-        out.append(
-            SpatialBody(*(getattr(body, f) for f in SpatialBody.__dataclass_fields__ if f != "base"), base=placed)
-        )
+        out.append(replace(body, base=placed))
     return tuple(out)
 
 
@@ -119,14 +119,14 @@ def file_joints(bodies: Sequence[SpatialBody], believed: Sequence[str], ratio: f
     lines = []
     for number, body in enumerate(bodies, 1):
         quarters, along, up = body.frame
-        angle = quarters * np.pi / 2
-        xyz = [along, -up * np.sin(angle), up * np.cos(angle)]
+        c, s = QUARTERS[quarters % 4]
+        xyz = [along, -up * s, up * c]
         lines += [
             "",
             "[[joint]]",
             f'name = "axis_{number}"',
             'type = "revolute"',
-            f"origin = {{ xyz = [{', '.join(f'{x:.12g}' for x in xyz)}], rpy = [{angle!r}, 0.0, 0.0] }}",
+            f"origin = {{ xyz = [{', '.join(f'{x:.12g}' for x in xyz)}], rpy = [{quarters * np.pi / 2!r}, 0.0, 0.0] }}",
             "axis = [0.0, 0.0, 1.0]",
             f"rotor_inertia = {body.rotor}",
             f"gear_ratio = {ratio:g}",
@@ -241,9 +241,9 @@ def _link(
 SPATIAL: dict[int, tuple[SpatialBody, ...]] = {
     6: chain(
         (  # of the proportions of a UR10
-            _link((0, 0.0, 0.1807), 7.4, (0.0, -0.02, -0.03), (0.08, 0.18), 1.6, (12.0, 9.5), 14.0, -0.5, 5.0),
-            _link((1, 0.0, 0.0), 13.0, (-0.28, 0.0, 0.16), (0.07, 0.61), 1.6, (13.0, 11.0), 15.0, -0.6, 5.0),
-            _link((0, -0.6127, 0.0), 4.0, (-0.26, 0.0, 0.05), (0.05, 0.57), 0.9, (8.0, 6.5), 9.0, -0.4, 3.0),
+            _link((0, 0.0, 0.1807), 7.4, (0.0, -0.02, -0.03), (0.08, 0.18), 1.6, (12.0, 9.5), 14.0, -0.5, 2.5),
+            _link((1, 0.0, 0.0), 13.0, (-0.28, 0.0, 0.16), (0.07, 0.61), 1.6, (13.0, 11.0), 15.0, -0.6, 2.5),
+            _link((0, -0.6127, 0.0), 4.0, (-0.26, 0.0, 0.05), (0.05, 0.57), 0.9, (8.0, 6.5), 9.0, -0.4, 1.5),
             _link((0, -0.57155, 0.17415), 2.1, (0.0, -0.01, 0.01), (0.045, 0.12), 0.2, (3.0, 2.4), 2.4, -0.06, 1.0),
             _link((1, 0.0, 0.11985), 2.0, (0.0, 0.01, 0.01), (0.045, 0.12), 0.2, (2.8, 2.2), 2.3, -0.06, 1.0),
             _link((-1, 0.0, 0.11655), 0.8, (0.02, 0.01, 0.03), (0.04, 0.08), 0.2, (2.4, 2.0), 2.0, -0.05, 1.0),
