@@ -34,7 +34,7 @@ def energy(bodies: tuple[SpatialBody, ...], q: Array, qd: Array) -> float:
         place, speed, before = place + arm, speed + np.cross(spin, arm), body.point
         axis = E @ body.axes[:, 2]
         spin = spin + rate * axis
-        K = np.cross(np.eye(3), axis) * -1
+        K = np.cross(np.eye(3), axis)
         E = (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K) @ E
         away = E @ (body.centre - body.point)
         moved = speed + np.cross(spin, away)
