@@ -18,35 +18,16 @@ Source: Walker & Orin 1982 (composite bodies); Echeandia & Wensing 2021 (C by co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.moments import KINDS, Moments
 from symbolic.rigid_body.spatial.vectors import NOWHERE, added
 from symbolic.straightline import Notes
 
 Wrench = tuple[Vector, Vector]
 """A force and a moment, or a momentum and its moment."""
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Mass, first and second moments of a body about a frame's origin: the integrals of 1, x, x x^T over its mass."""
-
-    m: Any = 0
-    x: Any = 0
-    y: Any = 0
-    z: Any = 0
-    xx: Any = 0
-    yy: Any = 0
-    zz: Any = 0
-    xy: Any = 0
-    xz: Any = 0
-    yz: Any = 0
-
-    @property
-    def first(self) -> Vector:
-        return self.x, self.y, self.z
 
 
 @dataclass(frozen=True)
@@ -182,7 +163,7 @@ def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Moments
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
         whole = body
         if carried is not None:
-            names = [f.name for f in fields(Moments)]
+            names = KINDS
             sums = [getattr(body, name) + getattr(carried, name) for name in names]
             whole = Moments(*step.named([f"{name}_c" for name in names], sums))
         result.append(step.turned_moments(whole))

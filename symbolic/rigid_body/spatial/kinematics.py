@@ -10,8 +10,9 @@ from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import SpatialArm
 from symbolic.rigid_body.kinematics import NOMINAL_MASS, Author
 from symbolic.rigid_body.lagrangian import rational
-from symbolic.rigid_body.spatial.composites import Moments, Step, composites
+from symbolic.rigid_body.spatial.composites import Step, composites
 from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.vectors import NOWHERE, added, applied, cross, dot, less, negative, placed, scaled
 from symbolic.straightline import Recorder
 

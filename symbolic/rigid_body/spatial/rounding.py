@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from symbolic.model_file.arm import Frame, SpatialArm
-from symbolic.rigid_body.spatial.geometry import Geometry, Link, Matrix, Placement, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Matrix, Placement, Vector
 from symbolic.rigid_body.spatial.vectors import applied, negative, placed, scaled
 
 ROUNDING = 1e-8
@@ -82,7 +82,7 @@ def _rotation(rpy: Sequence[float]) -> list[list[float]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _step(link: Link) -> Placement:
+def _step(link: LinkFrame) -> Placement:
     """Frame j in frame j − 1 where q = 0."""
     ct, st = link.twist.pair
     c, s = link.offset.pair if isinstance(link.rest, int) else (link.offset + link.rest).pair
