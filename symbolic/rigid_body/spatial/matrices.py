@@ -7,8 +7,9 @@ from typing import Any
 
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.spatial.composites import Flow, Moments, Step, Wrench, composites
+from symbolic.rigid_body.spatial.composites import Flow, Step, Wrench, composites
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.vectors import NOWHERE, cross, scaled
 
 NOTATION = {
