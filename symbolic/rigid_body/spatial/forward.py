@@ -23,9 +23,10 @@ from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.dynamics import solve_symmetric
 from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.spatial.composites import Step, Wrench, composites, gradient
-from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
 from symbolic.rigid_body.spatial.matrices import NOTATION, inertia, signed
 from symbolic.rigid_body.spatial.moments import Moments
+from symbolic.rigid_body.spatial.recursion import groups
 from symbolic.rigid_body.spatial.vectors import NOWHERE, added, applied, cross, dot, negative, scaled
 
 
@@ -63,15 +64,22 @@ def forward_dynamics(
 
 @dataclass(frozen=True)
 class _Motion:
-    """Of the link before a joint, in the axes before the joint, at constant rates; a: of the joint's origin, less
-    gravity. middle: w half way through the joint; lean: al there. twice: 2 qd_j."""
+    """At constant rates, in the axes before a joint.
+
+    w, al   angular velocity, and its derivative, of the link before: with any multiple t of (0, 0, 1) added to w, and
+            t z × w taken from al, their field has the same moment about z
+    ahead   what w lacks of the z component half way through the joint
+    twice   twice the joint's rate
+    a       acceleration of the joint's origin, less gravity
+    U       of the link before
+    """
 
     w: Vector
     al: Vector
-    a: Vector
-    middle: Vector
-    lean: Vector
+    ahead: Any
     twice: Any
+    a: Vector
+    U: Matrix
 
 
 def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
@@ -82,7 +90,7 @@ def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], q
     for i in reversed(range(geometry.n)):
         link, step, b, m = geometry.links[i], steps[i], wholes[i], motions[i]
         wrench = step.turned_wrench(carried, "")
-        first, own = _at_revolute(step, b, m) if link.revolute else _at_prismatic(step, b, m)
+        first, own = _at_revolute(step, b, m) if link.revolute else _at_prismatic(b, m)
         result[i] = link.sign * (first + (wrench[1][2] if link.revolute else wrench[0][2]))
         f, n = (
             step.named([f"{name}{e}" for e in "xyz"], added(u, v)) for name, u, v in zip("fn", wrench, own, strict=True)
@@ -92,38 +100,48 @@ def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], q
 
 
 def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> list[_Motion]:
-    result = []
+    result: list[_Motion] = []
     w, al, a = NOWHERE, NOWHERE, negative(geometry.gravity)
-    for link, step, rate in zip(geometry.links, steps, rates, strict=True):
-        w, al = step.untwisted(w), step.untwisted(al)
-        a = step.named(("ax", "ay", "az"), added(step.untwisted(a), applied(gradient(step, w, al), step.at)))
-        half = step.notes.let(f"v{step.joint}_2", rate / 2)
-        tilt = step.named(("tx", "ty", "tz"), cross(w, (0, 0, half)))
-        lean = step.named(("mx", "my", "mz"), added(al, tilt))
-        (middle,) = step.named(("m",), (w[2] + half,))
-        twice = step.notes.let(f"u{step.joint}", 2 * rate)
-        result.append(_Motion(w, al, a, (w[0], w[1], middle), lean, twice))
-        if link.revolute:
-            (wz,) = step.named(("wz",), (w[2] + rate,))
-            w, al = (w[0], w[1], wz), step.named(("alx", "aly", "alz"), added(lean, tilt))
-        else:
-            a = added(a, scaled(4, tilt))
-        w, al, a = step.unturned(w, "w"), step.unturned(al, "al"), step.unturned(a, "a")
+    for group in groups(geometry):
+        w, al, a = (steps[group[0]].untwisted(v) for v in (w, al, a))
+        spin: Any = 0  # about z, of the link before relative to the link before the group
+        for i in group:
+            step, rate, turns = steps[i], rates[i], geometry.links[i].revolute
+            now = (w[0], w[1], w[2] + spin)
+            U = gradient(step, now, _spun(al, w, spin))
+            a = step.named(("ax", "ay", "az"), added(a, applied(U, step.at)))
+            half, twice = step.named(("v", "u"), (rate / 2, 2 * rate))
+            if len(group) == 1 and turns:
+                tilt = step.named(("tx", "ty", "tz"), _spun(NOWHERE, w, half))
+                level = (w[0], w[1], step.notes.let(f"m{i + 1}", w[2] + half))
+                result.append(_Motion(level, step.named(("mx", "my", "mz"), added(al, tilt)), 0, twice, a, U))
+            else:
+                result.append(_Motion(w, al, spin + half if turns else 0, twice, a, U))
+            a = a if turns else added(a, cross(now, (0, 0, twice)))
+            spin = step.notes.let(f"wz{i + 1}", spin + rate) if turns else spin
+            if i == group[0]:
+                w, al, a = (step.unturned(v, name) for v, name in zip((w, al, a), ("w", "al", "a"), strict=True))
+        al, w = _spun(al, w, spin), (w[0], w[1], w[2] + spin)
     return result
+
+
+def _spun(al: Vector, w: Vector, spin: Any) -> Vector:
+    """Angular acceleration of a link that turns at `spin` about z relative to one of al and w."""
+    return al[0] + spin * w[1], al[1] - spin * w[0], al[2]
 
 
 def _at_revolute(step: Step, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
     """Moment about z in the field of the link before; force and moment in the field that the joint adds."""
-    (x, y, z), (hx, hy, _) = m.middle, b.first
+    (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))
     whole = step.named(("D",), (b.xx + b.yy,))[0]
-    moment = y * X - x * Y + m.al[2] * whole - m.lean[0] * b.xz - m.lean[1] * b.yz + hx * m.a[1] - hy * m.a[0]
-    (t,) = step.named(("t",), (m.twice * z,))
+    moment = y * X - x * Y + m.al[2] * whole - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
+    (t,) = step.named(("t",), (m.twice * (z + m.ahead),))
+    X, Y = X + b.xz * m.ahead, Y + b.yz * m.ahead
     return moment, ((-t * hx, -t * hy, m.twice * (x * hx + y * hy)), (m.twice * Y, -m.twice * X, 0))
 
 
-def _at_prismatic(step: Step, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
+def _at_prismatic(b: Moments, m: _Motion) -> tuple[Any, Wrench]:
     """Likewise, the force along z."""
     field = cross(m.w, (0, 0, m.twice))
-    force = dot(gradient(step, m.w, m.al)[2], b.first) + b.m * m.a[2]
-    return force, (scaled(b.m, field), cross(b.first, field))
+    return dot(m.U[2], b.first) + b.m * m.a[2], (scaled(b.m, field), cross(b.first, field))
