@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from runtime.planning.trajectory import Trajectory
     from runtime.recordings.recording import Recording
     from symbolic.effects.declaration import Effect
-    from symbolic.model_file.arm import Arm, Values
+    from symbolic.model_file.arm import Arm, SpatialArm, Values
 
 
 class UsageError(ValueError):
@@ -52,7 +52,10 @@ def _shipped(folder: Path, kind: str, name: str) -> Path:
 
 @dataclass(frozen=True)
 class Source:
-    """A model file as read: its text, what it says, and the library that its effects come from."""
+    """A model file as read: its text, what it says, and the library that its effects come from.
+
+    own_effects   whether that is another than the planar arms' as it ships
+    """
 
     path: Path
     text: str
@@ -65,15 +68,16 @@ class Source:
         from symbolic.model_file import reader
 
         path = _shipped(ARMS, ARM, model.name) if is_name(model) else model
-        library = effects_library(effects_file)
-        return cls(path, reader.read_text(path), library, effects_file is not None)
+        text = reader.read_text(path)
+        space = reader.is_spatial(text)
+        return cls(path, text, effects_library(effects_file, space), space or effects_file is not None)
 
     @classmethod
     def shipped(cls, name: str, effects_file: Path | None = None) -> Source:
         """An arm that comes with the toolkit. Raises UsageError."""
         return cls.read(_shipped(ARMS, ARM, name), effects_file)
 
-    def arm(self, text: str | None = None) -> Arm:
+    def arm(self, text: str | None = None) -> Arm | SpatialArm:
         from symbolic.model_file import reader
 
         return reader.parse(self.text if text is None else text, str(self.path), self.library)
@@ -167,9 +171,12 @@ class Source:
     ) -> list[Recording]:
         """Recordings of this arm, in SI."""
         from runtime.recordings import recording
+        from symbolic.model_file.arm import SpatialArm
 
-        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in self.arm().joints]
-        return [recording.read(path, {"joints": joints}, mapping, allow_gaps) for path in paths]
+        arm = self.arm()
+        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in arm.joints]
+        said = {"joints": joints, "space": isinstance(arm, SpatialArm)}
+        return [recording.read(path, said, mapping, allow_gaps) for path in paths]
 
     def replace(self, text: str) -> None:
         """Write the model file anew, unless someone else has changed it since it was read."""
@@ -181,12 +188,12 @@ class Source:
         files.replace(self.path, text.encode())
 
 
-def effects_library(effects_file: Path | None) -> dict[str, Effect]:
-    """The effects by name: the library, and the user's own after it."""
-    from symbolic.effects import LIBRARY, load_user_effects
+def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
+    """The effects by name, as a planar arm or one in space has them: the library, and the user's own after it."""
+    from symbolic.effects import DECLARED, LIBRARY, load_user_effects
 
-    own = load_user_effects(effects_file) if effects_file else ()
-    return {**LIBRARY, **{effect.name: effect for effect in own}}
+    own = load_user_effects(effects_file, space) if effects_file else ()
+    return {**(DECLARED if space else LIBRARY), **{effect.name: effect for effect in own}}
 
 
 def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> Source:

@@ -102,6 +102,7 @@ class DescribedParameter:
               catalogue, and the "place" where it begins to act; "" for what a scenario states
     scale     a typical size, SI: an optimization counts in it, so that its unknown is about one
     says      the words with which a plan gives its value; None: its name
+    space     only an effect of an arm in space has it; on a planar one it is as if it were zero
     """
 
     name: str
@@ -117,6 +118,7 @@ class DescribedParameter:
     planned: Literal["", "size", "place"] = ""
     scale: float = 1.0
     says: str | None = None
+    space: bool = False
 
 
 P = TypeVar("P", bound=DescribedParameter)

@@ -17,10 +17,11 @@ import sympy as sp
 
 from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
-from symbolic.model import ASSUMED_SHARE, ArmModel, Lump
+from symbolic.model import ASSUMED_SHARE, ArmModel
 from symbolic.model_file.arm import SpatialArm, SpatialLink
-from symbolic.rigid_body.base_parameters import exact
+from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
+from symbolic.rigid_body.lumps import Lump
 from symbolic.rigid_body.spatial import rounding
 from symbolic.rigid_body.spatial.geometry import Geometry, geometry, offset_symbol
 from symbolic.rigid_body.spatial.kinematics import nominal_com

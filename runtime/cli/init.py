@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import emit
-from runtime.workspace import Source, UsageError
+from runtime.workspace import UsageError
 
 app = typer.Typer()
 
@@ -30,7 +31,7 @@ def init(
     check_writable(json, out)
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
-    source = Source.read(like, effects)
+    source = opened(like, effects)
     arm = source.arm()
     files.replace(out, source.text.encode())
     document = {"out": str(out), "like": str(like), "name": arm.name, "joints": len(arm.joints)}

@@ -50,7 +50,9 @@ class NormalEquations:
     def held_out(self) -> tuple[Array, Array]:
         """Held-out and training SSE (FOLDS,), every fold left out once."""
         rest = self._whole - self.grams
-        theta = bounded_each(rest[:, :-1, :-1], rest[:, :-1, -1], self.lower, self.upper)
+        whole = self.coefficients
+        held = (whole == self.lower) | (whole == self.upper)
+        theta = bounded_each(rest[:, :-1, :-1], rest[:, :-1, -1], self.lower, self.upper, held)
         direction = np.column_stack([theta, np.full(len(theta), -1.0)])
         held, trained = (np.einsum("fi,fij,fj->f", direction, gram, direction) for gram in (self.grams, rest))
         return held + self.level, trained + self.level.sum() - self.level

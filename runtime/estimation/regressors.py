@@ -92,12 +92,14 @@ class Signals(SignalContext):
     @cached_property
     def measured(self) -> Array | None:
         """(n, N) the part of the rigid arm's torque that needs no inertial parameter: all of it where the user's own
-        model gives it, else that which holds a measured force f at the end-effector, −Jᵀ f; None without either."""
+        model gives it, else that which holds a measured force f (in space: and moment) at the end-effector, −Jᵀ f;
+        None without either."""
         sensors = self.piece.sensors
         if sensors.tau_rigid is not None:
             return sensors.tau_rigid
         if sensors.force is not None:
-            return -np.einsum("cjt,ct->jt", self.arm("tip_jacobian")[:2], sensors.force)
+            acting = sensors.force
+            return -np.einsum("cjt,ct->jt", self.arm("tip_jacobian")[: len(acting)], acting)
         return None
 
     @cached_property

@@ -65,15 +65,17 @@ def _pointer(array: Array) -> ctypes.c_void_p:
 
 
 class Model:
-    """An arm's functions. `lumps` (p,) replaces the base inertial parameters of the model file for one call; where that
-    leaves some open, the equations of motion cannot be called without, and say so (ModelError)."""
+    """An arm's functions; `spatial`: it is one in space. `lumps` (p,) replaces the base inertial parameters of the
+    model file for one call; where that leaves some open, the equations of motion cannot be called without, and say so
+    (ModelError)."""
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
         self.metadata, self._lib = _open(directory, "metadata.json")
         self.name: str = self.metadata["name"]
         self.n: int = self.metadata["n"]
-        self.gravity: tuple[float, float] = tuple(self.metadata["gravity"])
+        self.spatial: bool = self.metadata["space"]
+        self.gravity: tuple[float, ...] = tuple(self.metadata["gravity"])
         self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
         self.contact: dict[str, Any] | None = self.metadata["contact"]
         self.controller: dict[str, float] | None = self.metadata["controller"]
@@ -170,19 +172,20 @@ class Model:
         return self.call("coriolis", {"q": q, "qd": qd}, self._or_stated(lumps))
 
     def tip(self, q: ArrayLike) -> Array:
-        """End-effector's x, y and angle in the base frame, (3, N)."""
+        """End-effector's x, y and angle in the base frame, (3, N); of an arm in space its x, y and z."""
         return self.call("tip", {"q": q})
 
     def tip_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the tip by q, (3, n, N)."""
+        """Derivative of the tip by q, (3, n, N); of an arm in space (6, n, N), x, y, z and rotation about them."""
         return self.call("tip_jacobian", {"q": q})
 
     def tip_load(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torque that a unit mass at the end-effector asks of each joint, (n, N)."""
+        """Torque that a unit mass at the end-effector asks of each joint, (n, N); of an arm in space (n, 10, N), which
+        times 1, x, y, z, x², y², z², xy, xz, yz is that of one at (x, y, z) of the tip's frame."""
         return self.call("tip_load", {"q": q, "qd": qd, "qdd": qdd})
 
     def moment_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the first mass moment (base x, y) by q, (2, n, N)."""
+        """Derivative of the first mass moment (base x, y, in space z) by q, (2, n, N) or (3, n, N)."""
         return self.call("moment_jacobian", {"q": q})
 
     def contact_coordinates(self, q: ArrayLike) -> Array:

@@ -109,7 +109,8 @@ def _coordinate(at: SignalContext, source: Mapping[str, Any], joint: int, _: int
 
 def _output(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
     joints = {"joint": joint, "own": joint if own is None else own}
-    index = tuple(joints.get(i, i) for i in source["index"])
+    shape = at.model.metadata["functions"][source["function"]]["outputs"][0][1]
+    index = tuple(joints.get(i, i) for i in source["index"][: len(shape)])
     return at.arm(source["function"])[index if len(index) > 1 else index[0]]
 
 

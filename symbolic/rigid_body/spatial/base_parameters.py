@@ -14,6 +14,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from symbolic.model_file.arm import SpatialArm
 from symbolic.rigid_body.exact_rank import (
@@ -26,12 +27,15 @@ from symbolic.rigid_body.exact_rank import (
     known_sum,
     random_turn,
 )
-from symbolic.rigid_body.spatial.geometry import Geometry
+from symbolic.rigid_body.spatial.geometry import Geometry, Vector
 from symbolic.rigid_body.spatial.moments import INERTIA, KINDS, Moments, body_values
-from symbolic.rigid_body.spatial.recursion import motion, torques
-from symbolic.straightline import Residues
+from symbolic.rigid_body.spatial.recursion import SpatialMotion, motion, named, turned, twisted, wrench
+from symbolic.rigid_body.spatial.vectors import dot
+from symbolic.straightline import Notes, Residues
 
 ROTOR = "I"
+MIRRORED = ("xy", "xz", "yz")
+"""Moments whose base parameters have the sign of the inertia tensor's elements, which is the other one."""
 _STAYS = {True: ("xx", "yy", "xy", "xz", "yz", "x", "y"), False: ("x", "y", "z", "m")}
 """Moments that do not merge into the link before, of a revolute joint's link and of a prismatic one's."""
 
@@ -62,7 +66,7 @@ def merging(g: Geometry) -> Merging:
     candidates = [(kind, i) for i, link in enumerate(g.links) for kind in _STAYS[link.revolute]]
     rotors = [(ROTOR, i) for i in range(g.n)]
     order = [*candidates[:1], *rotors, *candidates[1:]]
-    dependent = dependencies(_columns(g, order))
+    dependent = dependencies(_residues(g, order))
     kept = tuple(c for c in order if c not in dependent)
     far = {c: {c: Fraction(1)} for c in kept} | dependent
     terms = {c: _combined([(f, far[own]) for own, f in parts.items()]) for c, parts in near.items()}
@@ -92,28 +96,53 @@ def _combined(parts: Sequence[tuple[Fraction, Combination]]) -> Combination:
     return {column: f for column, f in total.items() if f}
 
 
-def _columns(g: Geometry, columns: Sequence[Column]) -> dict[Column, list[int]]:
+def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
     """Columns of the regressor at random states, modulo PRIME. The seed is fixed: the output must be."""
     rng, notes, n, chain = random.Random(1), Residues(PRIME), g.n, g.residues(PRIME)
-    found: dict[Column, list[int]] = {c: [] for c in columns}
-    for _ in range(-(-len(columns) // n) + 4):
+    found: dict[Column, list[int]] = {c: [] for c in kept}
+    for _ in range(-(-len(kept) // n) + 4):
         q = [random_turn(rng) if link.revolute else rng.randrange(PRIME) for link in g.links]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, range(n), q, qd, qdd, notes)
-        for column in columns:
-            found[column] += [t % PRIME for t in torques(chain, *unit_moments(n, column), moving, qdd, notes)]
+        for column, torques in columns(chain, kept, moving, qdd, notes).items():
+            found[column] += [t % PRIME for t in torques]
     return found
 
 
-def unit_moments(n: int, column: Column) -> tuple[list[Moments], list[int]]:
-    """Moments and rotors that are 0, all but one, which is 1."""
-    kind, i = column
-    moments, rotors = [Moments()] * n, [0] * n
-    if kind == ROTOR:
-        rotors[i] = 1
+def columns(
+    g: Geometry, kept: Sequence[Column], moving: Sequence[SpatialMotion], qdd: Sequence[Any], notes: Notes
+) -> dict[Column, list[Any]]:
+    """The torques (n,) of a unit of each of these moments and rotors. `moving`: every link along its own axes."""
+    found: dict[Column, list[Any]] = {c: [0] * g.n for c in kept}
+    axes: list[tuple[Vector, Vector]] = []
+    for i, m in enumerate(moving):
+        axes = [_outwards(z, v, g, moving, i, f"{j + 1}_{i + 1}", notes) for j, (z, v) in enumerate(axes)]
+        unit: Vector = (0, 0, g.links[i].sign)
+        nothing: Vector = (0, 0, 0)
+        axes.append((unit, nothing) if g.links[i].revolute else (nothing, unit))
+        for kind in (k for k, j in kept if j == i):
+            if kind == ROTOR:
+                found[kind, i][i] = qdd[i]
+                continue
+            force, moment = wrench(Moments(**{kind: 1}), m)
+            for j, (z, v) in enumerate(axes):
+                found[kind, i][j] = dot(force, v) + dot(moment, z)
+    return found
+
+
+def _outwards(
+    z: Vector, v: Vector, g: Geometry, moving: Sequence[SpatialMotion], i: int, name: str, notes: Notes
+) -> tuple[Vector, Vector]:
+    """Axis of an inner joint and velocity of link i's origin by it, along the link's own axes, from the link before."""
+    link, m = g.links[i], moving[i]
+    if m.first:
+        v = (v[0], v[1] + z[2] * link.a, v[2] - z[1] * link.a)
+        z, v = twisted(z, link.twist), twisted(v, link.twist)
     else:
-        moments[i] = Moments(**{kind: 1})
-    return moments, rotors
+        x, y = m.reach
+        v = (v[0] - z[2] * y, v[1] + z[2] * x, v[2] + z[0] * y - z[1] * x)
+    z, v = (named(e, name, turned(vector, m.before), notes) for e, vector in (("z", z), ("y", v)))
+    return z, named("y", name, (v[0] + z[1] * m.lift, v[1] - z[0] * m.lift, v[2]), notes)
 
 
 def base_parameters(arm: SpatialArm, g: Geometry, merged: Merging) -> BaseParameters:
@@ -130,6 +159,6 @@ def base_parameters(arm: SpatialArm, g: Geometry, merged: Merging) -> BaseParame
         }
         for kind, terms in (units | {ROTOR: merged.terms[ROTOR, i]}).items():
             for column, f in terms.items():
-                parts[column].append(((kind, i), f))
+                parts[column].append(((kind, i), -f if column[0] in MIRRORED else f))
     order = sorted(merged.kept, key=lambda c: (c[1], (*KINDS, ROTOR).index(c[0])))
     return BaseParameters({c: known_sum(values, parts[c]) for c in order}, {c: tuple(parts[c]) for c in order})

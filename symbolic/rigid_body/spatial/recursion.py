@@ -61,6 +61,7 @@ class Gradient(NamedTuple):
 class SpatialMotion:
     """What does not depend on inertia, of one link, along its axes.
 
+    first       of a group
     direction   cosine and sine of its frame's x axis
     before      those of the x axis along which the link before is written, or of the joint's own before it turns if
                 the joint is the first of its group
@@ -70,6 +71,7 @@ class SpatialMotion:
     a           (3,) acceleration of its origin less gravity, m/s²
     """
 
+    first: bool
     direction: Direction
     before: Direction
     reach: tuple[Any, Any]
@@ -93,7 +95,7 @@ def motion(
            its first, turned by the twist alone
     """
     found: list[SpatialMotion] = []
-    state = _State((0, 0, 0), 0, (0, 0, 0), _vector([-x for x in g.gravity]))
+    state = _State((0, 0, 0), 0, (0, 0, 0), vector([-x for x in g.gravity]))
     for group in groups(g):
         at = group[0] - 1
         for i in group:
@@ -109,7 +111,7 @@ def motion(
             state = state.moved([e * lift for e in state.column], k, notes)
             state = _jointed(state, link, qd[i], qdd[i], k, notes)
             U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
-            found.append(SpatialMotion(direction_along(g, at, i, q, notes), before, reach, lift, U, state.a))
+            found.append(SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, U, state.a))
         if group[-1] < g.n - 1:
             state = _turned_state(state, direction_along(g, group[-1], at, q, notes), group[-1] + 1, notes)
             state = _twisted_state(state, g.links[group[-1] + 1], group[-1] + 2, notes)
@@ -126,7 +128,7 @@ class _State:
     a: Vector
 
     def moved(self, by: Sequence[Any], k: int, notes: Notes) -> _State:
-        return replace(self, a=_named("a", k, [a + e for a, e in zip(self.a, by, strict=True)], notes))
+        return replace(self, a=named("a", k, [a + e for a, e in zip(self.a, by, strict=True)], notes))
 
 
 def _jointed(state: _State, link: LinkFrame, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
@@ -177,10 +179,10 @@ def _twisted_state(state: _State, link: LinkFrame, k: int, notes: Notes) -> _Sta
     column = [ca * z - sa * y for y, z in ((U.xy, U.xz), (U.yy, U.yz), (U.zy, U.zz))]
     about_y = notes.let(f"aly{k - 1}", U.xz - notes.let(f"wx_z{k - 1}", wx * wz))
     return _State(
-        _named("v", k, _twisted(state.w, link.twist), notes),
+        named("v", k, twisted(state.w, link.twist), notes),
         notes.let(f"al{k}", ca * state.turning - sa * about_y),
-        _named("u", k, _twisted(column, link.twist), notes),
-        _named("b", k, _twisted(state.a, link.twist), notes),
+        named("u", k, twisted(column, link.twist), notes),
+        named("b", k, twisted(state.a, link.twist), notes),
     )
 
 
@@ -188,29 +190,29 @@ def _turned_state(state: _State, direction: Direction, k: int, notes: Notes) -> 
     if direction == (1, 0):
         return state
     return _State(
-        _named("w", k, _turned(state.w, direction), notes),
+        named("w", k, turned(state.w, direction), notes),
         state.turning,
-        _named("U", k, _turned(state.column, direction), notes),
-        _named("a", k, _turned(state.a, direction), notes),
+        named("U", k, turned(state.column, direction), notes),
+        named("a", k, turned(state.a, direction), notes),
     )
 
 
-def _named(name: str, k: int, vector: Sequence[Any], notes: Notes) -> Vector:
-    return _vector([notes.let(f"{name}{axis}{k}", e) for axis, e in zip("xyz", vector, strict=True)])
+def named(name: str, k: Any, v: Sequence[Any], notes: Notes) -> Vector:
+    return vector([notes.let(f"{name}{axis}{k}", e) for axis, e in zip("xyz", v, strict=True)])
 
 
-def _vector(elements: Sequence[Any]) -> Vector:
+def vector(elements: Sequence[Any]) -> Vector:
     x, y, z = elements
     return x, y, z
 
 
-def _twisted(v: Sequence[Any], twist: Turn) -> Vector:
+def twisted(v: Sequence[Any], twist: Turn) -> Vector:
     """A vector in axes that are turned about x by the twist."""
     x, y, z = v
     return x, twist.cos * y + twist.sin * z, twist.cos * z - twist.sin * y
 
 
-def _turned(v: Sequence[Any], direction: tuple[Any, Any]) -> Vector:
+def turned(v: Sequence[Any], direction: tuple[Any, Any]) -> Vector:
     """A vector in axes in which its own x axis has this direction."""
     (x, y, z), (c, s) = v, direction
     return c * x - s * y, s * x + c * y, z
@@ -243,49 +245,43 @@ def torques(
     N: Vector = (0, 0, 0)
     for group in reversed(groups(g)):
         F, N = (
-            _named(name, group[-1] + 1, _turned(v, moving[group[-1]].direction), notes)
+            named(name, group[-1] + 1, turned(v, moving[group[-1]].direction), notes)
             for name, v in (("F", F), ("N", N))
         )
         for i in reversed(group):
             link, m, k = g.links[i], moving[i], i + 1
-            F, N = _loaded(F, N, turned_moments(moments[i], m.direction, k, notes), m, k, notes)
+            own_F, own_N = wrench(turned_moments(moments[i], m.direction, k, notes), m)
+            F, N = named("F", k, _sum(F, own_F), notes), named("N", k, _sum(N, own_N), notes)
             own = N[2] if link.revolute else F[2]
             tau[i] = (own if link.sign > 0 else -own) + rotors[i] * qdd[i]
-            N = _named("N", k, _sum(N, (-m.lift * F[1], m.lift * F[0], 0)), notes)
+            N = named("N", k, _sum(N, (-m.lift * F[1], m.lift * F[0], 0)), notes)
             back = (m.before[0], -m.before[1])
-            F, N = (_named(name, k, _turned(v, back), notes) for name, v in (("F", F), ("N", N)))
+            F, N = (named(name, k, turned(v, back), notes) for name, v in (("F", F), ("N", N)))
             x, y = m.reach
-            N = _named("N", k, _sum(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
+            N = named("N", k, _sum(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
         F, N = _inwards(F, N, g.links[group[0]], group[0] + 1, notes)
     return tau
 
 
-def _loaded(F: Vector, N: Vector, S: Moments, m: SpatialMotion, k: int, notes: Notes) -> tuple[Vector, Vector]:
-    """Force and moment about a link's origin, its own inertia included."""
+def wrench(S: Moments, m: SpatialMotion) -> tuple[Vector, Vector]:
+    """Force, and moment about the origin, that a link's motion asks of its mass."""
     U, (ax, ay, az) = m.U, m.a
-    own = U.along(S.x, S.y, S.z)
-    F = _named("F", k, [f + S.m * a + e for f, a, e in zip(F, m.a, own, strict=True)], notes)
-    Nx, Ny, Nz = N
-    return F, _named(
-        "N",
-        k,
-        (
-            Nx + S.yy * U.zy - S.zz * U.yz + S.xy * U.zx - S.xz * U.yx + S.yz * U.zz_yy + S.y * az - S.z * ay,
-            Ny + S.zz * U.xz - S.xx * U.zx + S.yz * U.xy - S.xy * U.zy + S.xz * U.xx_zz + S.z * ax - S.x * az,
-            Nz + S.xx * U.yx - S.yy * U.xy + S.xz * U.yz - S.yz * U.xz + S.xy * U.yy_xx + S.x * ay - S.y * ax,
-        ),
-        notes,
+    along = U.along(*S.first)
+    return vector([S.m * a + e for a, e in zip(m.a, along, strict=True)]), (
+        S.yy * U.zy - S.zz * U.yz + S.xy * U.zx - S.xz * U.yx + S.yz * U.zz_yy + S.y * az - S.z * ay,
+        S.zz * U.xz - S.xx * U.zx + S.yz * U.xy - S.xy * U.zy + S.xz * U.xx_zz + S.z * ax - S.x * az,
+        S.xx * U.yx - S.yy * U.xy + S.xz * U.yz - S.yz * U.xz + S.xy * U.yy_xx + S.x * ay - S.y * ax,
     )
 
 
 def _inwards(F: Vector, N: Vector, link: LinkFrame, k: int, notes: Notes) -> tuple[Vector, Vector]:
     """From the origin of a group's first link to that of the link before, along the axes of that."""
-    F, N = (_named(name, k, _twisted(v, -link.twist), notes) for name, v in (("F", F), ("N", N)))
-    return F, _named("N", k, _sum(N, (0, -link.a * F[2], link.a * F[1])), notes)
+    F, N = (named(name, k, twisted(v, -link.twist), notes) for name, v in (("F", F), ("N", N)))
+    return F, named("N", k, _sum(N, (0, -link.a * F[2], link.a * F[1])), notes)
 
 
 def _sum(u: Sequence[Any], v: Sequence[Any]) -> Vector:
-    return _vector([a + b for a, b in zip(u, v, strict=True)])
+    return vector([a + b for a, b in zip(u, v, strict=True)])
 
 
 def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Moments:
@@ -295,8 +291,8 @@ def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Mo
         return S
     twice = let(f"S2{k}", s * (S.xx - S.yy) + c * (2 * S.xy))
     across = let(f"Ss{k}", s * twice)
-    x, y, _ = _named("M", k, _turned((S.x, S.y, 0), direction), notes)
-    xz, yz, _ = _named("Sz", k, _turned((S.xz, S.yz, 0), direction), notes)
+    x, y, _ = named("M", k, turned((S.x, S.y, 0), direction), notes)
+    xz, yz, _ = named("Sz", k, turned((S.xz, S.yz, 0), direction), notes)
     return Moments(
         xx=let(f"Sxx{k}", S.xx - across),
         yy=let(f"Syy{k}", S.yy + across),
