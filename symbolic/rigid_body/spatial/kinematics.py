@@ -10,10 +10,21 @@ from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import SpatialArm
 from symbolic.rigid_body.kinematics import NOMINAL_MASS, Author
 from symbolic.rigid_body.lagrangian import rational
-from symbolic.rigid_body.spatial.composites import Step, composites
+from symbolic.rigid_body.spatial.composites import Step, composites, gradient
 from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
 from symbolic.rigid_body.spatial.moments import Moments
-from symbolic.rigid_body.spatial.vectors import NOWHERE, added, applied, cross, dot, less, negative, placed, scaled
+from symbolic.rigid_body.spatial.vectors import (
+    NOWHERE,
+    added,
+    along,
+    applied,
+    cross,
+    dot,
+    less,
+    negative,
+    placed,
+    scaled,
+)
 from symbolic.straightline import Recorder
 
 NOTATION = {
@@ -128,9 +139,8 @@ def _from_base(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) ->
     o, axes = geometry.base.at, JointAxes([], [], [])
     for step in steps:
         (c, s), (ct, st) = step.direction, step.twist
-        o = added(o, scaled(step.a, x))
         y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
-        o = step.named(("ox", "oy", "oz"), added(o, scaled(step.d, z)))
+        o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
         for values, value in zip((axes.before, axes.along, axes.origin), ((x, y), z, o), strict=True):
             values.append(value)
         x, y = (
@@ -140,8 +150,7 @@ def _from_base(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) ->
                 ("y", added(scaled(c, y), scaled(-s, x))),
             )
         )
-    at = geometry.tip.at
-    tip = added(added(o, scaled(at[0], x)), added(scaled(at[1], y), scaled(at[2], z)))
+    tip = added(o, along(geometry.tip.at, x, y, z))
     return axes, _named("tip", tip, recorder)
 
 
@@ -172,8 +181,9 @@ def _rates(geometry: Geometry, axes: JointAxes, tip: Vector, qd: Sequence[Any], 
 def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
     recorder, n = author.recorder(), geometry.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    axes, pull = _from_tip(geometry, Step.all(geometry, q, recorder), recorder)
-    a, U = _acceleration(geometry, axes, pull, qd, qdd, recorder)
+    steps = Step.all(geometry, q, recorder)
+    axes, pull = _from_tip(geometry, steps, recorder)
+    a, U = _acceleration(geometry, steps, axes, pull, qd, qdd)
     wrenches = _unit_loads(a, U)
     rows = [
         [dot(column[:3], f) + dot(column[3:], m) for f, m in wrenches] for column in _columns(geometry, axes, NOWHERE)
@@ -212,45 +222,31 @@ def _from_tip(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) -> 
             )
         )
         axes.before.append((x, y))
-        o = step.named(("rx", "ry", "rz"), less(o, added(scaled(step.d, z), scaled(step.a, x))))
+        o = step.named(("rx", "ry", "rz"), less(o, along(step.at, x, y, z)))
         y, z = added(scaled(ct, y), scaled(-st, z)), added(scaled(ct, z), scaled(st, y))
-    g = geometry.gravity
-    pull = added(scaled(g[0], x), added(scaled(g[1], y), scaled(g[2], z)))
+    pull = along(geometry.gravity, x, y, z)
     reverse = JointAxes(axes.before[::-1], axes.along[::-1], axes.origin[::-1])
     return reverse, _named("g", pull, recorder)
 
 
 def _acceleration(
-    geometry: Geometry, axes: JointAxes, pull: Vector, qd: Sequence[Any], qdd: Sequence[Any], recorder: Recorder
+    geometry: Geometry, steps: Sequence[Step], axes: JointAxes, pull: Vector, qd: Sequence[Any], qdd: Sequence[Any]
 ) -> tuple[Vector, Matrix]:
     """Of the tip less gravity, and U of the last link, from joint to joint."""
     w, al, a = NOWHERE, NOWHERE, negative(pull)
     U: Matrix = (NOWHERE, NOWHERE, NOWHERE)
     ends = [*axes.origin[1:], NOWHERE]
-    for k, link in enumerate(geometry.links):
+    for k, (link, step) in enumerate(zip(geometry.links, steps, strict=True)):
         z, o = axes.along[k], axes.origin[k]
         own, rise = scaled(link.sign * qd[k], z), scaled(link.sign * qdd[k], z)
         if link.revolute:
-            al = _named(f"al{k + 1}", added(al, added(rise, cross(w, own))), recorder)
-            w = _named(f"w{k + 1}", added(w, own), recorder)
-            U = _gradient(w, al, k + 1, recorder)
+            al = step.named(("alx", "aly", "alz"), added(al, added(rise, cross(w, own))))
+            w = step.named(("wx", "wy", "wz"), added(w, own))
+            U = gradient(step, w, al)
         else:
             a = added(a, added(rise, scaled(2, cross(w, own))))
-        a = _named(f"a{k + 1}", added(a, applied(U, less(ends[k], o))), recorder)
+        a = step.named(("ax", "ay", "az"), added(a, applied(U, less(ends[k], o))))
     return a, U
-
-
-def _gradient(w: Vector, al: Vector, k: int, recorder: Recorder) -> Matrix:
-    """U = al x + w w^T - |w|^2."""
-    (x, y, z), (ax, ay, az) = w, al
-    xy, xz, yz = x * y, x * z, y * z
-    rows = (
-        (-y * y - z * z, xy - az, xz + ay),
-        (xy + az, -x * x - z * z, yz - ax),
-        (xz - ay, yz + ax, -x * x - y * y),
-    )
-    a, b, c = (_named(f"U{name}{k}", row, recorder) for name, row in zip("xyz", rows, strict=True))
-    return a, b, c
 
 
 def _unit_loads(a: Vector, U: Matrix) -> list[tuple[Vector, Vector]]:

@@ -102,18 +102,18 @@ def motion(
             link, k = g.links[i], i + 1
             reach: tuple[Any, Any] = (0, 0)
             if i > group[0]:
-                c, s = _direction(g, at, i - 1, q, notes)
+                c, s = direction_along(g, at, i - 1, q, notes)
                 reach = notes.let(f"lc{k}", link.a * c), notes.let(f"ls{k}", link.a * s)
                 state = state.moved(found[-1].U.along(*reach, 0), k, notes)
-            before = _direction(g, axes[i], at, q, notes)
+            before = direction_along(g, axes[i], at, q, notes)
             state, at = _turned_state(state, before, k, notes), axes[i]
             lift = notes.let(f"r{k}", link.reach(q[i]))
             state = state.moved([e * lift for e in state.column], k, notes)
             state = _jointed(state, link, qd[i], qdd[i], k, notes)
             U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
-            found.append(SpatialMotion(i == group[0], _direction(g, at, i, q, notes), before, reach, lift, U, state.a))
+            found.append(SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, U, state.a))
         if group[-1] < g.n - 1:
-            state = _turned_state(state, _direction(g, group[-1], at, q, notes), group[-1] + 1, notes)
+            state = _turned_state(state, direction_along(g, group[-1], at, q, notes), group[-1] + 1, notes)
             state = _twisted_state(state, g.links[group[-1] + 1], group[-1] + 2, notes)
     return found
 
@@ -218,7 +218,7 @@ def turned(v: Sequence[Any], direction: tuple[Any, Any]) -> Vector:
     return c * x - s * y, s * x + c * y, z
 
 
-def _direction(g: Geometry, axes: int, frame: int, q: Sequence[Any], notes: Notes) -> Direction:
+def direction_along(g: Geometry, axes: int, frame: int, q: Sequence[Any], notes: Notes) -> Direction:
     """Cosine and sine of a frame's x axis, along the x axis of another one of its group."""
     low, high = sorted((axes, frame))
     angle: Any = 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from symbolic.model_file.arm import Frame, SpatialArm
 from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Matrix, Placement, Vector
@@ -40,7 +40,7 @@ def exact_file_chain(geometry: Geometry) -> ExactFileChain:
     """The file's chain, from frames with exact numbers."""
     placements, before = [], geometry.base
     for link in geometry.links:
-        placements.append(_joined(before, _joined(_step(link), link.body)))
+        placements.append(_joined(before, _joined(_start(link), link.body)))
         before = _reversed(link.body)
     return ExactFileChain(
         tuple(link.revolute for link in geometry.links),
@@ -82,12 +82,11 @@ def _rotation(rpy: Sequence[float]) -> list[list[float]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _step(link: LinkFrame) -> Placement:
-    """Frame j in frame j − 1 where q = 0."""
-    ct, st = link.twist.pair
-    c, s = link.offset.pair if isinstance(link.rest, int) else (link.offset + link.rest).pair
-    turn = ((c, -s, 0), (ct * s, ct * c, -st), (st * s, st * c, ct))
-    return Placement(turn, (link.a, -st * link.d, ct * link.d))
+def _start(link: LinkFrame) -> Placement:
+    """The link's frame in the one before, where q = 0."""
+    if isinstance(link.rest, int):
+        return link.start
+    return replace(link, offset=link.offset + link.rest).start
 
 
 def _transposed(R: Matrix) -> Matrix:

@@ -35,6 +35,11 @@ def dot(u: Sequence[Any], v: Sequence[Any]) -> Any:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
+def along(v: Sequence[Any], x: Sequence[Any], y: Sequence[Any], z: Sequence[Any]) -> Vector:
+    """The vector whose elements stand along the axes x, y, z."""
+    return added(added(scaled(v[0], x), scaled(v[1], y)), scaled(v[2], z))
+
+
 def applied(R: Sequence[Sequence[Any]], v: Sequence[Any]) -> Vector:
     """R v."""
     return dot(R[0], v), dot(R[1], v), dot(R[2], v)
