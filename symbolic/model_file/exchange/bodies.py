@@ -14,7 +14,7 @@ NOWHERE = Frame()
 
 
 @dataclass(frozen=True)
-class Body:
+class StatedBody:
     """mass in kg, com (3,) in m in some frame, inertia about it in kg m² along that frame's axes, as SpatialLink's."""
 
     mass: float
@@ -26,15 +26,15 @@ class Body:
         return self.mass == 0 and not any(self.inertia)
 
 
-NOTHING = Body(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+NOTHING = StatedBody(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-def placed(body: Body, frame: Frame) -> Body:
+def placed(body: StatedBody, frame: Frame) -> StatedBody:
     """A body of an inner frame, which stands at `frame`, in the outer one."""
     if frame == NOWHERE:
         return body
     com = added(frame.xyz, applied(rotation(frame.rpy), body.com))
-    return Body(body.mass, com, turned(body.inertia, frame.rpy))
+    return StatedBody(body.mass, com, turned(body.inertia, frame.rpy))
 
 
 def turned(inertia: Inertia, rpy: Vector) -> Inertia:
@@ -50,7 +50,7 @@ def packed(matrix: Sequence[Sequence[float]]) -> Inertia:
     return matrix[0][0], matrix[0][1], matrix[0][2], matrix[1][1], matrix[1][2], matrix[2][2]
 
 
-def together(bodies: Sequence[Body]) -> Body:
+def together(bodies: Sequence[StatedBody]) -> StatedBody:
     """One body of several in one frame, by the parallel axis theorem; of a single one, itself."""
     bodies = [body for body in bodies if not body.is_nothing]
     if len(bodies) == 1:
@@ -59,10 +59,10 @@ def together(bodies: Sequence[Body]) -> Body:
     x, y, z = (math.fsum(b.mass * b.com[k] for b in bodies) / mass if mass else 0.0 for k in range(3))
     shifted = [_about(body, (x, y, z)) for body in bodies]
     xx, xy, xz, yy, yz, zz = (math.fsum(inertia[k] for inertia in shifted) for k in range(6))
-    return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+    return StatedBody(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
-def _about(body: Body, point: Vector) -> Inertia:
+def _about(body: StatedBody, point: Vector) -> Inertia:
     """The body's inertia about a point (Steiner)."""
     m, (x, y, z) = body.mass, (a - b for a, b in zip(body.com, point, strict=True))
     xx, xy, xz, yy, yz, zz = body.inertia

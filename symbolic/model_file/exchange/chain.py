@@ -9,7 +9,7 @@ from typing import Literal
 
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import ModelError, Place, nearest, printable, quote
-from symbolic.model_file.exchange.bodies import Body, placed, together
+from symbolic.model_file.exchange.bodies import StatedBody, placed, together
 from symbolic.model_file.exchange.tree import MOVING, Tree, TreeJoint
 from symbolic.model_file.frames import (
     about,
@@ -38,7 +38,7 @@ class ChainJoint:
 
     joint: TreeJoint
     origin: Frame
-    body: Body | None
+    body: StatedBody | None
     links: tuple[str, ...]
     doubt: str = ""
 
@@ -48,7 +48,7 @@ class ChainJoint:
 
 
 @dataclass(frozen=True)
-class Chain:
+class TreeChain:
     """A serial arm between two links; held: moving joints off its way, which stand still with it."""
 
     tree: Tree
@@ -60,7 +60,7 @@ class Chain:
     notes: tuple[str, ...] = ()
 
 
-def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, float]) -> Chain:
+def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, float]) -> TreeChain:
     """The arm from the link `base` (None: the root) to the link `tip` (None: the only end).
 
     locked   joint -> where it is held, rad or m
@@ -211,7 +211,7 @@ def _assembled(
     way: Sequence[TreeJoint],
     below: Mapping[str, Sequence[TreeJoint]],
     locked: Mapping[str, float],
-) -> Chain:
+) -> TreeChain:
     made: list[ChainJoint] = []
     held: list[str] = []
     on_the_way = {joint.name for joint in way}
@@ -223,7 +223,7 @@ def _assembled(
         carried = list(_carried(joint.child, below, locked, on_the_way, held))
         made.append(_chain_joint(tree, joint, origin, carried))
         origin = Frame()
-    return Chain(tree, base, tip, tuple(made), origin, tuple(held))
+    return TreeChain(tree, base, tip, tuple(made), origin, tuple(held))
 
 
 def _origin(joint: TreeJoint, locked: Mapping[str, float]) -> Frame:

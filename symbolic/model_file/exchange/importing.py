@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLink, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import model_text, urdf, xml_file
-from symbolic.model_file.exchange.chain import Chain, ChainJoint, chain, some
+from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, some
 from symbolic.model_file.exchange.tree import Tree
 from symbolic.model_file.reader import parse
 from symbolic.model_file.snapping import listed
@@ -30,7 +30,7 @@ class ImportedArm:
 
     text: str
     arm: SpatialArm
-    chain: Chain
+    chain: TreeChain
     notes: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def read_tree(path: Path) -> Tree:
     return root.fail(f"its root is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
 
 
-def _head(found: Chain, path: Path) -> list[str]:
+def _head(found: TreeChain, path: Path) -> list[str]:
     tree = found.tree
     return [
         f"{tree.name or path.stem}, {found.base} to {found.tip_link}: made by tendon import from {path.name} "
@@ -111,7 +111,7 @@ def _head(found: Chain, path: Path) -> list[str]:
 # --- the arm ---
 
 
-def _arm(found: Chain, path: Path, effects: Sequence[dict[str, Values]], notes: list[str]) -> SpatialArm:
+def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], notes: list[str]) -> SpatialArm:
     names = unique(label_of(joint.joint.name) for joint in found.joints)
     joints = []
     for joint, name, active in zip(found.joints, names, effects, strict=True):
@@ -142,7 +142,7 @@ def _link(joint: ChainJoint) -> SpatialLink:
     return SpatialLink(joint.body.mass, joint.body.com, joint.body.inertia)
 
 
-def _left_out(found: Chain) -> list[str]:
+def _left_out(found: TreeChain) -> list[str]:
     """What the file does not state, and what was not taken from it."""
     notes = [f"{joint.doubt}: left out, hence unknown" for joint in found.joints if joint.doubt]
     if found.held:
@@ -182,7 +182,7 @@ def _is(names: Sequence[str]) -> str:
 
 
 def _effects(
-    found: Chain, library: Mapping[str, Effect], friction: bool, notes: list[str]
+    found: TreeChain, library: Mapping[str, Effect], friction: bool, notes: list[str]
 ) -> tuple[list[dict[str, Values]], list[str]]:
     """The effects of every joint, and what is said beside the first of them."""
     assumed = [effect for effect in library.values() if effect.assumed and friction]

@@ -12,7 +12,7 @@ from typing import Any
 
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import LARGEST, ModelError, printable
-from symbolic.model_file.exchange.bodies import NOTHING, Body, packed
+from symbolic.model_file.exchange.bodies import NOTHING, StatedBody, packed
 from symbolic.model_file.exchange.tree import Tree, TreeJoint, TreeLink
 from symbolic.model_file.frames import Rotation, Vector, about, angles, composed, product, scaled, transposed
 
@@ -162,7 +162,7 @@ class _Bodies:
         largest = [min(-float(low), float(high)) for low, high in limits]
         return gear, min((value for value in largest if 0 < value < LARGEST), default=None)
 
-    def body(self, k: int, shift: Vector) -> Body | None:
+    def body(self, k: int, shift: Vector) -> StatedBody | None:
         """Of a body in its link's frame, which stands off its own by a shift."""
         model = self.model
         if model.body(k).name in self.unknown:
@@ -171,7 +171,7 @@ class _Bodies:
         principal = [float(moment) for moment in model.body_inertia[k]]
         diagonal: Rotation = ((principal[0], 0.0, 0.0), (0.0, principal[1], 0.0), (0.0, 0.0, principal[2]))
         com = _less(_vector(model.body_ipos[k]), scaled(-1.0, shift))
-        return Body(float(model.body_mass[k]), com, packed(product(product(R, diagonal), transposed(R))))
+        return StatedBody(float(model.body_mass[k]), com, packed(product(product(R, diagonal), transposed(R))))
 
 
 def _vector(values: Sequence[Any]) -> Vector:

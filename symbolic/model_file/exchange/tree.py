@@ -8,7 +8,7 @@ from typing import Literal
 
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import ModelError, quote
-from symbolic.model_file.exchange.bodies import Body
+from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.frames import Vector
 
 MOVING: Mapping[str, Literal["revolute", "prismatic"]] = {
@@ -24,7 +24,7 @@ class TreeLink:
     """body: None where the file states none; solid: it is drawn or collides, so that it is no mere frame."""
 
     name: str
-    body: Body | None
+    body: StatedBody | None
     solid: bool
 
 

@@ -10,9 +10,9 @@ from typing import TypeVar
 
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import LARGEST, quote
-from symbolic.model_file.exchange.bodies import Body, turned
+from symbolic.model_file.exchange.bodies import StatedBody, turned
 from symbolic.model_file.exchange.tree import Tree, TreeJoint, TreeLink
-from symbolic.model_file.exchange.xml_file import Node
+from symbolic.model_file.exchange.xml_file import XmlNode
 
 Made = TypeVar("Made", TreeLink, TreeJoint)
 ZERO = (0.0, 0.0, 0.0)
@@ -21,7 +21,7 @@ REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 DYNAMICS = ("damping", "friction")
 
 
-def tree(root: Node) -> Tree:
+def tree(root: XmlNode) -> Tree:
     """The robot that a URDF describes. Raises ModelError."""
     if any(node.tag.startswith("xacro:") for node in root.everything()):
         root.fail("is a xacro template and no URDF yet; expand it first: xacro FILE > robot.urdf")
@@ -33,7 +33,7 @@ def tree(root: Node) -> Tree:
     return Tree(root.file, "URDF", root.attributes.get("name", ""), links, joints)
 
 
-def _named(root: Node, tag: str, made: Callable[[Node], Made]) -> dict[str, Made]:
+def _named(root: XmlNode, tag: str, made: Callable[[XmlNode], Made]) -> dict[str, Made]:
     found: dict[str, Made] = {}
     for node in root.all(tag):
         name = node.word("name")
@@ -43,7 +43,7 @@ def _named(root: Node, tag: str, made: Callable[[Node], Made]) -> dict[str, Made
     return found
 
 
-def _frame(node: Node) -> Frame:
+def _frame(node: XmlNode) -> Frame:
     """<origin> of an element; where it is left out, the frame itself."""
     origin = node.first("origin")
     if origin is None:
@@ -53,22 +53,22 @@ def _frame(node: Node) -> Frame:
     return Frame((x, y, z), (roll, pitch, yaw))
 
 
-def _link(node: Node) -> TreeLink:
+def _link(node: XmlNode) -> TreeLink:
     solid = any(node.first(tag) is not None for tag in ("visual", "collision"))
     inertial = node.first("inertial")
     return TreeLink(node.word("name"), None if inertial is None else _body(inertial), solid)
 
 
-def _body(inertial: Node) -> Body:
+def _body(inertial: XmlNode) -> StatedBody:
     mass = inertial.needed("mass").number("value")
     if mass < 0:
         inertial.fail(f"<mass> value is {mass:g}; expected a mass of 0 kg or more")
     stated, frame = inertial.first("inertia"), _frame(inertial)
     xx, xy, xz, yy, yz, zz = (0.0 if stated is None else stated.number(key, 0.0) for key in MOMENTS)
-    return Body(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
+    return StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
 
 
-def _joint(node: Node, gears: Mapping[str, float]) -> TreeJoint:
+def _joint(node: XmlNode, gears: Mapping[str, float]) -> TreeJoint:
     name, kind = node.word("name"), node.word("type")
     parent, child = (node.needed(end).word("link") for end in ("parent", "child"))
     axis, limit, dynamics, mimic = (node.first(tag) for tag in ("axis", "limit", "dynamics", "mimic"))
@@ -91,7 +91,7 @@ def _joint(node: Node, gears: Mapping[str, float]) -> TreeJoint:
     )
 
 
-def _limits(limit: Node, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None]:
+def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None]:
     """Position, speed and torque; what is 0, infinite or as good as infinite is no limit."""
     low, high = (limit.bound(key) or 0.0 for key in ("lower", "upper"))
     bounded = kind in ("revolute", "prismatic") and low < high and max(-low, high) < LARGEST
@@ -104,7 +104,7 @@ def _limits(limit: Node, kind: str) -> tuple[tuple[float, float] | None, float |
     )
 
 
-def _gears(root: Node) -> dict[str, float]:
+def _gears(root: XmlNode) -> dict[str, float]:
     """Turns of the motor a turn of the joint, where a <transmission> says so; its sign is the motor's direction."""
     found = {}
     for transmission in root.deep("transmission"):
@@ -112,7 +112,7 @@ def _gears(root: Node) -> dict[str, float]:
         reductions = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
         if len(names) == 1 and len(reductions) == 1:
             (name,), (node,) = names, reductions
-            stated = Node(node.tag, {"value": node.text.strip()}, node.file, node.line)
+            stated = XmlNode(node.tag, {"value": node.text.strip()}, node.file, node.line)
             if ratio := abs(stated.number("value")):
                 found[name] = ratio
     return found

@@ -23,27 +23,27 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|infinity|
 
 
 @dataclass
-class Node:
+class XmlNode:
     """An element: its tag, its attributes, what stands in it, and where."""
 
     tag: str
     attributes: Mapping[str, str]
     file: str
     line: int
-    children: list[Node] = field(default_factory=list)
+    children: list[XmlNode] = field(default_factory=list)
     text: str = ""
 
     def fail(self, message: str) -> NoReturn:
         raise ModelError(f"{self.file} line {self.line}: {message}")
 
-    def all(self, tag: str) -> Iterator[Node]:
+    def all(self, tag: str) -> Iterator[XmlNode]:
         """Those right in it with this tag."""
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> Node | None:
+    def first(self, tag: str) -> XmlNode | None:
         return next(self.all(tag), None)
 
-    def everything(self) -> Iterator[Node]:
+    def everything(self) -> Iterator[XmlNode]:
         """All elements in it, from the top."""
         todo = [*reversed(self.children)]
         while todo:
@@ -51,11 +51,11 @@ class Node:
             yield node
             todo += reversed(node.children)
 
-    def deep(self, tag: str) -> Iterator[Node]:
+    def deep(self, tag: str) -> Iterator[XmlNode]:
         """Those anywhere in it with this tag."""
         return (node for node in self.everything() if node.tag == tag)
 
-    def needed(self, tag: str) -> Node:
+    def needed(self, tag: str) -> XmlNode:
         found = self.first(tag)
         if found is None:
             self.fail(f"<{self.tag}> has no <{tag}>; expected one")
@@ -92,7 +92,7 @@ class Node:
         return self.number(key) if word else None
 
 
-def read(path: Path) -> Node:
+def read(path: Path) -> XmlNode:
     """The root of an XML file.
 
     Raises ModelError: no such file, no XML, an entity, too many bytes, elements or levels.
@@ -112,7 +112,7 @@ def read(path: Path) -> Node:
     return parsed(data, name)
 
 
-def parsed(data: bytes, name: str) -> Node:
+def parsed(data: bytes, name: str) -> XmlNode:
     """The root of a document; `name` is the file's, for messages. Raises ModelError."""
     builder = _Builder(name)
     try:
@@ -130,7 +130,7 @@ class _Builder:
     """Elements into nodes, counted."""
 
     def __init__(self, file: str) -> None:
-        self.file, self.count, self.open = file, 0, [Node("", {}, file, 0)]
+        self.file, self.count, self.open = file, 0, [XmlNode("", {}, file, 0)]
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
         self.parser.StartElementHandler = self.start
@@ -139,7 +139,7 @@ class _Builder:
         self.parser.EntityDeclHandler = self.entity
 
     @property
-    def root(self) -> Node:
+    def root(self) -> XmlNode:
         return self.open[0].children[0]
 
     def fail(self, message: str) -> NoReturn:
@@ -151,7 +151,7 @@ class _Builder:
             self.fail(f"more than {MAX_ELEMENTS:,} elements; expected the description of a robot")
         if len(self.open) > MAX_DEPTH:
             self.fail(f"elements within more than {MAX_DEPTH} others; expected the description of a robot")
-        node = Node(tag, attributes, self.file, self.parser.CurrentLineNumber)
+        node = XmlNode(tag, attributes, self.file, self.parser.CurrentLineNumber)
         self.open[-1].children.append(node)
         self.open.append(node)
 
