@@ -34,7 +34,8 @@ class SignalInfo:
     @property
     def between(self) -> bool:
         """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
-        return self.source is not None and "own" in self.source.get("index", ())
+        source = self.source
+        return source is not None and (source["kind"] == "ArmSlope" or "own" in source.get("index", ()))
 
 
 @dataclass(frozen=True, kw_only=True)
