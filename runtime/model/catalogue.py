@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, nan, prod
 from typing import Any, cast
@@ -64,13 +64,17 @@ class EffectInfo(DescribedEffect[DescribedParameter]):
 @dataclass(frozen=True)
 class LumpInfo:
     """A base inertial parameter: value from the model file, None where it leaves a number behind it out; joint counts
-    from 1."""
+    from 1.
+
+    parts   of an arm in space: (joint, inertial parameter of its body or rotor, coefficient), whose sum it is
+    """
 
     name: str
     unit: str
     meaning: str
     joint: int
     value: float | None
+    parts: Sequence[Sequence[Any]] = ()
 
 
 @dataclass(frozen=True)
