@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation.settings import SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
@@ -33,6 +34,7 @@ class Signals(SignalContext):
     piece: Piece
     prediction: Prediction | None
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
+    _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
 
     def signal(self, name: str, joint: int, own: int | None) -> Array | float:
         key = (name, joint, own)
@@ -73,6 +75,19 @@ class Signals(SignalContext):
             for joint, change in self._moved_to_link.items():
                 output[joint, joint] += change
         return output
+
+    def growth(self, function: str, by: str, own: int) -> Array:
+        """(n, N), by central differences: exact to rounding for rates, in which torques are quadratic."""
+        if (function, by, own) not in self._slopes:
+            ends = [self._shifted(function, by, own, step) for step in (SLOPE_STEP, -SLOPE_STEP)]
+            self._slopes[function, by, own] = (ends[0] - ends[1]) / (2 * SLOPE_STEP)
+        return self._slopes[function, by, own]
+
+    def _shifted(self, function: str, by: str, own: int, step: float) -> Array:
+        moved = {"q": self.piece.q, "qd": self.piece.qd, "qdd": self.piece.slow}
+        moved[by] = moved[by] + step * (np.arange(self.model.n) == own)[:, None]
+        inputs = self.model.metadata["functions"][function]["inputs"]
+        return self.model.call(function, {name: moved[name] for name, _ in inputs}, self._known.lumps)
 
     def given(self, name: str) -> float | None:
         return given(self.model.library, self._known.values, name)

@@ -264,3 +264,7 @@ up again once they are in the model; time."""
 
 ORDERS_SPREAD: Final = 12
 """number of orders; where nothing tells which, so many over the whole span stand for all; a choice."""
+
+SLOPE_STEP: Final = 1e-4
+"""rad, m and rad/s, m/s; torques so far to either side give how they grow with a position or a rate: their curvature
+adds a part of 1e-8, rounding one of 1e-11."""
