@@ -13,7 +13,8 @@ from symbolic.functions import Struct, SymbolicFunction
 from symbolic.model_file.arm import Arm, Joint
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body import dynamics, kinematics
-from symbolic.rigid_body.base_parameters import BaseParameters, Column, base_parameters, exact
+from symbolic.rigid_body.base_parameters import base_parameters
+from symbolic.rigid_body.exact_rank import BaseParameters, Column, exact
 from symbolic.rigid_body.kinematics import Author, Coordinates
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.layout import LayoutConstant, RecursionLayout, choose_layout

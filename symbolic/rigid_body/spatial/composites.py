@@ -22,27 +22,27 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.vectors import NOWHERE, added
 from symbolic.straightline import Notes
 
 Wrench = tuple[Vector, Vector]
 """A force and a moment, or a momentum and its moment."""
-NOWHERE: Vector = (0, 0, 0)
 
 
 @dataclass(frozen=True)
 class Moments:
     """Mass, first and second moments of a body about a frame's origin: the integrals of 1, x, x x^T over its mass."""
 
-    m: Any
-    x: Any
-    y: Any
-    z: Any
-    xx: Any
-    yy: Any
-    zz: Any
-    xy: Any
-    xz: Any
-    yz: Any
+    m: Any = 0
+    x: Any = 0
+    y: Any = 0
+    z: Any = 0
+    xx: Any = 0
+    yy: Any = 0
+    zz: Any = 0
+    xy: Any = 0
+    xz: Any = 0
+    yz: Any = 0
 
     @property
     def first(self) -> Vector:
@@ -107,8 +107,12 @@ class Step:
         c, s = self.twist
         return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
 
+    def placed(self, point: Vector, name: str) -> Vector:
+        """A point of frame j in frame j − 1."""
+        return self.twisted(added(self.turned(point, name), (self.a, 0, self.d)))
+
     def carried(self, wrench: Wrench, name: str) -> Wrench:
-        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1, in its axes."""
+        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1."""
         f, n = wrench
         moved = (n[0] - self.d * f[1], n[1] + self.d * f[0] - self.a * f[2], n[2] + self.a * f[1])
         f = self.named([f"f{name}{e}" for e in "xyz"], self.twisted(f))

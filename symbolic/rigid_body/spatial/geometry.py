@@ -63,7 +63,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Link:
+class LinkFrame:
     """The step from frame j − 1 to frame j, see above.
 
     sign     1; −1 where the joint turns or slides against z_j
@@ -82,6 +82,13 @@ class Link:
     rest: Any
     d: Any
     body: Placement
+
+    @property
+    def start(self) -> Placement:
+        """The frame in the one before, where q_j = 0 and but for `rest`."""
+        (c, s), (ca, sa) = self.offset.pair, self.twist.pair
+        turn = ((c, -s, c * 0), (ca * s, ca * c, -sa), (sa * s, sa * c, ca))
+        return Placement(turn, (self.a, -sa * self.d, ca * self.d))
 
     def angle(self, q: Any) -> Any:
         """theta_j of a revolute joint, but for its quarter turns; q: an angle as Notes.sincos takes it."""
@@ -107,7 +114,7 @@ class Geometry:
     tip       the tip in frame n
     """
 
-    links: tuple[Link, ...]
+    links: tuple[LinkFrame, ...]
     gravity: Vector
     base: Placement
     tip: Placement
@@ -196,7 +203,7 @@ def geometry(arm: SpatialArm) -> Geometry:
         if joint.type == "revolute" and 0 not in offset.pair:
             offset, rest = Turn(Fraction(1), Fraction(0)), offset
         a, d = exact_length(reach[0]), exact_length(float(reach @ along))
-        links.append(Link(joint.type == "revolute", sign, twist, a, offset, rest, d, _placement(frame, own)))
+        links.append(LinkFrame(joint.type == "revolute", sign, twist, a, offset, rest, d, _placement(frame, own)))
         before = frame
     gravity = first[0].T @ np.array(arm.gravity)
     tip = _after(files[-1], arm.tip)
