@@ -169,7 +169,7 @@ class Waves:
         index = np.arange(int(np.ceil(low / grid.step)), int(high / grid.step) + 1)
         count = len(angle)
         window = grid.finer().sums(np.ones((1, count)), 2 * index)[0]
-        own = np.array([count + window.real, -window.imag, count - window.real]) / 2
+        own: Array = np.array([count + window.real, -window.imag, count - window.real]) / 2
         value, vector = np.linalg.eigh(projection)
         # The projection as a square, so that what the columns take of a wave is one.
         cross = grid.sums((vector * np.sqrt(np.maximum(value, 0.0))).T @ base, index)
@@ -196,7 +196,7 @@ class Waves:
         # Where the model's columns can make the wave themselves, nothing of it is left to be seen.
         seen = (determinant > (LEAST_OF_WAVE * self.count) ** 2) & (self.own[0] > 0)
         gain = np.where(seen, solved / np.where(seen, determinant, 1.0), 0.0)
-        return AngleSpectrum(self.index * self.grid.step, gain, self.period)
+        return AngleSpectrum(np.asarray(self.index * self.grid.step, dtype=np.float64), gain, self.period)
 
 
 @dataclass(frozen=True)
