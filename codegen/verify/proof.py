@@ -1,8 +1,8 @@
 """The emitted tapes of an arm in space held against its Lagrangian modulo a prime: they are equal, or they are not.
 
 Masses, moments, rotors and the state are random residues, the base parameters what the physical ones merge into; a
-tape is evaluated in the same numbers. Nothing is rounded and nothing has a tolerance, but for the frames, whose decimals
-are held against the model file's. See symbolic/rigid_body/spatial/lagrangian.py for what the truth is made of.
+tape is evaluated in the same numbers. Nothing is rounded and nothing has a tolerance, but for the frames, whose
+decimals are held against the model file's. symbolic/rigid_body/spatial/lagrangian.py says what the truth is made of.
 """
 
 from __future__ import annotations
