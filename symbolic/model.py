@@ -18,7 +18,6 @@ from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.layout import LayoutConstant, choose_layout
 from symbolic.rigid_body.lumps import Lump, named_lumps
 from symbolic.rigid_body.spatial import base_parameters as spatial_base
-from symbolic.rigid_body.spatial import composites as spatial_composites
 from symbolic.rigid_body.spatial import dynamics as spatial_dynamics
 from symbolic.rigid_body.spatial import forward
 from symbolic.rigid_body.spatial import geometry as spatial_geometry
@@ -77,7 +76,7 @@ def _in_space(arm: SpatialArm) -> ArmModel:
     angles = spatial_lumps.angles(g)
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, angles))
     chain = g.symbolic()
-    bodies, rotors = spatial_composites.bodies(g, layout.merged, symbols)
+    bodies, rotors = spatial_dynamics.bodies(symbols, g.n)
     functions = [
         *spatial_dynamics.functions(author, chain, layout, symbols, own),
         *spatial_matrices.functions(author, chain, bodies, rotors, own),

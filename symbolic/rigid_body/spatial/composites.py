@@ -17,16 +17,11 @@ Source: Walker & Orin 1982 (composite bodies); Echeandia & Wensing 2021 (C by co
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import sympy as sp
-
-from symbolic.rigid_body.exact_rank import Column
-from symbolic.rigid_body.spatial.base_parameters import MIRRORED, Merging
 from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
-from symbolic.rigid_body.spatial.layout import moments_of
 from symbolic.rigid_body.spatial.moments import KINDS, Moments
 from symbolic.rigid_body.spatial.recursion import Direction, direction_along, groups
 from symbolic.rigid_body.spatial.vectors import NOWHERE, added, cross, scaled
@@ -190,36 +185,12 @@ class Step:
         return xx, xy, yx, yy
 
 
-def bodies(geometry: Geometry, merged: Merging, symbols: Mapping[Column, sp.Symbol]) -> tuple[list[Moments], list[Any]]:
-    """Moments of the links and rotors of the joints, (n,) each, in the base parameters `symbols`.
-
-    A mass that the recursion likes to keep would be carried through all composites: it is merged into moments again.
-    """
-    plain = merged
-    for i, link in enumerate(geometry.links):
-        mass: Column = ("m", i)
-        if link.revolute and mass in merged.kept:
-            plain = plain.exchanged(mass, next(c for c in _first_moments(plain) if mass in plain.terms[c]))
-    values: dict[Column, Any] = {}
-    for column, symbol in symbols.items():
-        signed = -symbol if column[0] in MIRRORED else symbol
-        for own, factor in plain.terms[column].items():
-            values[own] = values.get(own, 0) + sp.Rational(factor.numerator, factor.denominator) * signed
-    return moments_of(values, geometry.n)
-
-
-def _first_moments(merged: Merging) -> list[Column]:
-    """Across the axes, of those that are not kept."""
-    return [c for c in merged.terms if c[0] in ("x", "y") and c not in merged.kept]
-
-
 def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Moments]:
     """(n,) all that a joint moves, at the joint, in the axes before it. `bodies`: of the links, each in its frame."""
     result: list[Moments] = []
     carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
-        own = step.along_group(Moments(*step.named([f"{name}_o" for name in KINDS], body)))
-        sums = [a + b for a, b in zip(own, carried, strict=True)]
+        sums = [own + others for own, others in zip(step.along_group(body), carried, strict=True)]
         result.append(step.turned_moments(Moments(*step.named([f"{name}_c" for name in KINDS], sums))))
         carried = step.carried_moments(result[-1])
     return result[::-1]

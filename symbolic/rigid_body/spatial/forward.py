@@ -104,11 +104,12 @@ def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) ->
     w, al, a = NOWHERE, NOWHERE, negative(geometry.gravity)
     for group in groups(geometry):
         w, al, a = (steps[group[0]].untwisted(v) for v in (w, al, a))
+        start = gradient(steps[group[0]], w, al)
         spin: Any = 0  # about z, of the link before relative to the link before the group
         for i in group:
             step, rate, turns = steps[i], rates[i], geometry.links[i].revolute
             now = (w[0], w[1], w[2] + spin)
-            U = gradient(step, now, _spun(al, w, spin))
+            U = start if i == group[0] else _spun_gradient(step, start, now)
             a = step.named(("ax", "ay", "az"), added(a, applied(U, step.at)))
             half, twice = step.named(("v", "u"), (rate / 2, 2 * rate))
             if len(group) == 1 and turns:
@@ -121,6 +122,7 @@ def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) ->
             spin = step.notes.let(f"wz{i + 1}", spin + rate) if turns else spin
             if i == group[0]:
                 w, al, a = (step.unturned(v, name) for v, name in zip((w, al, a), ("w", "al", "a"), strict=True))
+                start = start if len(group) == 1 else gradient(step, w, al)
         al, w = _spun(al, w, spin), (w[0], w[1], w[2] + spin)
     return result
 
@@ -128,6 +130,18 @@ def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) ->
 def _spun(al: Vector, w: Vector, spin: Any) -> Vector:
     """Angular acceleration of a link that turns at `spin` about z relative to one of al and w."""
     return al[0] + spin * w[1], al[1] - spin * w[0], al[2]
+
+
+def _spun_gradient(step: Step, U: Matrix, w: Vector) -> Matrix:
+    """U of a link that turns about z relative to the one with U, at w: what it does along z stays."""
+    (_, xy, xz), (yx, _, yz), (_, _, zz) = U
+    (twice,) = step.named(("wz",), (2 * w[2],))
+    wxx, wyy, wzz = step.named(("wxx", "wyy", "wzz"), [e * e for e in w])
+    return (
+        (step.notes.let(f"Uxx{step.joint}", -wyy - wzz), xy, xz),
+        (yx, step.notes.let(f"Uyy{step.joint}", -wxx - wzz), yz),
+        (*step.named(("Uzx", "Uzy"), (twice * w[0] - xz, twice * w[1] - yz)), zz),
+    )
 
 
 def _at_revolute(step: Step, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
