@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
 
 Array = NDArray[np.float64]
 
@@ -233,7 +234,7 @@ class Regressors:
         def make() -> Array:
             if self.motion.rigid_given:
                 return np.zeros((self.model.n, len(self.model.lumps), len(self.motion.row_piece)))
-            parts = [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+            parts = [p.in_band_each(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
             return np.concatenate(parts, axis=2)
 
         return self._kept(("rigid", self.model.directory), True, make)[joint]
@@ -243,7 +244,7 @@ class Regressors:
 
         def make() -> Array:
             parts = [
-                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band(s.measured)
+                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band_each(s.measured)
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
             ]
             return np.concatenate(parts, axis=1)
@@ -254,7 +255,7 @@ class Regressors:
         """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
 
         def make() -> Array:
-            return np.concatenate([p.in_band(p.qdd[joint]) for p in self.motion.pieces])
+            return np.concatenate([p.in_band(p.qdd[joint], joint) for p in self.motion.pieces])
 
         return self._kept(("acceleration", joint), True, make)
 
@@ -265,7 +266,7 @@ class Regressors:
             if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
                 return self._late(joint, self.ahead)
             rows = [
-                p.in_band(self.raw_columns(s, term, joint, shape))
+                p.in_band(self.raw_columns(s, term, joint, shape), joint)
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
             ]
             return np.concatenate(rows, axis=1)

@@ -118,9 +118,11 @@ class LowPass:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
         return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
 
-    def reach(self, there: NDArray[np.bool_]) -> Array:
-        """there (N,) -> (M,): how much of what is there, if it were 1 and of any sign, could at most come out."""
-        return self.library.decimate(np.abs(self._centred), self.factor, there.astype(np.float64))
+    def noise(self, x: Array) -> Array:
+        """x (..., N) -> (..., M): standard deviation of what comes out of white noise times x, over that of what comes
+        out of the noise alone."""
+        square = self._centred**2
+        return np.sqrt(self.library.decimate(square / square.sum(), self.factor, x**2))
 
     def _kernel(self, delay: float) -> Array:
         n = np.arange(-self.half, self.half + 1) - delay
