@@ -25,14 +25,14 @@ def known(qd: Array, dt: float, cutoff: float, standstill: float) -> Array:
     turn is then an equation without it. A hard edge would let the noise above the band into that row.
     standstill: the rate below which it rests.
     """
-    resting = np.abs(qd) < standstill
-    turning = np.diff(np.sign(qd)) != 0
-    resting[:-1] |= turning
-    resting[1:] |= turning
     blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
     reach, taper = (max(1, round(x / dt)) for x in (max(STANDSTILL_S, blurred), STANDSTILL_TAPER / cutoff))
-    lost = (_mean(resting, reach + taper) > 0).astype(np.float64)
-    kept: Array = 1 - _mean(_mean(lost, taper - taper // 2), taper // 2)
+    lost = _mean(np.abs(qd) < standstill, reach) > 0
+    turning = np.diff(np.sign(qd)) != 0
+    lost[:-1] |= turning
+    lost[1:] |= turning
+    around = (_mean(lost, taper) > 0).astype(np.float64)
+    kept: Array = 1 - _mean(_mean(around, taper - taper // 2), taper // 2)
     return kept
 
 
