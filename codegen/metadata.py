@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from codegen.c.c_batches import LANES
 from codegen.tape.tape import Tape
 from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json
@@ -75,6 +76,7 @@ def library(effects: Sequence[Effect]) -> dict[str, Any]:
     """effects.json."""
     return {
         "signals": [_signal(signal) for signal in SIGNALS],
+        "lanes": LANES,
         "effects": [_effect(effect) for effect in effects],
     }
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 import random
+from typing import Any
 
 import numpy as np
 
 from symbolic.model_file.arm import Frame, SpatialArm, SpatialJoint, SpatialLink
-from symbolic.rigid_body.spatial.geometry import Array, rotation
+from symbolic.rigid_body.spatial.frames import rotation
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
 
 TABLES = {
     "ur10e": [(0, 0, 0.1807), (1, 0, 0), (0, -0.6127, 0), (0, -0.57155, 0.17415), (1, 0, 0.11985), (-1, 0, 0.11655)],
@@ -80,7 +83,7 @@ def torques(arm: SpatialArm, q: Array, qd: Array, qdd: Array) -> Array:
     a, bodies, axes = -np.array(arm.gravity), [], []
     for joint, x, v, acc in zip(arm.joints, q, qd, qdd, strict=True):
         reach = R @ np.array(joint.origin.xyz)
-        R = R @ rotation(joint.origin.rpy)
+        R = R @ np.array(rotation(joint.origin.rpy))
         z = R @ np.array(joint.axis) / np.linalg.norm(joint.axis)
         if joint.type == "prismatic":
             reach = reach + z * x
@@ -104,3 +107,13 @@ def torques(arm: SpatialArm, q: Array, qd: Array, qdd: Array) -> Array:
         own = moment if joint.type == "revolute" else force
         tau.append(own @ z + (joint.rotor_inertia or 0.0) * qdd[i])
     return np.array(tau)
+
+
+def body_parameters(link: SpatialLink) -> dict[str, float]:
+    """Inertia tensor about the joint frame's origin, by Steiner, first moments and mass."""
+    m, c = link.mass, np.array(link.com)
+    xx, xy, xz, yy, yz, zz = link.inertia
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + m * (c @ c * np.eye(3) - np.outer(c, c))
+    named = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
+    moments = dict(zip(("MX", "MY", "MZ"), m * c, strict=True))
+    return {name: float(tensor[place]) for name, place in named.items()} | moments | {"M": m}

@@ -15,19 +15,19 @@ _Node = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Counted:
-    """± a node of a Counter."""
+class CountedValue:
+    """± a node of a OperationCounter."""
 
-    counter: Counter
+    counter: OperationCounter
     sign: int
     node: int
 
-    def __neg__(self) -> Counted:
-        return Counted(self.counter, -self.sign, self.node)
+    def __neg__(self) -> CountedValue:
+        return CountedValue(self.counter, -self.sign, self.node)
 
     def __add__(self, other: Any) -> Any:
         counter = self.counter
-        if not isinstance(other, Counted):
+        if not isinstance(other, CountedValue):
             return self if other == 0 else counter.make("shift", other * self.sign, self.node, self.sign)
         if self.node == other.node:
             return 0 if self.sign != other.sign else self * 2
@@ -47,7 +47,7 @@ class Counted:
         return -self + other
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Counted):
+        if isinstance(other, CountedValue):
             return self.counter.make(
                 "mul", min(self.node, other.node), max(self.node, other.node), self.sign * other.sign
             )
@@ -60,34 +60,34 @@ class Counted:
     __rmul__ = __mul__
 
 
-class Counter:
-    """Notes over Counted values."""
+class OperationCounter:
+    """Notes over counted values."""
 
     def __init__(self) -> None:
         self.known: dict[_Node, int] = {}
 
-    def leaf(self, name: str) -> Counted:
+    def leaf(self, name: str) -> CountedValue:
         return self.make("leaf", name, None, 1)
 
-    def make(self, operation: str, a: Any, b: Any, sign: int) -> Counted:
+    def make(self, operation: str, a: Any, b: Any, sign: int) -> CountedValue:
         key = (operation, a, b)
         node = self.known.get(key)
         if node is None:
             node = self.known[key] = len(self.known)
-        return Counted(self, sign, node)
+        return CountedValue(self, sign, node)
 
     def let(self, name: str, value: Any) -> Any:  # noqa: ARG002
         return value
 
     def sincos(self, angle: Any) -> tuple[Any, Any]:
-        if not isinstance(angle, Counted):
+        if not isinstance(angle, CountedValue):
             return 1, 0
         return self.make("cos", angle.node, None, 1), self.make("sin", angle.node, None, angle.sign)
 
     def count(self, outputs: Iterable[Any]) -> Count:
         """What the outputs take."""
         nodes = list(self.known)
-        todo = [o.node for o in outputs if isinstance(o, Counted)]
+        todo = [o.node for o in outputs if isinstance(o, CountedValue)]
         live: set[int] = set()
         while todo:
             i = todo.pop()

@@ -8,7 +8,7 @@ from typing import Any
 
 from symbolic.rigid_body.exact_rank import Column
 from symbolic.rigid_body.spatial.base_parameters import ROTOR, Merging, merging
-from symbolic.rigid_body.spatial.counting import Counter
+from symbolic.rigid_body.spatial.counting import OperationCounter
 from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.recursion import groups, motion, torques
@@ -58,7 +58,7 @@ def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], lis
 
 
 def _cost(g: Geometry, layout: SpatialLayout) -> int:
-    counter = Counter()
+    counter = OperationCounter()
     chain = g.over(lambda x: x, [rest if rest == 0 else counter.leaf(f"rest{i}") for i, rest in enumerate(g.rests)])
 
     def leaves(name: str) -> Sequence[Any]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from symbolic.rigid_body.spatial.geometry import Placement, Vector
+if TYPE_CHECKING:
+    from symbolic.rigid_body.spatial.geometry import Placement, Vector
 
 NOWHERE: Vector = (0, 0, 0)
 
