@@ -22,7 +22,7 @@ from typing import Any
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.dynamics import solve_symmetric
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.spatial.composites import Step, Wrench, composites, gradient
+from symbolic.rigid_body.spatial.composites import Composite, Step, Wrench, composites, gradient
 from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
 from symbolic.rigid_body.spatial.matrices import NOTATION, inertia, signed
 from symbolic.rigid_body.spatial.moments import Moments
@@ -82,7 +82,7 @@ class _Motion:
     U: Matrix
 
 
-def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
+def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite], qd: Sequence[Any]) -> list[Any]:
     """(n,) C qd + g. `wholes`: the composites at the joints."""
     result: list[Any] = [0] * geometry.n
     motions = _motions(geometry, steps, signed(geometry, qd))
@@ -144,18 +144,17 @@ def _spun_gradient(step: Step, U: Matrix, w: Vector) -> Matrix:
     )
 
 
-def _at_revolute(step: Step, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
+def _at_revolute(step: Step, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
     """Moment about z in the field of the link before; force and moment in the field that the joint adds."""
     (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))
-    whole = step.named(("D",), (b.xx + b.yy,))[0]
-    moment = y * X - x * Y + m.al[2] * whole - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
+    moment = y * X - x * Y + m.al[2] * b.spin - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
     (t,) = step.named(("t",), (m.twice * (z + m.ahead),))
     X, Y = X + b.xz * m.ahead, Y + b.yz * m.ahead
     return moment, ((-t * hx, -t * hy, m.twice * (x * hx + y * hy)), (m.twice * Y, -m.twice * X, 0))
 
 
-def _at_prismatic(b: Moments, m: _Motion) -> tuple[Any, Wrench]:
+def _at_prismatic(b: Composite, m: _Motion) -> tuple[Any, Wrench]:
     """Likewise, the force along z."""
     field = cross(m.w, (0, 0, m.twice))
     return dot(m.U[2], b.first) + b.m * m.a[2], (scaled(b.m, field), cross(b.first, field))
