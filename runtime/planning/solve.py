@@ -87,7 +87,9 @@ class Solver:
     ) -> Attempt:
         p, bounds = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes)
         began = time.perf_counter()
-        found = minimize(Bounded(self._kernels, p, *self._rows, *bounds), x, Manner(self.accuracy, self.iterations, *start))
+        found = minimize(
+            Bounded(self._kernels, p, *self._rows, *bounds), x, Manner(self.accuracy, self.iterations, *start)
+        )
         if found.status != SOLVED:
             found = self._by_ipopt(start, x, p, bounds)
         seconds = time.perf_counter() - began
