@@ -65,7 +65,7 @@ class LoadedArm:
 
 
 def load(model: PathOrText, effects: PathOrText | None = None) -> LoadedArm:
-    """The arm of a model file, or one that ships with Tendon ("drive", "vishard4", "emps") by its name.
+    """The arm of a model file, or one that ships with Tendon ("drive", "vishard4", "emps", "ur10", "panda") by its name.
 
     effects   a Python file with effects of your own (`--effects`); it is run, so trust it
     Derived and compiled when it is first needed; later calls find it in the cache. Raises ValueError, OSError.

@@ -12,7 +12,7 @@ from xml.parsers import expat
 from symbolic.model_file.checks import ModelError, printable, quote
 
 MAX_BYTES = 16_000_000
-MAX_ELEMENTS = 100_000
+MAX_ELEMENTS = 50_000
 MAX_DEPTH = 64
 """What no description of a robot needs: the largest of example-robot-data has 0.3 MB, 4,000 elements, and 60 levels
 where MJCF nests a humanoid's bodies."""
