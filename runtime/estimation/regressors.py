@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation.settings import SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,7 @@ class Signals(SignalContext):
     piece: Piece
     prediction: Prediction | None
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
+    _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
 
     def signal(self, name: str, joint: int, own: int | None) -> Array | float:
         key = (name, joint, own)
@@ -73,6 +76,19 @@ class Signals(SignalContext):
             for joint, change in self._moved_to_link.items():
                 output[joint, joint] += change
         return output
+
+    def growth(self, function: str, by: str, own: int) -> Array:
+        """(n, N), by central differences: exact to rounding for rates, in which torques are quadratic."""
+        if (function, by, own) not in self._slopes:
+            ends = [self._shifted(function, by, own, step) for step in (SLOPE_STEP, -SLOPE_STEP)]
+            self._slopes[function, by, own] = (ends[0] - ends[1]) / (2 * SLOPE_STEP)
+        return self._slopes[function, by, own]
+
+    def _shifted(self, function: str, by: str, own: int, step: float) -> Array:
+        moved = {"q": self.piece.q, "qd": self.piece.qd, "qdd": self.piece.slow}
+        moved[by] = moved[by] + step * (np.arange(self.model.n) == own)[:, None]
+        inputs = self.model.metadata["functions"][function]["inputs"]
+        return self.model.call(function, {name: moved[name] for name, _ in inputs}, self._known.lumps)
 
     def given(self, name: str) -> float | None:
         return given(self.model.library, self._known.values, name)
@@ -235,7 +251,7 @@ class Regressors:
         def make() -> Array:
             if self.motion.rigid_given:
                 return np.zeros((self.model.n, len(self.model.lumps), len(self.motion.row_piece)))
-            parts = [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+            parts = [p.in_band_each(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
             return np.concatenate(parts, axis=2)
 
         return self._kept(("rigid", self.model.directory), True, make)[joint]
@@ -245,7 +261,7 @@ class Regressors:
 
         def make() -> Array:
             parts = [
-                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band(s.measured)
+                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band_each(s.measured)
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
             ]
             return np.concatenate(parts, axis=1)
@@ -256,25 +272,35 @@ class Regressors:
         """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
 
         def make() -> Array:
-            return np.concatenate([p.in_band(p.qdd[joint]) for p in self.motion.pieces])
+            return np.concatenate([p.in_band(p.qdd[joint], joint) for p in self.motion.pieces])
 
         return self._kept(("acceleration", joint), True, make)
 
     def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
+        return self._stored(term, joint, [shape])[0]
 
-        def make() -> Array:
-            if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
-                return self._late(joint, self.ahead)
-            rows = [
-                p.in_band(self.raw_columns(s, term, joint, shape))
-                for s, p in zip(self.signals, self.motion.pieces, strict=True)
-            ]
-            return np.concatenate(rows, axis=1)
+    def columns_each(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        """(S, 1 + k, M) `columns` for many shapes of a term."""
+        return np.array(self._stored(term, joint, shapes))
 
+    def _stored(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> list[Array]:
         library = self.model.library
-        of_motion = not library.needs[term.effect] & IDENTIFIED
-        return self._kept((library.directory, self.model.directory, term, joint, *shape.values()), of_motion, make)
+        store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
+        keys = [(library.directory, self.model.directory, term, joint, *shape.values()) for shape in shapes]
+        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if key not in store}
+        if absent:
+            store.update(zip(absent, self._in_band(term, joint, list(absent.values())), strict=True))
+        return [store[key] for key in keys]
+
+    def _in_band(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
+            return np.array([self._late(joint, self.ahead)] * len(shapes))
+        parts = [
+            p.columns(term.effect, s.of(term, joint), shapes, joint)
+            for s, p in zip(self.signals, self.motion.pieces, strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""

@@ -40,6 +40,10 @@ class SignalContext(ABC):
     def given(self, name: str) -> Any | None:
         """The signal of this name that a parameter of an active effect is; None where there is none."""
 
+    def growth(self, function: str, by: str, own: int) -> Any:
+        """How the entries of the output of one of the arm's functions, one a joint, grow with q or qd of a joint."""
+        raise UnknownHere(f"how {function} grows with {by} of joint {own + 1}")
+
     def time(self) -> Any:
         """s since the run began."""
         raise UnknownHere("the time")
@@ -114,6 +118,10 @@ def _output(at: SignalContext, source: Mapping[str, Any], joint: int, own: int |
     return at.arm(source["function"])[index if len(index) > 1 else index[0]]
 
 
+def _slope(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
+    return at.growth(source["function"], source["by"], joint if own is None else own)[joint]
+
+
 def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
     return getattr(at.model.joints[joint], source["name"])
 
@@ -121,6 +129,7 @@ def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int |
 _SOURCES: dict[str, Callable[[SignalContext, Mapping[str, Any], int, int | None], Any]] = {
     "Coordinate": _coordinate,
     "ArmOutput": _output,
+    "ArmSlope": _slope,
     "JointConstant": _constant,
 }
 

@@ -36,6 +36,15 @@ class ArmOutput:
 
 
 @dataclass(frozen=True)
+class ArmSlope:
+    """How the entry of one of the arm's generated functions for the joint whose torque is asked for grows with the
+    position or the rate of the joint where the effect sits."""
+
+    function: str
+    by: Literal["q", "qd"]
+
+
+@dataclass(frozen=True)
 class JointConstant:
     """A number of the model file's joint, by the name of its attribute."""
 
@@ -49,7 +58,7 @@ class Given:
     absent: float
 
 
-Source = Coordinate | ArmOutput | JointConstant | Given
+Source = Coordinate | ArmOutput | ArmSlope | JointConstant | Given
 
 Needs = Literal["motion", "time", "temperature", "arm", "friction", "effect", "torque", "torque_rate"]
 """What one has to know beyond the model file to know a signal:
@@ -94,7 +103,8 @@ class Signal:
     @property
     def between(self) -> bool:
         """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
-        return isinstance(self.source, ArmOutput) and "own" in self.source.index
+        source = self.source
+        return isinstance(source, ArmSlope) or (isinstance(source, ArmOutput) and "own" in source.index)
 
     @cached_property
     def symbol(self) -> sp.Symbol:
@@ -334,5 +344,23 @@ SIGNALS: tuple[Signal, ...] = (
         space=True,
     ),
     *(_tip_load(column, part) for column, part in enumerate(OFF_TIP, 1)),
+    Signal(
+        "coupling_rate",
+        u.VISCOUS,
+        "how the torque that the link side asks of this joint grows with the rate of the effect's own: centrifugal, "
+        "Coriolis and gyroscopic forces",
+        "arm",
+        ArmSlope("link_load", "qd"),
+        sensor="link",
+    ),
+    Signal(
+        "coupling_slope",
+        u.STIFFNESS,
+        "how the torque that the link side asks of this joint grows with the position of the effect's own: gravity, "
+        "and inertia that changes with the posture",
+        "arm",
+        ArmSlope("link_load", "q"),
+        sensor="link",
+    ),
 )
 SIGNAL = {s.name: s for s in SIGNALS}

@@ -149,7 +149,9 @@ def _opti(program: Program, arm: Arm, rnea: ca.Function, start: Array) -> Solved
     return replace(solved, seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu)
 
 
-def _assert_same(program: Program, by_hand: ByHand, opti: OptiByHand, bounds: tuple[Array, Array], start: Array) -> None:
+def _assert_same(
+    program: Program, by_hand: ByHand, opti: OptiByHand, bounds: tuple[Array, Array], start: Array
+) -> None:
     """One program three times: at several points the same cost, and every constraint of one in the others."""
     at, p = ca.MX.sym("x", len(start)), ca.DM(program.task.p.vector(program.task.values(WIDTH)))
     values = [block.values(at, p) for block in program.blocks]

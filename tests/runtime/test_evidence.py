@@ -12,7 +12,7 @@ def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Ro
     use = np.ones(len(y), dtype=bool)
     silent = np.zeros((len(base) + 1, len(y)))
     given = silent if noise is None else noise
-    return Rows(y, base, given, np.arange(len(base)), use, np.zeros(len(y), dtype=int), 1.0)
+    return Rows(y, base, given, np.arange(len(base)), use, use, np.zeros(len(y), dtype=int), 1.0)
 
 
 def ground(*joints: Rows) -> Ground:
@@ -41,6 +41,21 @@ def test_quick_and_full_errors_agree() -> None:
     y = found.rows[0].y - fixed
     free = float(np.sum((y - np.linalg.lstsq(x.T, y, rcond=None)[0] @ x) ** 2))
     assert np.isclose(found.solve(block(column, fixed=fixed)).sse, free)
+
+
+def test_many_choices_gain_what_each_does() -> None:
+    """Free, on a bound, without a column of its own, and with noise in it."""
+    rng = np.random.default_rng(5)
+    base = rng.standard_normal((3, 500))
+    found = ground(rows(rng.standard_normal(500), base))
+    columns = rng.standard_normal((6, 3, 500))
+    columns[2, 1] = base[0] + base[1]
+    columns[3] = 0.0
+    noise = 0.2 * rng.standard_normal((6, 3, 500))
+    bounds = np.array([0.0, -np.inf]), np.full(2, np.inf)
+    gains = found.gains(CandidateBlock({0: CandidateRows(columns, noise)}, *bounds))
+    for k, gain in enumerate(gains):
+        assert np.isclose(gain, found.gain(CandidateBlock({0: CandidateRows(columns[k], noise[k])}, *bounds)))
 
 
 def test_what_joints_share_counts_once() -> None:
@@ -103,7 +118,9 @@ def test_vuong_tells_better_from_equal() -> None:
 
 def test_folds_are_contiguous_and_even() -> None:
     use = np.random.default_rng(5).random(997) > 0.3
-    row = Rows(np.zeros(997), np.zeros((0, 997)), np.zeros((1, 997)), np.zeros(0, int), use, np.zeros(997, int), 1.0)
+    row = Rows(
+        np.zeros(997), np.zeros((0, 997)), np.zeros((1, 997)), np.zeros(0, int), use, use, np.zeros(997, int), 1.0
+    )
     sizes = [f.stop - f.start for f in row.folds]
     assert len(sizes) == FOLDS
     assert sum(sizes) == use.sum()

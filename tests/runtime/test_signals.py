@@ -15,13 +15,13 @@ from runtime.estimation.regressors import Signals
 from runtime.model import signals
 from runtime.model.loader import Library, Model, load_model
 from runtime.model.terms import Prediction, Structure, Term
-from runtime.motion.motion import Piece
+from runtime.motion.piece import Piece
 from runtime.planning import physics
 from runtime.simulation import plant_equations, simulate
 from symbolic.controller_law import Site
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Signal, parameter
-from symbolic.effects.signals import ArmOutput
+from symbolic.effects.signals import ArmOutput, ArmSlope
 from tests.random_arms import MIXED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -87,7 +87,8 @@ def test_numbers_and_expressions_are_the_same(arm: Model) -> None:
         found = np.array(whole.map(SAMPLES)(p.q, p.qd, p.qdd, p.t[None], rate[None]))
         for s, values in zip(there(arm), found, strict=True):
             expected = np.broadcast_to(seen.signal(s.name, joint, own), SAMPLES)
-            np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9, err_msg=s.name)
+            close = 1e-7 if isinstance(s.source, ArmSlope) else 1e-9  # which recordings take from differences
+            np.testing.assert_allclose(values, expected, rtol=close, atol=close, err_msg=s.name)
 
 
 def test_a_plan_reads_the_same(arm: Model) -> None:
@@ -156,7 +157,7 @@ def test_who_can_use_an_effect_follows_from_what_it_reads(signal: Signal) -> Non
     """A controller compensates what it can read at the measured motion; a plan knows that, too, and accelerations."""
     effect = reading(signal.name)
     assert (Site(effect, 1).obstacle is None) == (signal.known_to == "controller")
-    assert effect.gives_way == (signal.name == "coupling")
+    assert effect.gives_way == signal.name.startswith("coupling")
 
 
 @pytest.mark.parametrize("signal", [s for s in SIGNALS if isinstance(s.source, ArmOutput)], ids=lambda s: s.name)
