@@ -180,13 +180,24 @@ class Source:
         said = {"joints": joints, "space": isinstance(arm, SpatialArm)}
         return [recording.read(path, said, mapping, allow_gaps) for path in paths]
 
-    def exported(self, language: Language) -> tuple[ExportedArm, float]:
-        """The arm with bodies that can be, for a format of simulators, and the rms of the torque that these miss, as a
-        part of the torque's.
+    def exported(self, language: Language, onto: Path | None = None) -> tuple[bytes, dict[str, Any]]:
+        """A file of the arm for simulators, and what is in it as JSON; onto: a URDF of which it is a copy with the
+        model's numbers.
 
-        The file's own bodies where they say everything; else possible ones with the base parameters of the file, as
-        near to its bodies as that leaves open. Raises ModelError where a base parameter is not known.
+        Its bodies are those of the model file where that says everything; else possible ones with the file's base
+        parameters, as near to its bodies as that leaves open. Raises ModelError where a base parameter is not known.
         """
+        from symbolic.model_file.exchange import exporting, written
+        from symbolic.model_file.exchange.onto import urdf_onto
+
+        made, missing = self._with_bodies(language)
+        if onto is not None:
+            return urdf_onto(made, onto), exporting.document(made, missing)
+        text = (written.urdf if language == "urdf" else written.mjcf)(made)
+        return text.encode(), exporting.document(made, missing)
+
+    def _with_bodies(self, language: Language) -> tuple[ExportedArm, float]:
+        """The arm as it is written, and the rms of the torque that its bodies miss, as a part of the torque's."""
         import numpy as np
 
         from runtime.exchange.physical import is_possible

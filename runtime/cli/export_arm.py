@@ -39,9 +39,6 @@ def export_arm(
     from runtime import files
     from runtime.report.terminal import exchange_pages
     from runtime.report.terminal.pages import working
-    from symbolic.model_file.exchange import written
-    from symbolic.model_file.exchange.exporting import document
-    from symbolic.model_file.exchange.onto import urdf_onto
 
     check_writable(json, out)
     if onto is not None and to is not Format.URDF:
@@ -51,10 +48,6 @@ def export_arm(
             raise UsageError(f"{out}: is read here; choose another name to write to")
     source = opened(model, effects)
     with working("looking for bodies that can be"):
-        made, missing = source.exported(to.value)
-    if onto is not None:
-        data = urdf_onto(made, onto)
-    else:
-        data = (written.urdf if to is Format.URDF else written.mjcf)(made).encode()
+        data, document = source.exported(to.value, onto)
     files.replace(out, data)
-    emit(json, {"out": str(out), **document(made, missing)}, exchange_pages.exported)
+    emit(json, {"out": str(out), **document}, exchange_pages.exported)

@@ -132,15 +132,15 @@ def _only_end(
             todo.append((joint.child, joint.name if moves else last))
             if moves:
                 passed.add(last)
-    ends = {joint: links for joint, links in ends.items() if joint not in passed}
-    if not ends:
+    outermost = [links for joint, links in ends.items() if joint not in passed]
+    if not outermost:
         raise ModelError(f"{tree.file}: nothing moves beyond {quote(root)}; say where the arm begins: --base LINK")
-    if len(ends) > 1:
-        names = [link for links in ends.values() for link in links]
+    if len(outermost) > 1:
+        names = [link for joint, links in ends.items() if joint for link in links]
         raise ModelError(
             f"{tree.file}: from {quote(root)} one comes to {len(names)} ends: {some(names)}; say which: --tip LINK"
         )
-    (links,) = ends.values()
+    (links,) = outermost
     order = list(tree.links)
     links = sorted(links, key=lambda link: (link != TOOL, order.index(link)))
     others = f"; {some(links[1:])} {'ends' if len(links) == 2 else 'end'} at the same joint" if links[1:] else ""
