@@ -64,7 +64,9 @@ def _active(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[str]:
     return [repr(declared(name, library)) for name in sorted(active)]
 
 
-def prepare_firmware(arm: Arm | SpatialArm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
+def prepare_firmware(
+    arm: Arm | SpatialArm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None
+) -> Path:
     """The directory that holds the firmware's tree, controller.json, image.json (facts on what was compiled), and
 
     lib.so                 of the machine, for the target "host"

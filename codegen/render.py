@@ -117,8 +117,9 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
         routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
         files |= _c_files("effects", origin, precision, c_effects.types(effects, precision), routines)
     batches = [routine for effect in effects for routine in c_batches.batches(effect, F64)]
-    batches.append(c_batches.decimation(F64))
-    files |= _c_files("effects_batch", origin, F64, [c_batches.signals_type(F64)], batches)
+    batches += [c_batches.decimation(F64), c_batches.in_band(F64)]
+    types = [c_batches.signals_type(F64), c_batches.columns_type(F64)]
+    files |= _c_files("effects_batch", origin, F64, types, batches)
     builders = [
         casadi_code.builder(function, widths=True)
         for effect in effects

@@ -18,7 +18,7 @@ from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.model_file.arm import SpatialArm
-from symbolic.rigid_body.base_parameters import exact
+from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import Coordinates
 from symbolic.straightline import Recorder
 

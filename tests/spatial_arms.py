@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import math
 import random
+from typing import Any
+
+import numpy as np
 
 from symbolic.model_file.arm import Frame, SpatialArm, SpatialJoint, SpatialLink
+from symbolic.rigid_body.spatial.frames import rotation
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
 
 TABLES = {
     "ur10e": [(0, 0, 0.1807), (1, 0, 0), (0, -0.6127, 0), (0, -0.57155, 0.17415), (1, 0, 0.11985), (-1, 0, 0.11655)],
@@ -68,3 +74,46 @@ def drawn(types: str, seed: int, general: float = 0.3, gravity: tuple[float, flo
     pull = gravity or rng.choice([(0.0, 0.0, -9.81), (0.0, 0.0, 0.0), (1.0, -2.0, -9.0), (0.0, -9.81, 0.0)])
     tip = Frame((length(), length(), length()), (angle(), angle(), angle()))
     return SpatialArm(f"drawn_{types}_{seed}", pull, tuple(joints), tip=tip)
+
+
+def torques(arm: SpatialArm, q: Array, qd: Array, qdd: Array) -> Array:
+    """Another route to the torques: Newton and Euler for every body about its centre of mass, in the base's axes and
+    the file's frames; nothing is merged, and no frame but the file's is used."""
+    R, p, w, al = np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    a, bodies, axes = -np.array(arm.gravity), [], []
+    for joint, x, v, acc in zip(arm.joints, q, qd, qdd, strict=True):
+        reach = R @ np.array(joint.origin.xyz)
+        R = R @ np.array(rotation(joint.origin.rpy))
+        z = R @ np.array(joint.axis) / np.linalg.norm(joint.axis)
+        if joint.type == "prismatic":
+            reach = reach + z * x
+            a = a + 2 * np.cross(w, z * v) + z * acc
+        p, a = p + reach, a + np.cross(al, reach) + np.cross(w, np.cross(w, reach))
+        if joint.type == "revolute":
+            al, w = al + z * acc + np.cross(w, z * v), w + z * v
+            x1, y1, z1 = np.array(joint.axis) / np.linalg.norm(joint.axis)
+            cross = np.array([[0, -z1, y1], [z1, 0, -x1], [-y1, x1, 0]])
+            R = R @ (np.eye(3) + np.sin(x) * cross + (1 - np.cos(x)) * cross @ cross)
+        xx, xy, xz, yy, yz, zz = joint.link.inertia or (0,) * 6
+        inertia = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+        c = R @ np.array(joint.link.com)
+        force = (joint.link.mass or 0.0) * (a + np.cross(al, c) + np.cross(w, np.cross(w, c)))
+        bodies.append((p + c, force, inertia @ al + np.cross(w, inertia @ w)))
+        axes.append((p, z))
+    tau = []
+    for i, (joint, (at, z)) in enumerate(zip(arm.joints, axes, strict=True)):
+        force = sum((f for _, f, _ in bodies[i:]), np.zeros(3))
+        moment = sum((n + np.cross(c - at, f) for c, f, n in bodies[i:]), np.zeros(3))
+        own = moment if joint.type == "revolute" else force
+        tau.append(own @ z + (joint.rotor_inertia or 0.0) * qdd[i])
+    return np.array(tau)
+
+
+def body_parameters(link: SpatialLink) -> dict[str, float]:
+    """Inertia tensor about the joint frame's origin, by Steiner, first moments and mass."""
+    m, c = link.mass, np.array(link.com)
+    xx, xy, xz, yy, yz, zz = link.inertia
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + m * (c @ c * np.eye(3) - np.outer(c, c))
+    named = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
+    moments = dict(zip(("MX", "MY", "MZ"), m * c, strict=True))
+    return {name: float(tensor[place]) for name, place in named.items()} | moments | {"M": m}

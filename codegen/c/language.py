@@ -28,7 +28,7 @@ _C_WORDS = frozenset(
         *("asm", "typeof", "NULL", "bool", "true", "false"),
     ]
 )
-_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "x", "dt", "k", "out"])
+_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "dt", "k", "out"])
 """What generated functions call their own arguments and their loop's index."""
 
 

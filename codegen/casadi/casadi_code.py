@@ -43,7 +43,8 @@ def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None 
     lines = []
     for a in inputs:
         lines.append(_symbol(a.name, a.shape))
-        named = _has_names(a)
+        # Elements that are called as an argument are meant by their place.
+        named = _has_names(a) and not {s.name for s in a.symbols} & {other.name for other in inputs}
         leaves |= dict(
             zip(a.symbols, [s.name for s in a.symbols] if named else _elements(a.name, a.shape), strict=True)
         )

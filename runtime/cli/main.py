@@ -17,6 +17,7 @@ from runtime.cli import (
     firmware,
     generate,
     identify,
+    import_arm,
     improve,
     init,
     optimize,
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 for _verb in (
     init,
+    import_arm,
     generate,
     verify,
     effects,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN
 from runtime.estimation.folds import NormalEquations
-from runtime.estimation.least_squares import bounded, inverse
+from runtime.estimation.least_squares import bounded_each, inverse
 from runtime.estimation.robust import lag_by_lag
 from runtime.estimation.settings import FOLDS
 from runtime.estimation.whitening import autoregression, whiten
@@ -32,7 +32,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CandidateRows:
-    """A candidate's rows at one joint: its torque without free coefficients and its columns, (1 + k, M).
+    """A candidate's rows at one joint: its torque without free coefficients and its columns, (1 + k, M); of many
+    choices of its shape (S, 1 + k, M).
 
     noise: what encoder noise adds to them; None as long as it is not asked for.
     """
@@ -53,9 +54,25 @@ class CandidateBlock:
     def finite(self) -> bool:
         """Whether its columns and their noise are numbers with a square: what is simulated can overflow, for one shape
         on one stretch of motion."""
-        parts = self.parts.values()
-        rows = [x for part in parts for x in (part.columns, part.noise) if x is not None]
-        return all(bool(np.all(np.abs(x) < LARGEST_COLUMN)) for x in rows)
+        return bool(np.all(self.finite_each))
+
+    @property
+    def finite_each(self) -> Mask:
+        """The same of each of many choices of its shape, (S,)."""
+        rows = [x for part in self.parts.values() for x in (part.columns, part.noise) if x is not None]
+        # The largest and the least of them tell as much as all magnitudes do, and NaN is among them.
+        ends = [(np.max(x, axis=(-2, -1)), np.min(x, axis=(-2, -1))) for x in rows]
+        there = [(high < LARGEST_COLUMN) & (low > -LARGEST_COLUMN) for high, low in ends]
+        found: Mask = np.all(there, axis=0)
+        return found
+
+    def only(self, choices: Mask) -> CandidateBlock:
+        """Some of many choices (S,)."""
+        parts = {
+            joint: CandidateRows(part.columns[choices], None if part.noise is None else part.noise[choices])
+            for joint, part in self.parts.items()
+        }
+        return replace(self, parts=parts)
 
 
 @dataclass(frozen=True)
@@ -273,34 +290,42 @@ class Ground:
         return left[joint][0], row.stack[:-1], projection[np.ix_(row.index, row.index)]
 
     def gain(self, block: CandidateBlock) -> float:
-        """By how much the block lowers the squared error, quickly: for grids. Its noise counts where it is given."""
+        """By how much the block lowers the squared error, quickly: for searches. Its noise counts where it is given."""
+        parts = {
+            joint: CandidateRows(part.columns[None], None if part.noise is None else part.noise[None])
+            for joint, part in block.parts.items()
+        }
+        return float(self.gains(replace(block, parts=parts))[0])
+
+    def gains(self, blocks: CandidateBlock) -> Array:
+        """(S,) `gain` of a candidate at many choices of its shape, whose parts are (S, 1 + k, M)."""
         projection, left = self._projection
-        k = len(block.lower)
-        moment, square = np.zeros(k + 1), np.zeros((k + 1, k + 1))
-        cross = np.zeros((k + 1, self.size))
-        for joint, part in block.parts.items():
+        k = len(blocks.lower)
+        count = len(next(iter(blocks.parts.values())).columns)
+        moment, square = np.zeros((count, k + 1)), np.zeros((count, k + 1, k + 1))
+        cross = np.zeros((count, k + 1, self.size))
+        for joint, part in blocks.parts.items():
             row = self.rows[joint]
             x = row.used(part.columns)
             moment += x @ left[joint][0]
-            square += x @ x.T
-            cross[:, row.index] += x @ row.stack[:-1].T
+            square += x @ x.swapaxes(1, 2)
+            cross[:, :, row.index] += x @ row.stack[:-1].T
             if part.noise is not None:
                 noise = row.used(part.noise)
                 moment -= noise @ left[joint][1]
-                square -= noise @ noise.T
-                cross[:, row.index] -= noise @ row.stack_noise[:-1].T
-        own = square - cross @ projection @ cross.T
-        seen = np.diagonal(own) > LEAST_OWN * np.diagonal(square)
-        if not seen[0]:
-            moment[0] = own[0] = own[:, 0] = 0.0
-        fall = 2 * moment[0] - own[0, 0]
-        columns = np.flatnonzero(seen[1:]) + 1
-        if len(columns):
-            target = moment[columns] - own[columns, 0]
-            inner = own[np.ix_(columns, columns)]
-            theta = bounded(inner, target, block.lower[columns - 1], block.upper[columns - 1])
-            fall += float(theta @ (2 * target - inner @ theta))
-        return float(fall)
+                square -= noise @ noise.swapaxes(1, 2)
+                cross[:, :, row.index] -= noise @ row.stack_noise[:-1].T
+        own = square - cross @ projection @ cross.swapaxes(1, 2)
+        seen = np.diagonal(own, axis1=1, axis2=2) > LEAST_OWN * np.diagonal(square, axis1=1, axis2=2)
+        moment = np.where(seen, moment, 0.0)
+        own = np.where(seen[:, :, None] & seen[:, None, :], own, 0.0)
+        fall = 2 * moment[:, 0] - own[:, 0, 0]
+        if k:
+            target, inner = moment[:, 1:] - own[:, 1:, 0], own[:, 1:, 1:]
+            theta = bounded_each(inner, target, blocks.lower, blocks.upper)
+            theta = np.where(seen[:, 1:], theta, 0.0)
+            fall += np.einsum("sk,sk->s", theta, 2 * target - np.einsum("skl,sl->sk", inner, theta))
+        return fall
 
     def beyond(self, torques: Mapping[int, Array]) -> Array:
         """(count,) weighted rows of all joints: what the base cannot take over of torques (M,) by joint."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -277,19 +277,29 @@ class Regressors:
 
     def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
+        return self._stored(term, joint, [shape])[0]
 
-        def make() -> Array:
-            if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
-                return self._late(joint, self.ahead)
-            rows = [
-                p.in_band(self.raw_columns(s, term, joint, shape))
-                for s, p in zip(self.signals, self.motion.pieces, strict=True)
-            ]
-            return np.concatenate(rows, axis=1)
+    def columns_each(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        """(S, 1 + k, M) `columns` for many shapes of a term."""
+        return np.array(self._stored(term, joint, shapes))
 
+    def _stored(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> list[Array]:
         library = self.model.library
-        of_motion = not library.needs[term.effect] & IDENTIFIED
-        return self._kept((library.directory, self.model.directory, term, joint, *shape.values()), of_motion, make)
+        store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
+        keys = [(library.directory, self.model.directory, term, joint, *shape.values()) for shape in shapes]
+        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if key not in store}
+        if absent:
+            store.update(zip(absent, self._in_band(term, joint, list(absent.values())), strict=True))
+        return [store[key] for key in keys]
+
+    def _in_band(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
+            return np.array([self._late(joint, self.ahead)] * len(shapes))
+        parts = [
+            p.low_pass.columns(term.effect, s.of(term, joint), shapes, p.dt)
+            for s, p in zip(self.signals, self.motion.pieces, strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -222,6 +222,7 @@ class Library:
         self.metadata, self._lib = _open(directory, "effects.json")
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
+        self._lanes: int = self.metadata["lanes"]
         self.effects: dict[str, EffectInfo] = {e["name"]: effect_info(e) for e in self.metadata["effects"]}
         # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
         self.needs: dict[str, frozenset[str]] = {
@@ -302,6 +303,40 @@ class Library:
             self._lib.tendon_decimate_f64(*sizes, _pointer(taps), _pointer(row), _pointer(result))
         return out.reshape(*x.shape[:-1], count)
 
+    def columns_in_band(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        choices: Sequence[Mapping[str, float]],
+        dt: float,
+        kernel: Array,
+        factor: int,
+    ) -> Array:
+        """`columns` for many choices of the shape parameters, each through the filter of `decimate`: (S, 1 + k, M)."""
+        info = self[effect]
+        arrays, count = self._signals(info, signals)
+        rows, lanes = 1 + len(info.coefficients), self._lanes if info.states and len(choices) > 1 else 1
+        values = np.array([self._values(info, choice, False) for choice in choices])
+        padded = np.concatenate([values, np.repeat(values[-1:], -len(values) % lanes, axis=0)])
+        out = np.empty((len(choices), rows, max(0, (count - len(kernel)) // factor + 1)))
+        taps, scratch = np.ascontiguousarray(kernel), np.empty((lanes, rows, count))
+        columns = getattr(self._lib, f"tendon_{effect}_columns_{'at_once' if lanes > 1 else 'batch'}_f64")
+        self._lib.tendon_in_band_f64(
+            columns,
+            *map(ctypes.c_size_t, (lanes, rows, values.shape[1], len(choices), count)),
+            self._pointers(arrays),
+            ctypes.c_double(dt),
+            _pointer(padded),
+            *map(ctypes.c_size_t, (factor, len(kernel))),
+            *map(_pointer, (taps, scratch, out)),
+        )
+        return out
+
+    def _pointers(self, arrays: Mapping[str, Array]) -> ctypes.Array[ctypes.c_void_p]:
+        """One a signal; null for those that are not there."""
+        found = (arrays[name].ctypes.data if name in arrays else None for name in self.signals)
+        return (ctypes.c_void_p * len(self.signals))(*found)
+
     def _call(
         self,
         info: EffectInfo,
@@ -315,12 +350,9 @@ class Library:
         if info.states and not dt > 0:
             raise LoaderError(f'effect "{info.name}" has a memory and needs the step dt > 0, found {dt}')
         arrays, count = self._signals(info, signals)
-        pointers = (ctypes.c_void_p * len(self.signals))(
-            *(arrays[name].ctypes.data if name in arrays else None for name in self.signals)
-        )
         out = np.empty((rows, count))
         kernel = getattr(self._lib, f"tendon_{info.name}_{what}_batch_f64")
-        kernel(ctypes.c_size_t(count), pointers, ctypes.c_double(dt), _pointer(values), _pointer(out))
+        kernel(ctypes.c_size_t(count), self._pointers(arrays), ctypes.c_double(dt), _pointer(values), _pointer(out))
         return out
 
     def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:

@@ -6,11 +6,12 @@ model holds between filtered quantities exactly as between raw ones.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import firwin, kaiserord, oaconvolve
 
 from runtime.model.loader import Library
@@ -117,6 +118,12 @@ class LowPass:
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
         return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
+
+    def columns(
+        self, effect: str, signals: Mapping[str, ArrayLike], choices: Sequence[Mapping[str, float]], dt: float
+    ) -> Array:
+        """(S, 1 + k, M) in-band columns of an effect for many choices of its shape; the rest as `Library.columns`."""
+        return self.library.columns_in_band(effect, signals, choices, dt, self._centred, self.factor)
 
     def reach(self, there: NDArray[np.bool_]) -> Array:
         """there (N,) -> (M,): how much of what is there, if it were 1 and of any sign, could at most come out."""

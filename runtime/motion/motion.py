@@ -187,8 +187,17 @@ class Motion:
     def excerpt(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
         """Windows spread evenly over the motion, about `samples` long together, and the in-band rows they hold.
 
-        A motion that is no longer than that is its own excerpt.
+        A motion that is no longer than that is its own excerpt; asked for again, it is the same one.
         """
+        if samples not in self._excerpts:
+            self._excerpts[samples] = self._cut_to(samples)
+        return self._excerpts[samples]
+
+    @cached_property
+    def _excerpts(self) -> dict[int, tuple[Motion, NDArray[np.intp]]]:
+        return {}
+
+    def _cut_to(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
         total = sum(len(p.t) for p in self.pieces)
         if total <= samples:
             return self, np.arange(len(self.row_piece))

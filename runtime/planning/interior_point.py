@@ -169,7 +169,7 @@ class _Search:
         return self._ended(at, LIMIT, self.manner.iterations)
 
     def _ended(self, at: _Iterate, status: str, iterations: int) -> Ended:
-        return Ended(at.x, at.cost / self.scale, at.rows, status, iterations)
+        return Ended(at.x, float(at.cost / self.scale), at.rows, status, iterations)
 
     # --- where it is ---
 

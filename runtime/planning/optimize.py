@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 WIDTH = 0.1
 """rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
-_WAYS = ((WIDTH,), (2 * WIDTH, WIDTH / 2))
+_WAYS = ((5 * WIDTH, 2 * WIDTH, WIDTH), (2 * WIDTH, WIDTH / 2))
 """Widths on the way from the search to the result. Where joints stick, each may end in a slightly worse place."""
 _SOFT = 1.0
 """The same while searching: so smooth that each start finds its basin in some thirty steps."""
@@ -123,7 +123,7 @@ class Planner:
             # Each guess serves one share, and a single one both.
             own = guesses[k :: len(_SHARES)] or guesses
             relieved = min((self.coarse.relieved(x, _SOFT, share) for x in own), key=lambda a: (not a.met, a.cost))
-            sprung += [self.coarse.refine(guess, _SOFT) for guess in self._sprung(relieved.x)]
+            sprung += [self.coarse.approach(guess, _SOFT) for guess in self._sprung(relieved.x)]
         return sorted(sprung, key=self._rank)
 
     def _rank(self, attempt: Attempt) -> tuple[bool, float]:
@@ -137,10 +137,11 @@ class Planner:
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The first attempt refined, and its springs chosen."""
-        free = min((self._refined(attempts[0].x, widths) for widths in _WAYS), key=self._rank)
+        ways = [(self._refined(attempts[0].x, widths), widths[-1]) for widths in _WAYS]
+        free, width = min(ways, key=lambda way: self._rank(way[0]))
         if free.missed is not None:
             raise Infeasible(self.scenario, free.missed, attempts)
-        chosen, choices = self._chosen(free)
+        chosen, choices = self._chosen(free, width)
         trajectory = self.trajectory(chosen.x)
         found = effort(self.model, trajectory)
         setup = self.coarse.setup_seconds + self.fine.setup_seconds
@@ -161,10 +162,10 @@ class Planner:
         )
 
     def _refined(self, x: Array, widths: Sequence[float]) -> Attempt:
-        for width in widths:
-            found = self.fine.refine(x, width)
-            x = found.x
-        return found
+        *before, last = widths
+        for width in before:
+            x = self.fine.near(x, width)
+        return self.fine.refine(x, last)
 
     def _spring(self, k: int) -> slice:
         return self.fine.program.task.unknowns.spring(k)
@@ -198,7 +199,7 @@ class Planner:
             taut[self._spring(k)] = spring.unknowns(values)
         return [fitting, taut]
 
-    def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[SpringChoice, ...]]:
+    def _chosen(self, free: Attempt, width: float) -> tuple[Attempt, tuple[SpringChoice, ...]]:
         """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
         springs = self.scenario.springs
         options = [neighbours(s.catalogue, k) for s, k in zip(springs, self._sizes(free), strict=True)]
@@ -207,8 +208,8 @@ class Planner:
         tried = []
         for combination in product(*(o or (None,) for o in options)):
             fixed = {k: value for k, value in enumerate(combination) if value is not None}
-            tried.append((fixed, self.fine.refine(free.x, WIDTH, fixed)))
-        tried.sort(key=lambda item: (not item[1].met, item[1].cost))
+            tried.append((fixed, self.fine.refine(free.x, width, fixed)))
+        tried.sort(key=lambda item: self._rank(item[1]))
         if tried[0][1].missed is not None:
             raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
         named = [

@@ -19,9 +19,11 @@ Array = NDArray[np.float64]
 
 MET = 1e-4
 """By which a constraint may be missed, in its own unit, and still counts as met."""
-_FAR, _NEAR = (0.1, 1e-2), (1e-2, 1e-4)
-"""Barrier at first and least distance from bounds; of a guess that is good: the barrier does not push it out of its
-basin."""
+_FAR, _NEAR, _THERE = (0.1, 1e-2), (1e-2, 1e-4), (1e-4, 1e-5)
+"""Barrier at first and least distance from bounds, of a guess that is rough, near or in the right basin: there a larger
+barrier would push it over the ridge into the next, as springs and friction make many."""
+_ROUGH = 1e-3
+"""Accuracy of solutions that only show where to begin."""
 _QUIET = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 
 
@@ -78,18 +80,33 @@ class Solver:
         none = dict.fromkeys(range(len(self.program.task.scenario.springs)), 0.0)
         return self._run(_FAR, x, width, none, share)
 
+    def approach(self, x: Array, width: float) -> Attempt:
+        """A solution from the guess x that is near one."""
+        return self._run(_NEAR, x, width, {}, 1.0)
+
     def refine(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """The solution in whose basin x lies."""
-        return self._run(_NEAR, x, width, sizes or {}, 1.0)
+        return self._run(_THERE, x, width, sizes or {}, 1.0)
+
+    def near(self, x: Array, width: float) -> Array:
+        """(nx,) About where `refine` would end, for a narrower width to begin with."""
+        return self._run(_THERE, x, width, {}, 1.0, max(_ROUGH, self.accuracy)).x
 
     def _run(
-        self, start: tuple[float, float], x: Array, width: float, sizes: Mapping[int, float], share: float
+        self,
+        start: tuple[float, float],
+        x: Array,
+        width: float,
+        sizes: Mapping[int, float],
+        share: float,
+        accuracy: float | None = None,
     ) -> Attempt:
         p, bounds = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes)
         began = time.perf_counter()
-        found = minimize(Bounded(self._kernels, p, *self._rows, *bounds), x, Manner(self.accuracy, self.iterations, *start))
+        manner = Manner(accuracy or self.accuracy, self.iterations, *start)
+        found = minimize(Bounded(self._kernels, p, *self._rows, *bounds), x, manner)
         if found.status != SOLVED:
-            found = self._by_ipopt(start, x, p, bounds)
+            found = self._by_ipopt(manner, x, p, bounds)
         seconds = time.perf_counter() - began
         return Attempt(found.x, found.cost, found.status, found.iterations, seconds, self._missed(found.rows))
 
@@ -97,11 +114,10 @@ class Solver:
     def _sum(self) -> Sum:
         return assemble(self.program.blocks)
 
-    def _by_ipopt(self, start: tuple[float, float], x: Array, p: Array, bounds: tuple[Array, Array]) -> Ended:
+    def _by_ipopt(self, manner: Manner, x: Array, p: Array, bounds: tuple[Array, Array]) -> Ended:
         """The same problem from the same point, with a restoration phase where constraints resist."""
-        barrier, push = start
-        near = {f"ipopt.{slack}bound_{kind}": push for slack in ("", "slack_") for kind in ("push", "frac")}
-        options = {"ipopt.tol": self.accuracy, "ipopt.max_iter": self.iterations, "ipopt.mu_init": barrier}
+        near = {f"ipopt.{slack}bound_{kind}": manner.push for slack in ("", "slack_") for kind in ("push", "frac")}
+        options = {"ipopt.tol": manner.accuracy, "ipopt.max_iter": manner.iterations, "ipopt.mu_init": manner.barrier}
         solver = self._sum.solver({**_QUIET, **options, **near})
         lower, upper = bounds
         found = solver(x0=np.clip(x, lower, upper), p=p, lbx=lower, ubx=upper, lbg=self._rows[0], ubg=self._rows[1])

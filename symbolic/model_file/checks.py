@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-MAX_NAME = 40
+MAX_NAME, MAX_LABEL = 40, 60
 # A float in the controller holds 1e-38 to 1e38; products of a few parameters must stay inside.
 LARGEST, SMALLEST = 1e12, 1e-15
 
@@ -189,8 +189,8 @@ def label(place: Place, key: str, value: Any) -> str:
         place.fail(
             f"{key} {quote(value)}: expected letters a-z, digits, spaces and _ - . : / ( ), a letter or digit first"
         )
-    if len(value) > MAX_NAME:
-        place.fail(f"{key} {quote(value)} has {len(value)} letters; expected at most {MAX_NAME}")
+    if len(value) > MAX_LABEL:
+        place.fail(f"{key} {quote(value)} has {len(value)} letters; expected at most {MAX_LABEL}")
     return value
 
 
@@ -207,3 +207,8 @@ def identifier(place: Place, what: str, value: Any) -> str:
     if value.startswith("__") or re.match(r"_[A-Z]", value):
         place.fail(f"{what} {quote(value)} is reserved for C compilers; do not begin with __ or _ and a capital")
     return value
+
+
+def is_taken(name: str) -> bool:
+    """Whether the generated files of the toolkit have an arm's name for themselves."""
+    return name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_")

@@ -96,9 +96,12 @@ def cross(left: Sequence[float], right: Sequence[float]) -> Vector:
 
 
 def composed(outer: Frame, inner: Frame) -> Frame:
-    """The frame that stands at `inner` in the frame that stands at `outer`."""
+    """The frame that stands at `inner` in the frame that stands at `outer`; angles of one that alone turns stay."""
     turned = rotation(outer.rpy)
-    return Frame(added(outer.xyz, applied(turned, inner.xyz)), angles(product(turned, rotation(inner.rpy))))
+    xyz = added(outer.xyz, applied(turned, inner.xyz))
+    if not any(outer.rpy) or not any(inner.rpy):
+        return Frame(xyz, inner.rpy if any(inner.rpy) else outer.rpy)
+    return Frame(xyz, angles(product(turned, rotation(inner.rpy))))
 
 
 def symmetric(inertia: Sequence[float]) -> Rotation:

@@ -29,7 +29,7 @@ from symbolic.model_file.arm import (
     SpatialLink,
     Values,
 )
-from symbolic.model_file.checks import ModelError, Place, nearest, number, printable, quote, table_at, unknown
+from symbolic.model_file.checks import ModelError, Place, is_taken, nearest, number, printable, quote, table_at, unknown
 from symbolic.model_file.keys import SPATIAL, fields_of
 from symbolic.model_file.physics import body_notes, check_distinct, check_inertia_seen
 from symbolic.model_file.snapping import Snapping
@@ -117,7 +117,7 @@ def _spatial_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effe
         axis = snapping.axis(place, f"joint {k}", one["axis"])
         made.append(SpatialJoint(**common, axis=axis, origin=origin, link=link))
     tip = snapping.frame("the tip", Frame(**said["tip"]["origin"]))
-    notes += snapping.notes(top)
+    notes += [f"{top.file}: {note}" for note in snapping.notes()]
     return SpatialArm(**_common(top, said, effects), joints=tuple(made), tip=tip, notes=tuple(notes))
 
 
@@ -142,7 +142,7 @@ def _toml(text: str, top: Place) -> dict[str, Any]:
 
 
 def _name(top: Place, name: str) -> str:
-    if name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_"):
+    if is_taken(name):
         top.fail(f"name {quote(name)} is taken by the generated files of the toolkit; choose another name")
     return name
 

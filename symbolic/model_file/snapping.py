@@ -6,7 +6,7 @@ A drawing has quarter turns; a file has 1.5708 or 1.57079632679. Only exact ones
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 
 from symbolic.model_file.arm import Frame
@@ -50,13 +50,20 @@ class Snapping:
             self.directed.append((where, off))
         return snapped
 
-    def notes(self, top: Place) -> list[str]:
+    def only(self, places: Set[str]) -> None:
+        """Forget the other places."""
+        self.turned = [entry for entry in self.turned if entry[0] in places]
+        self.directed = [entry for entry in self.directed if entry[0] in places]
+
+    def notes(self) -> list[str]:
         """A line for a person, or none."""
         kinds = (("the angles", " rad", self.turned), ("the axis", "", self.directed))
         parts = [_said(what, unit, places) for what, unit, places in kinds if places]
-        return [f"{top.file}: taken as exact quarter turns: {'; '.join(parts)}"] if parts else []
+        return [f"taken as exact quarter turns: {'; '.join(parts)}"] if parts else []
 
 
+LISTED = 8
+"""Joints in a line; of more, the number is said."""
 SHORTEST = 1e-6
 """Length of an axis below which its direction is rounding; and its inverse, above which it is no direction."""
 
@@ -87,5 +94,6 @@ def listed(places: Sequence[str]) -> str:
     """joints 1, 2 and the tip."""
     joints = [place.removeprefix("joint ") for place in places if place.startswith("joint ")]
     others = [place for place in places if not place.startswith("joint ")]
-    named = [f"joint{'s' if len(joints) > 1 else ''} {', '.join(joints)}"] if joints else []
+    shown = [*joints[:LISTED], *([f"{len(joints) - LISTED} more"] if len(joints) > LISTED else [])]
+    named = [f"joint{'s' if len(joints) > 1 else ''} {', '.join(shown)}"] if joints else []
     return " and ".join([*named, *others])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -10,10 +11,20 @@ import spatial_arms
 from numpy.testing import assert_allclose
 
 from symbolic.model_file.arm import Frame, SpatialArm
-from symbolic.rigid_body.spatial.geometry import Array, Geometry, exact_rotation, exact_turn, geometry, rotation
+from symbolic.rigid_body.spatial.frames import rotation
+from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry
 from symbolic.straightline import Turn
 
+Array = spatial_arms.Array
 TYPES = ("r", "p", "rr", "pr", "rp", "rrr", "prp", "rrrrrr", "rrprrpr", "pprrrr")
+
+
+def turned(rpy: Sequence[float]) -> Array:
+    return np.array(rotation(rpy))
+
+
+def floats(placement: Placement) -> tuple[Array, Array]:
+    return np.array(placement.turn, dtype=float), np.array(placement.at, dtype=float)
 
 
 def by_the_file(arm: SpatialArm, q: Array) -> list[tuple[Array, Array]]:
@@ -22,7 +33,7 @@ def by_the_file(arm: SpatialArm, q: Array) -> list[tuple[Array, Array]]:
 
     def step(frame: Frame) -> None:
         nonlocal R, p
-        p, R = p + R @ np.array(frame.xyz), R @ rotation(frame.rpy)
+        p, R = p + R @ np.array(frame.xyz), R @ turned(frame.rpy)
 
     for joint, x in zip(arm.joints, q, strict=True):
         step(joint.origin)
@@ -38,18 +49,18 @@ def by_the_file(arm: SpatialArm, q: Array) -> list[tuple[Array, Array]]:
 
 
 def by_dh(g: Geometry, q: Array) -> list[tuple[Array, Array]]:
-    R, p = g.base.floats()
+    R, p = floats(g.base)
     frames = []
     for link, x in zip(g.links, q, strict=True):
         p = p + R @ np.array([float(link.a), 0, 0])
-        R = R @ rotation((float(np.arctan2(float(link.twist.sin), float(link.twist.cos))), 0, 0))
+        R = R @ turned((float(np.arctan2(float(link.twist.sin), float(link.twist.cos))), 0, 0))
         rest = Turn(Fraction(1), Fraction(0)) if link.rest == 0 else link.rest
         theta = sum(float(np.arctan2(float(t.sin), float(t.cos))) for t in (link.offset, rest))
-        R = R @ rotation((0, 0, theta + (link.sign * x if link.revolute else 0)))
+        R = R @ turned((0, 0, theta + (link.sign * x if link.revolute else 0)))
         p = p + R @ np.array([0, 0, float(link.reach(0 if link.revolute else x))])
-        turn, at = link.body.floats()
+        turn, at = floats(link.body)
         frames.append((R @ turn, p + R @ at))
-    turn, at = g.tip.floats()
+    turn, at = floats(g.tip)
     return [*frames, (R @ turn, p + R @ at)]
 
 
@@ -84,10 +95,10 @@ def test_parallel_axes_point_the_same_way() -> None:
 def test_rotations_are_orthogonal_to_the_last_digit() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
-        R = exact_rotation(rotation(rng.uniform(-3, 3, 3)))
+        R = exact_rotation(rotation([float(x) for x in rng.uniform(-3, 3, 3)]))
         for i, u in enumerate(R):
             for j, v in enumerate(R):
                 assert sum(a * b for a, b in zip(u, v, strict=True)) == (i == j)
         angle = rng.uniform(-4, 4)
-        turn = exact_turn(np.cos(angle), np.sin(angle))
+        turn = exact_turn(float(np.cos(angle)), float(np.sin(angle)))
         assert turn.cos**2 + turn.sin**2 == 1

@@ -18,35 +18,18 @@ Source: Walker & Orin 1982 (composite bodies); Echeandia & Wensing 2021 (C by co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
-from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.moments import KINDS, Moments
+from symbolic.rigid_body.spatial.recursion import Direction, direction_along, groups
+from symbolic.rigid_body.spatial.vectors import NOWHERE, added, cross, scaled
 from symbolic.straightline import Notes
 
 Wrench = tuple[Vector, Vector]
 """A force and a moment, or a momentum and its moment."""
-NOWHERE: Vector = (0, 0, 0)
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Mass, first and second moments of a body about a frame's origin: the integrals of 1, x, x x^T over its mass."""
-
-    m: Any
-    x: Any
-    y: Any
-    z: Any
-    xx: Any
-    yy: Any
-    zz: Any
-    xy: Any
-    xz: Any
-    yz: Any
-
-    @property
-    def first(self) -> Vector:
-        return self.x, self.y, self.z
+STRAIGHT: Direction = (1, 0)
 
 
 @dataclass(frozen=True)
@@ -65,29 +48,50 @@ class Flow:
 
 @dataclass(frozen=True)
 class Step:
-    """The way from frame j to frame j − 1: cosine and sine of theta_j and of the twist, and the origin's place."""
+    """The way from joint j to the link before.
+
+    Links of parallel joints are written along the axes of the last of them (their group): all but the group's first
+    step move the origin alone.
+
+    own         cosine and sine of frame j's x axis along the group's axes
+    direction   of the group's x axis, along that before the group turns; (1, 0) if the joint is not its group's first
+    at          (3,) from the origin before to that of frame j, in the axes after the turn
+    twist       likewise
+    """
 
     joint: int
-    direction: tuple[Any, Any]
-    twist: tuple[Any, Any]
-    a: Any
-    d: Any
+    own: Direction
+    direction: Direction
+    at: Vector
+    twist: Direction
     notes: Notes
 
     @classmethod
     def all(cls, geometry: Geometry, q: Sequence[Any], notes: Notes) -> list[Step]:
         """One a joint."""
-        return [
-            cls(j, link.direction(x, notes), link.twist.pair, link.a, notes.let(f"r{j}", link.reach(x)), notes)
-            for j, (link, x) in enumerate(zip(geometry.links, q, strict=True), 1)
-        ]
+        steps = []
+        for group in groups(geometry):
+            for i in group:
+                link, (c, s) = geometry.links[i], STRAIGHT
+                x, y, lift = link.a, 0, notes.let(f"r{i + 1}", link.reach(q[i]))
+                if i == group[0]:
+                    c, s = direction_along(geometry, i - 1, group[-1], q, notes)
+                else:
+                    along = direction_along(geometry, group[-1], i - 1, q, notes)
+                    x, y = (notes.let(f"l{e}{i + 1}", link.a * part) for e, part in zip("cs", along, strict=True))
+                own = direction_along(geometry, group[-1], i, q, notes)
+                steps.append(cls(i + 1, own, (c, s), (x, y, lift), link.twist.pair, notes))
+        return steps
 
     def named(self, names: Sequence[str], values: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(self.notes.let(f"{name}{self.joint}", value) for name, value in zip(names, values, strict=True))
 
     def turned(self, v: Vector, name: str) -> Vector:
-        """A vector of frame j in the axes before the joint."""
-        c, s = self.direction
+        """A vector at the joint in the axes before it."""
+        return self._turned(v, self.direction, name)
+
+    def _turned(self, v: Vector, direction: Direction, name: str) -> Vector:
+        c, s = direction
         x, y = self.named((f"{name}x", f"{name}y"), (c * v[0] - s * v[1], s * v[0] + c * v[1]))
         return x, y, v[2]
 
@@ -107,10 +111,14 @@ class Step:
         c, s = self.twist
         return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
 
+    def placed(self, point: Vector, name: str) -> Vector:
+        """A point of frame j in frame j − 1."""
+        return self.twisted(added(self.turned(point, name), self.at))
+
     def carried(self, wrench: Wrench, name: str) -> Wrench:
-        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1, in its axes."""
+        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1."""
         f, n = wrench
-        moved = (n[0] - self.d * f[1], n[1] + self.d * f[0] - self.a * f[2], n[2] + self.a * f[1])
+        moved = added(n, cross(self.at, f))
         f = self.named([f"f{name}{e}" for e in "xyz"], self.twisted(f))
         n = self.named([f"n{name}{e}" for e in "xyz"], self.twisted(moved))
         return f, n
@@ -119,23 +127,29 @@ class Step:
         return self.turned(wrench[0], f"f{name}"), self.turned(wrench[1], f"n{name}")
 
     def turned_moments(self, b: Moments) -> Moments:
-        """A body of frame j in the axes before the joint."""
-        x, y, z = self.turned(b.first, "h")
-        xx, xy, _, yy = self._turned_block(b.xx, b.xy, b.xy, b.yy, self.direction, "")
-        xz, yz, zz = self.turned((b.xz, b.yz, b.zz), "z")
+        """A composite of link j in the axes before the joint."""
+        return self._turned_moments(b, self.direction, "")
+
+    def along_group(self, b: Moments) -> Moments:
+        """A body of frame j along the axes of its group."""
+        return self._turned_moments(b, self.own, "o")
+
+    def _turned_moments(self, b: Moments, direction: Direction, name: str) -> Moments:
+        x, y, z = self._turned(b.first, direction, f"{name}h")
+        xx, xy, _, yy = self._turned_block(b.xx, b.xy, b.xy, b.yy, direction, name)
+        xz, yz, zz = self._turned((b.xz, b.yz, b.zz), direction, f"{name}z")
         return Moments(b.m, x, y, z, xx, yy, zz, xy, xz, yz)
 
     def carried_moments(self, b: Moments) -> Moments:
-        """The body about the origin of frame j − 1, in its axes."""
-        h = [b.x + b.m * self.a, b.y, b.z + b.m * self.d]
-        xx, zz = b.xx + self.a * (b.x + h[0]), b.zz + self.d * (b.z + h[2])
-        xy, yz = b.xy + self.a * b.y, b.yz + self.d * b.y
-        xz = b.xz + self.a * b.z + self.d * h[0]
+        """The body about the origin before, in its axes."""
+        rx, ry, rz = self.at
+        h = added(b.first, scaled(b.m, self.at))
+        xx, yy, zz = b.xx + rx * (b.x + h[0]), b.yy + ry * (b.y + h[1]), b.zz + rz * (b.z + h[2])
+        xy, xz, yz = b.xy + rx * b.y + ry * h[0], b.xz + rx * b.z + rz * h[0], b.yz + ry * b.z + rz * h[1]
         c, s = self.twist
         names = ("hx", "hy", "hz", "xx", "yy", "zz", "xy", "xz", "yz")
-        x, y, z = self.twisted((h[0], h[1], h[2]))
-        y2, yz, _, z2 = self._turned_block(b.yy, yz, yz, zz, self.twist, "t")
-        moments = (x, y, z, xx, y2, z2, c * xy - s * xz, s * xy + c * xz, yz)
+        yy, yz, _, zz = self._turned_block(yy, yz, yz, zz, self.twist, "t")
+        moments = (*self.twisted(h), xx, yy, zz, c * xy - s * xz, s * xy + c * xz, yz)
         return Moments(b.m, *self.named([f"{name}_" for name in names], moments))
 
     def turned_flow(self, flow: Flow) -> Flow:
@@ -147,8 +161,8 @@ class Step:
 
     def carried_flow(self, flow: Flow) -> Flow:
         """As carried_moments: the origin that moves away takes v along."""
-        h, rows = flow.h, (flow.x, flow.y, flow.z)
-        x, y, z = ((row[0] + v * self.a, row[1], row[2] + v * self.d) for row, v in zip(rows, h, strict=True))
+        h = flow.h
+        x, y, z = (added(row, scaled(v, self.at)) for row, v in zip((flow.x, flow.y, flow.z), h, strict=True))
         across = [self.twisted(row) for row in (x, y, z)]
         columns = [self.twisted((u, v, w)) for u, v, w in zip(*across, strict=True)]
         x, y, z = (
@@ -158,7 +172,7 @@ class Step:
         return Flow(self.named([f"kh{e}_" for e in "xyz"], self.twisted(h)), x, y, z)
 
     def _turned_block(
-        self, xx: Any, xy: Any, yx: Any, yy: Any, direction: tuple[Any, Any], name: str
+        self, xx: Any, xy: Any, yx: Any, yy: Any, direction: Direction, name: str
     ) -> tuple[Any, Any, Any, Any]:
         """R M R^T of M = [[xx, xy], [yx, yy]] for R by (cos, sin): trace and antisymmetric part stay."""
         c, s = direction
@@ -174,13 +188,21 @@ class Step:
 def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Moments]:
     """(n,) all that a joint moves, at the joint, in the axes before it. `bodies`: of the links, each in its frame."""
     result: list[Moments] = []
-    carried: Moments | None = None
+    carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
-        whole = body
-        if carried is not None:
-            names = [f.name for f in fields(Moments)]
-            sums = [getattr(body, name) + getattr(carried, name) for name in names]
-            whole = Moments(*step.named([f"{name}_c" for name in names], sums))
-        result.append(step.turned_moments(whole))
+        sums = [own + others for own, others in zip(step.along_group(body), carried, strict=True)]
+        result.append(step.turned_moments(Moments(*step.named([f"{name}_c" for name in KINDS], sums))))
         carried = step.carried_moments(result[-1])
     return result[::-1]
+
+
+def gradient(step: Step, w: Vector, al: Vector) -> Matrix:
+    """U = al x + w w^T - |w|^2 of a link: its points' accelerations by their places."""
+    (x, y, z), (ax, ay, az) = w, al
+    names = ("wxy", "wxz", "wyz", "wxx", "wyy", "wzz")
+    xy, xz, yz, xx, yy, zz = step.named(names, (x * y, x * z, y * z, x * x, y * y, z * z))
+    return (
+        step.named(("Uxx", "Uxy", "Uxz"), (-yy - zz, xy - az, xz + ay)),
+        step.named(("Uyx", "Uyy", "Uyz"), (xy + az, -xx - zz, yz - ax)),
+        step.named(("Uzx", "Uzy", "Uzz"), (xz - ay, yz + ax, -xx - yy)),
+    )

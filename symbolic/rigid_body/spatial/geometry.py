@@ -27,22 +27,20 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
 import sympy as sp
 
-from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.model_file.arm import SpatialArm
+from symbolic.rigid_body.spatial.frames import BASE, Standing, file_axes, file_frames, link_frames, transposed
+from symbolic.rigid_body.spatial.vectors import dot
 from symbolic.straightline import Notes, Turn
 
 LENGTH_DIGITS = 12
 """Decimals of a length in m: what floating point adds to a file's decimals lies beyond them."""
 TURN_DIGITS = 14
 """Decimals of the tangent of half an angle, likewise."""
-PARALLEL = 1e-10
-"""Sine of the angle between two axes below which they are parallel: rounding of rpy in double precision."""
-
 Vector = tuple[Any, Any, Any]
 Matrix = tuple[Vector, Vector, Vector]
-Array = np.ndarray[Any, np.dtype[np.float64]]
+NO_ANGLE: Any = 0
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,9 @@ class Placement:
         a, b, c = (_vector([number(e) for e in row]) for row in self.turn)
         return Placement((a, b, c), _vector([number(e) for e in self.at]))
 
-    def floats(self) -> tuple[Array, Array]:
-        """turn (3, 3) and at (3,) in double precision."""
-        return np.array([[float(x) for x in row] for row in self.turn]), np.array([float(x) for x in self.at])
-
 
 @dataclass(frozen=True)
-class Link:
+class LinkFrame:
     """The step from frame j − 1 to frame j, see above.
 
     sign     1; −1 where the joint turns or slides against z_j
@@ -82,6 +76,13 @@ class Link:
     rest: Any
     d: Any
     body: Placement
+
+    @property
+    def start(self) -> Placement:
+        """The frame in the one before, where q_j = 0 and but for `rest`."""
+        (c, s), (ca, sa) = self.offset.pair, self.twist.pair
+        turn = ((c, -s, c * 0), (ca * s, ca * c, -sa), (sa * s, sa * c, ca))
+        return Placement(turn, (self.a, -sa * self.d, ca * self.d))
 
     def angle(self, q: Any) -> Any:
         """theta_j of a revolute joint, but for its quarter turns; q: an angle as Notes.sincos takes it."""
@@ -107,7 +108,7 @@ class Geometry:
     tip       the tip in frame n
     """
 
-    links: tuple[Link, ...]
+    links: tuple[LinkFrame, ...]
     gravity: Vector
     base: Placement
     tip: Placement
@@ -167,144 +168,38 @@ def _turn_over(turn: Turn, number: Callable[[Fraction], Any]) -> Turn:
     return Turn(number(turn.cos), number(turn.sin))
 
 
-def rotation(rpy: Sequence[float]) -> Array:
-    """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll), as URDF says it."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
 def geometry(arm: SpatialArm) -> Geometry:
     """The frames of an arm."""
-    files = _file_frames(arm)
-    axes = _axes(arm, files)
-    frames = _link_frames(arm, files, axes)
-    first = frames[0]
-    links, before = [], first
-    for joint, frame, own in zip(arm.joints, frames, files, strict=True):
-        (turn, at), (R, p) = before, frame
-        sign = 1 if own[0] @ np.array(joint.axis) @ R[:, 2] > 0 else -1
-        step, reach = turn.T @ R, turn.T @ (p - at)
-        twist = exact_turn(step[2, 2], -step[1, 2])
-        along = np.array([0.0, -float(twist.sin), float(twist.cos)])
-        offset, rest = exact_turn(step[0, 0], -step[0, 1]), _NONE
-        if joint.type == "revolute" and 0 not in offset.pair:
-            offset, rest = Turn(Fraction(1), Fraction(0)), offset
-        a, d = exact_length(reach[0]), exact_length(float(reach @ along))
-        links.append(Link(joint.type == "revolute", sign, twist, a, offset, rest, d, _placement(frame, own)))
-        before = frame
-    gravity = first[0].T @ np.array(arm.gravity)
-    tip = _after(files[-1], arm.tip)
+    files = file_frames(arm)
+    frames = link_frames(arm, files)
+    axes = file_axes(arm, files)
+    before = [frames[0], *frames[:-1]]
+    gravity = Standing(BASE.turn, arm.gravity).inside(Standing(frames[0].turn, (0.0, 0.0, 0.0))).at
     return Geometry(
-        tuple(links),
+        tuple(
+            _link(joint.type == "revolute", axis, *standing)
+            for joint, axis, *standing in zip(arm.joints, axes, frames, before, files, strict=True)
+        ),
         _vector([exact_length(g) for g in gravity]),
-        _placement((np.eye(3), np.zeros(3)), first),
-        _placement(frames[-1], tip),
+        _placement(frames[0]),
+        _placement(files[-1].followed(arm.tip).inside(frames[-1])),
     )
 
 
-_NONE: Any = 0
-_Frame = tuple[Array, Array]
-"""Rotation matrix and origin in the base, where all q are 0."""
-
-
-def _file_frames(arm: SpatialArm) -> list[_Frame]:
-    """The model file's joint frames in the base, where all q are 0."""
-    frames, last = [], (np.eye(3), np.zeros(3))
-    for joint in arm.joints:
-        last = _after(last, joint.origin)
-        frames.append(last)
-    return frames
-
-
-def _after(frame: _Frame, origin: Frame) -> _Frame:
-    turn, at = frame
-    return turn @ rotation(origin.rpy), at + turn @ np.array(origin.xyz)
-
-
-def _axes(arm: SpatialArm, files: Sequence[_Frame]) -> list[Array]:
-    """z_j in the base: the joints' axes, parallel ones pointing the same way."""
-    axes: list[Array] = []
-    for joint, (turn, _) in zip(arm.joints, files, strict=True):
-        z = turn @ np.array(joint.axis, dtype=float) / np.linalg.norm(joint.axis)
-        if axes and _parallel(axes[-1], z):
-            z = axes[-1]
-        axes.append(z)
-    return axes
-
-
-def _parallel(u: Array, v: Array) -> bool:
-    return bool(np.linalg.norm(np.cross(u, v)) < PARALLEL)
-
-
-def _link_frames(arm: SpatialArm, files: Sequence[_Frame], axes: Sequence[Array]) -> list[_Frame]:
-    """Frame j of every link in the base, where all q are 0; see the head of this file for what is chosen."""
-    frames: list[_Frame] = []
-    foot = files[0][1]  # where the common normal from the joint before meets this axis
-    for j, z in enumerate(axes):
-        x, origin = None, foot
-        if j + 1 < len(axes):
-            slides = arm.joints[j + 1].type == "prismatic"
-            x, origin, foot = _normal((foot, z), (None if slides else files[j + 1][1], axes[j + 1]))
-        before = frames[-1][0] if frames else None
-        x = _across(z, before) if x is None else _nearer(x, before, z)
-        frames.append((np.column_stack([x, np.cross(z, x), z]), origin))
-    return frames
-
-
-def _normal(axis: tuple[Array, Array], following: tuple[Array | None, Array]) -> tuple[Array | None, Array, Array]:
-    """The common normal of two axes (a point, a direction each): direction, or None where any will do; its feet.
-
-    An axis without a point goes through that of the other one.
-    """
-    (foot, z), (point, z_next) = axis, following
-    across = np.cross(z, z_next)
-    size = float(np.linalg.norm(across))
-    if size < PARALLEL:
-        if point is None:
-            return None, foot, foot
-        apart = point - foot
-        apart = apart - z * (apart @ z)
-        return _direction(apart), foot, foot + apart
-    normal = across / size
-    if point is None:
-        return normal, foot, foot
-    apart = point - foot
-    origin = foot + z * (np.cross(apart, z_next) @ across) / size**2
-    return normal, origin, origin + normal * (apart @ normal)
-
-
-def _direction(vector: Array) -> Array | None:
-    length = float(np.linalg.norm(vector))
-    return None if length < 10.0**-LENGTH_DIGITS else vector / length
-
-
-def _across(z: Array, before: Array | None) -> Array:
-    """A direction across z: as near as can be to the x axis before it, or to the base's axes."""
-    candidates = np.eye(3) if before is None else np.column_stack([before[:, 0], before[:, 1]])
-    projected = candidates - np.outer(z, z @ candidates)
-    best = int(np.argmax(np.linalg.norm(projected, axis=0) > np.sqrt(0.5)))
-    return np.asarray(projected[:, best] / np.linalg.norm(projected[:, best]))
-
-
-def _nearer(x: Array, before: Array | None, z: Array) -> Array:
-    """Of the two directions of a normal, the one that turns the frame less against the one before it."""
-    if before is None:
-        return x
-    cosine = float(x @ before[:, 0])
-    if abs(cosine) > PARALLEL:
-        return x if cosine > 0 else -x
-    return x if float(np.cross(before[:, 0], x) @ z) > 0 else -x
+def _link(revolute: bool, axis: Vector, frame: Standing, before: Standing, file: Standing) -> LinkFrame:
+    sign = 1 if dot(axis, transposed(frame.turn)[2]) > 0 else -1
+    step, reach = frame.inside(before)
+    twist = exact_turn(step[2][2], -step[1][2])
+    offset, rest = exact_turn(step[0][0], -step[0][1]), NO_ANGLE
+    if revolute and 0 not in offset.pair:
+        offset, rest = Turn(Fraction(1), Fraction(0)), offset
+    a, d = exact_length(reach[0]), exact_length(dot(reach, (0.0, -float(twist.sin), float(twist.cos))))
+    return LinkFrame(revolute, sign, twist, a, offset, rest, d, _placement(file.inside(frame)))
 
 
 def exact_length(value: float) -> Fraction:
     """A decimal number within LENGTH_DIGITS."""
-    return Fraction(repr(round(float(value), LENGTH_DIGITS)))
+    return Fraction(repr(round(value, LENGTH_DIGITS)))
 
 
 def exact_turn(cosine: float, sine: float) -> Turn:
@@ -315,7 +210,7 @@ def exact_turn(cosine: float, sine: float) -> Turn:
     return Turn((w * w - x * x) / size, 2 * w * x / size)
 
 
-def exact_rotation(R: Array) -> Matrix:
+def exact_rotation(R: Matrix) -> Matrix:
     """The nearest rotation with rational elements, by its quaternion: exact where it turns axes into axes."""
     w, x, y, z = _scaled(_quaternion(R))
     size = w * w + x * x + y * y + z * z
@@ -328,29 +223,27 @@ def exact_rotation(R: Array) -> Matrix:
     return a, b, c
 
 
-def _quaternion(R: Array) -> Sequence[float]:
+def _quaternion(R: Matrix) -> Sequence[float]:
     """(w, x, y, z) of any length, from the largest of four that are the same but for their length."""
-    t = float(np.trace(R))
-    rows = np.array(
-        [
-            [1 + t, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]],
-            [R[2, 1] - R[1, 2], 1 + 2 * R[0, 0] - t, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]],
-            [R[0, 2] - R[2, 0], R[0, 1] + R[1, 0], 1 + 2 * R[1, 1] - t, R[1, 2] + R[2, 1]],
-            [R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1 + 2 * R[2, 2] - t],
-        ]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    t = xx + yy + zz
+    rows = (
+        (1 + t, zy - yz, xz - zx, yx - xy),
+        (zy - yz, 1 + 2 * xx - t, xy + yx, xz + zx),
+        (xz - zx, xy + yx, 1 + 2 * yy - t, yz + zy),
+        (yx - xy, xz + zx, yz + zy, 1 + 2 * zz - t),
     )
-    return [float(e) for e in rows[int(np.argmax(np.diag(rows)))]]
+    return max(enumerate(rows), key=lambda item: item[1][item[0]])[1]
 
 
-def _scaled(vector: Sequence[float]) -> list[Fraction]:
-    """With its largest element ±1, rounded to TURN_DIGITS."""
-    largest = max(abs(e) for e in vector)
-    return [Fraction(repr(round(float(e) / float(largest), TURN_DIGITS))) for e in vector]
+def _scaled(elements: Sequence[float]) -> list[Fraction]:
+    """With the largest element ±1, rounded to TURN_DIGITS."""
+    largest = max(abs(e) for e in elements)
+    return [Fraction(repr(round(e / largest, TURN_DIGITS))) for e in elements]
 
 
-def _placement(outer: _Frame, inner: _Frame) -> Placement:
-    turn, at = outer[0].T @ inner[0], outer[0].T @ (inner[1] - outer[1])
-    return Placement(exact_rotation(turn), _vector([exact_length(e) for e in at]))
+def _placement(frame: Standing) -> Placement:
+    return Placement(exact_rotation(frame.turn), _vector([exact_length(e) for e in frame.at]))
 
 
 def _vector(elements: Sequence[Any]) -> Vector:

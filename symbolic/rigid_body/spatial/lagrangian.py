@@ -19,11 +19,9 @@ Source: Uicker 1965 (On the dynamic analysis of spatial linkages using 4x4 matri
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from symbolic.model_file.arm import SpatialLink
-from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.spatial.geometry import Placement, Vector
 from symbolic.rigid_body.spatial.rounding import ExactFileChain
 from symbolic.straightline import Turn
@@ -34,10 +32,8 @@ PRIME = 2**127 - 1
 Square = list[list[int]]
 """(4, 4) residues."""
 
-ELEMENTS = ("M", "X", "Y", "Z", "XX", "YY", "ZZ", "XY", "XZ", "YZ")
-"""A body's ten inertial parameters: its mass, first and second moments about the joint's origin, along its axes."""
-_PLACES = ((3, 3), (0, 3), (1, 3), (2, 3), (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Where they stand in the pseudo-inertia."""
+ELEMENTS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+"""A body's ten inertial parameters: inertia tensor about the origin of its joint's frame, first moments, mass."""
 
 
 def residue(number: Fraction | int) -> int:
@@ -48,21 +44,10 @@ def residue(number: Fraction | int) -> int:
 
 def pseudo_inertia(parameters: Sequence[int]) -> Square:
     """Sigma, the integral of [x y z 1]^T [x y z 1] dm, of ten parameters in the order of ELEMENTS."""
-    result = [[0] * 4 for _ in range(4)]
-    for (i, j), value in zip(_PLACES, parameters, strict=True):
-        result[i][j] = result[j][i] = value
-    return result
-
-
-def link_parameters(link: SpatialLink) -> list[Fraction]:
-    """The ten parameters of a link whose numbers are all known, in the order of ELEMENTS."""
-    if link.mass is None or link.com is None or link.inertia is None:
-        raise ValueError("a link whose mass, com or inertia is unknown has no parameters")
-    m, c = exact(link.mass), [exact(x) for x in link.com]
-    ixx, ixy, ixz, iyy, iyz, izz = (exact(x) for x in link.inertia)
-    own = [(iyy + izz - ixx) / 2, (ixx + izz - iyy) / 2, (ixx + iyy - izz) / 2, -ixy, -ixz, -iyz]
-    products = [m * c[i] * c[j] for i, j in _PLACES[4:]]
-    return [m, *(m * x for x in c), *(a + b for a, b in zip(own, products, strict=True))]
+    xx, xy, xz, yy, yz, zz, x, y, z, m = parameters
+    half = pow(2, -1, PRIME)
+    trace_2 = (xx + yy + zz) * half
+    return [[trace_2 - xx, -xy, -xz, x], [-xy, trace_2 - yy, -yz, y], [-xz, -yz, trace_2 - zz, z], [x, y, z, m]]
 
 
 @dataclass(frozen=True)
@@ -122,6 +107,10 @@ class ExactPosture:
     def n(self) -> int:
         return len(self.axes)
 
+    def carrying(self, bodies: Sequence[Square]) -> ExactPosture:
+        """The same posture with other bodies."""
+        return replace(self, bodies=tuple(bodies))
+
     def torques(self, qd: Sequence[int], qdd: Sequence[int]) -> list[int]:
         """(n,) tau without rotors: D qdd + C qd + g."""
         return self._traces(self._accelerations(qd, qdd), self.bodies, self.places)
@@ -155,7 +144,7 @@ class ExactPosture:
         return [trace(S, M) for S, M in zip(self.axes, _outer_sums(parts), strict=True)]
 
     def second_moments(self) -> list[Square]:
-        """(n,) W_j, the sum over l >= j of T_l Sigma_l T_l^T: second moments of all that joint j moves, in base axes."""
+        """(n,) W_j, the sum over l >= j of T_l Sigma_l T_l^T: moments of all that joint j moves, in base axes."""
         parts = [times(times(T, body), transposed(T)) for T, body in zip(self.places, self.bodies, strict=True)]
         return _outer_sums(parts)
 

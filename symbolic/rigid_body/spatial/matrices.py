@@ -5,8 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from symbolic.rigid_body.spatial.composites import NOWHERE, Flow, Moments, Step, Wrench
+from symbolic.functions import SymbolicFunction
+from symbolic.rigid_body.kinematics import Author
+from symbolic.rigid_body.spatial.composites import Flow, Step, Wrench, composites
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.moments import Moments
+from symbolic.rigid_body.spatial.vectors import NOWHERE, cross, scaled
+
+NOTATION = {
+    "c, s": "cosine and sine",
+    "r": "way along the axis of a joint",
+    "xx, yy, zz, xy, xz, yz, hx, hy, hz": "second and first moments of all that a joint moves; _c about its link's "
+    "origin, _ about that of the link before",
+    "A, B": "what turns them",
+    "f, n": "force and moment, or momentum and its moment",
+    "D": "inertia that a joint sees",
+    "k, kh": "moments of the velocities relative to the link that a joint moves",
+    "w": "angular velocity",
+    "g": "gravity",
+}
+"""What these functions call their values, for whoever reads the generated code."""
 
 Square = list[list[Any]]
 """(n, n), row by row."""
@@ -80,45 +98,9 @@ def turning(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> 
     return result
 
 
-def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
-    """(n,) C qd + g: forces of the composites in the acceleration of their first link relative to the link before."""
-    rates = signed(geometry, qd)
-    turns, hanging = turning(geometry, steps, rates), gravity(geometry, steps, wholes)
-    result = list(hanging)
-    wrench: Wrench = (NOWHERE, NOWHERE)
-    for i in reversed(range(geometry.n)):
-        link, step = geometry.links[i], steps[i]
-        if i < geometry.n - 1:
-            wrench = step.turned_wrench(wrench, "")
-        own = _relative(link.revolute, step, wholes[i], turns[i], rates[i])
-        f, n = (
-            step.named([f"{name}{e}" for e in "xyz"], [u + v for u, v in zip(a, b, strict=True)])
-            for name, a, b in zip("fn", wrench, own, strict=True)
-        )
-        result[i] = link.sign * _along(link.revolute, (f, n)) + hanging[i]
-        wrench = step.carried((f, n), "")
-    return result
-
-
-def _relative(revolute: bool, step: Step, b: Moments, w: Vector, rate: Any) -> Wrench:
-    """Force and moment of a composite in the field by which its first link is accelerated at constant rates.
-
-    Revolute: [[-s, 0, 0], [0, -s, 0], [p, r, 0]] x, s = rate (2 w_z + rate), p = 2 rate w_x, r = 2 rate w_y.
-    Prismatic: 2 rate w × z for all x.
-    """
-    (twice,) = step.named(("u",), (2 * rate,))
-    p, r = step.named(("p", "r"), (twice * w[0], twice * w[1]))
-    if not revolute:
-        return _uniform(b, (r, -p, 0))
-    (s,) = step.named(("s",), (rate * (2 * w[2] + rate),))
-    f = (-s * b.x, -s * b.y, p * b.x + r * b.y)
-    return f, (p * b.xy + r * b.yy + s * b.yz, -s * b.xz - p * b.xx - r * b.xy, 0)
-
-
 def _uniform(b: Moments, a: Vector) -> Wrench:
     """Force and moment of a body whose points are all accelerated alike."""
-    n = (b.y * a[2] - b.z * a[1], b.z * a[0] - b.x * a[2], b.x * a[1] - b.y * a[0])
-    return (b.m * a[0], b.m * a[1], b.m * a[2]), n
+    return scaled(b.m, a), cross(b.first, a)
 
 
 def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
@@ -206,3 +188,62 @@ def _seen_from_before(revolute: bool, now: Wrench, rate: Wrench, joint_rate: Any
     if not revolute:
         return rate[0], (bx - v * fy, by + v * fx, bz)
     return (ax - v * fy, ay + v * fx, az), (bx - v * ny, by + v * nx, bz)
+
+
+def functions(
+    author: Author, geometry: Geometry, bodies: Sequence[Moments], rotors: Sequence[Any], own: Sequence[Any]
+) -> list[SymbolicFunction]:
+    """inertia, link_inertia, coriolis, gravity. `geometry`: in SymPy's numbers; `bodies`: (n,) base parameters as
+    moments of the links; `rotors`: (n,) that are base parameters of their own; `own`: (n,) the rotors' inertias."""
+    recorder, n, force = author.recorder(), geometry.n, author.coordinates.force
+    q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
+    steps = Step.all(geometry, q, recorder)
+    wholes = composites(steps, bodies)
+    D = inertia(geometry, steps, wholes, rotors)
+    links = [[D[i][i] - own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(D)]
+    C = coriolis(geometry, steps, wholes, qd)
+    mixed = " or " in force
+    unit = "kg m^2, kg m or kg" if mixed else author.coordinates.unit("kg m^2", "kg")
+    rate = "per entry: torque by rate" if mixed else author.coordinates.unit("kg m^2/s", "kg/s")
+    return [
+        author.function(
+            "inertia",
+            ("q",),
+            ("D", _flat(D), (n, n), unit, "inertia matrix, symmetric and positive definite"),
+            recorder,
+            "Inertia matrix D(q), rotors included.",
+            "Composite bodies; Walker & Orin 1982",
+            NOTATION,
+        ),
+        author.function(
+            "link_inertia",
+            ("q",),
+            ("D", _flat(links), (n, n), unit, "inertia matrix without the rotors"),
+            recorder,
+            "Inertia of the links as the joints see it: D(q) less the rotors.",
+            "Composite bodies; the model file's rotor inertias",
+            NOTATION,
+        ),
+        author.function(
+            "coriolis",
+            ("q", "qd"),
+            ("C", _flat(C), (n, n), rate, "Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
+            recorder,
+            "Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
+            "Composite bodies; Echeandia & Wensing 2021",
+            NOTATION,
+        ),
+        author.function(
+            "gravity",
+            ("q",),
+            ("g", gravity(geometry, steps, wholes), (n,), force, "gravity torques"),
+            recorder,
+            "Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
+            "Composite bodies hang on their joints",
+            NOTATION,
+        ),
+    ]
+
+
+def _flat(rows: Square) -> list[Any]:
+    return [e for row in rows for e in row]

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from fractions import Fraction
-from typing import Any
+from dataclasses import dataclass, replace
 
 from symbolic.model_file.arm import Frame, SpatialArm
-from symbolic.rigid_body.spatial.geometry import Geometry, Link, Matrix, Placement, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Matrix, Placement, Vector
+from symbolic.rigid_body.spatial.vectors import applied, negative, placed, scaled
 
 ROUNDING = 1e-8
 """m and rad; how far a number of the file may stand from the exact one: rounded decimals of a dozen frames."""
@@ -41,14 +40,14 @@ def exact_file_chain(geometry: Geometry) -> ExactFileChain:
     """The file's chain, from frames with exact numbers."""
     placements, before = [], geometry.base
     for link in geometry.links:
-        placements.append(_joined(before, _joined(_step(link), link.body)))
+        placements.append(_joined(before, _joined(_start(link), link.body)))
         before = _reversed(link.body)
     return ExactFileChain(
         tuple(link.revolute for link in geometry.links),
         tuple(placements),
-        tuple(_scaled(link.body.turn[2], link.sign) for link in geometry.links),
+        tuple(scaled(link.sign, link.body.turn[2]) for link in geometry.links),
         _joined(before, geometry.tip),
-        _turned(geometry.base.turn, geometry.gravity),
+        applied(geometry.base.turn, geometry.gravity),
     )
 
 
@@ -83,21 +82,11 @@ def _rotation(rpy: Sequence[float]) -> list[list[float]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _step(link: Link) -> Placement:
-    """Frame j in frame j − 1 where q = 0."""
-    ct, st = link.twist.pair
-    c, s = link.offset.pair if isinstance(link.rest, int) else (link.offset + link.rest).pair
-    turn = ((c, -s, 0), (ct * s, ct * c, -st), (st * s, st * c, ct))
-    return Placement(turn, (link.a, -st * link.d, ct * link.d))
-
-
-def _turned(R: Matrix, v: Vector) -> Vector:
-    x, y, z = (sum((a * b for a, b in zip(row, v, strict=True)), Fraction(0)) for row in R)
-    return x, y, z
-
-
-def _scaled(v: Vector, factor: Any) -> Vector:
-    return v[0] * factor, v[1] * factor, v[2] * factor
+def _start(link: LinkFrame) -> Placement:
+    """The link's frame in the one before, where q = 0."""
+    if isinstance(link.rest, int):
+        return link.start
+    return replace(link, offset=link.offset + link.rest).start
 
 
 def _transposed(R: Matrix) -> Matrix:
@@ -107,12 +96,11 @@ def _transposed(R: Matrix) -> Matrix:
 
 def _joined(outer: Placement, inner: Placement) -> Placement:
     """inner, given in outer, in what outer is given in."""
-    columns = [_turned(outer.turn, column) for column in _transposed(inner.turn)]
-    at = _turned(outer.turn, inner.at)
+    columns = [applied(outer.turn, column) for column in _transposed(inner.turn)]
     a, b, c = columns
-    return Placement(_transposed((a, b, c)), (at[0] + outer.at[0], at[1] + outer.at[1], at[2] + outer.at[2]))
+    return Placement(_transposed((a, b, c)), placed(outer, inner.at))
 
 
 def _reversed(placement: Placement) -> Placement:
     turn = _transposed(placement.turn)
-    return Placement(turn, _scaled(_turned(turn, placement.at), -1))
+    return Placement(turn, negative(applied(turn, placement.at)))
