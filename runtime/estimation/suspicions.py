@@ -30,7 +30,8 @@ from runtime.estimation.settings import (
     SUSPICION_SAMPLES,
     TURNED_FALLS_TO,
 )
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
 from runtime.recordings.columns import UNITS
 
 Array = NDArray[np.float64]
@@ -144,7 +145,7 @@ class _Trials:
 
         standing = np.where(np.isinf(self.motion.standstill), 0.0, self.motion.standstill)
         standstill = np.where(np.isinf(self.motion.standstill), np.inf, mix @ standing)
-        motion = replace(_changed(self.motion, change), standstill=standstill)
+        motion = _changed(self.motion, change).resting_below(standstill)
         return self._errors(motion, self._equations_of(Problem(self.model, motion, self.terms, self.prediction)))
 
     def _whole(self, errors: Array) -> float:
