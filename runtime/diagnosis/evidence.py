@@ -94,8 +94,8 @@ class Rows:
     """One joint's equations.
 
     y (M,), base (b, M), noise (b + 1, M) of base and y; index (b,): which unknowns of the ground the base's
-    columns belong to; use (M,): rows that count, at least some; piece (M,): the stretch of time of a row;
-    weight: 1/σ of the joint.
+    columns belong to; use (M,): rows that count, at least some; clear (M,): those of them that are whitened, as their
+    noise has one spectrum; piece (M,): the stretch of time of a row; weight: 1/σ of the joint.
     """
 
     y: Array
@@ -103,6 +103,7 @@ class Rows:
     noise: Array
     index: NDArray[np.intp]
     use: Mask
+    clear: Mask
     piece: NDArray[np.intp]
     weight: float
 
@@ -130,12 +131,12 @@ class Rows:
         return self.used(self.noise)
 
     def whiten(self, x: Array, ar: Array) -> Array:
-        """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
-        return whiten(x, ar, self.use, self.piece)
+        """x (..., M) through the filter; rows that are not clear enter as zero on both sides of the equation."""
+        return whiten(x, ar, self.clear, self.piece)
 
     def autoregression(self, residual: Array) -> Array:
         """(1, a1, ..., ap) of a residual (M,)."""
-        return autoregression(residual, self.use, self.piece)
+        return autoregression(residual, self.clear, self.piece)
 
 
 @dataclass(frozen=True)
@@ -249,7 +250,7 @@ class Ground:
     def whitened(self, ar: Sequence[Array]) -> Ground:
         """The same ground through an autoregressive filter (1, a1, ...) a joint."""
         rows = tuple(
-            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a))
+            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a), use=r.clear)
             for r, a in zip(self.rows, ar, strict=True)
         )
         return Ground.levelled(rows, self.lower, self.upper)

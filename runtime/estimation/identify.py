@@ -121,7 +121,7 @@ def solve(
         start = plain
     if prediction is not None and not _drivable(model, motion, needs, prediction):
         # What an ill-posed fit leaves without inertia cannot be simulated; what the file says of it can.
-        prediction = replace(prediction, lumps=model.lump_values)
+        prediction = replace(prediction, lumps=model.lumps_or(prediction.lumps))
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
     if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):
@@ -310,8 +310,8 @@ class Identification:
         drivable = _drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction)
         if not self.fit.skew_free or not drivable:
             return None
-        every = replace(self.motion, standstill=np.zeros(self.model.n), quiet=np.full(self.model.n, np.inf))
-        return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
+        known = {t: dict(v) for t, v in self.fit.shapes.items()}
+        return infer(*solve(self.model, self.motion.with_standstill, known, 0.0, self.fit))
 
     def delay_json(self) -> list[dict[str, Any]]:
         """The whole delay from torque to motion of every joint."""
