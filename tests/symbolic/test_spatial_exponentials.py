@@ -1,6 +1,6 @@
 """Matrices and kinematics in space against products of exponentials in NumPy, which know no link frames.
 
-With S the unit twist of a joint's axis at q = 0, a body that stands at M there stands at exp(S_1 q_1) .. exp(S_i q_i) M.
+With S the unit twist of a joint at q = 0, a body that stands at M there stands at exp(S_1 q_1) .. exp(S_i q_i) M.
 Source: Lynch & Park 2017, Modern Robotics, chapters 4 and 5.
 """
 
