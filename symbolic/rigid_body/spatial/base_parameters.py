@@ -27,10 +27,10 @@ from symbolic.rigid_body.exact_rank import (
     known_sum,
     random_turn,
 )
-from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import INERTIA, KINDS, Moments, body_values
 from symbolic.rigid_body.spatial.recursion import SpatialMotion, motion, named, turned, twisted, wrench
-from symbolic.rigid_body.spatial.vectors import dot
+from symbolic.rigid_body.spatial.vectors import Vector, dot
 from symbolic.straightline import Notes, Residues
 
 ROTOR = "I"

@@ -21,10 +21,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import KINDS, Moments
 from symbolic.rigid_body.spatial.recursion import Direction, direction_along, groups
-from symbolic.rigid_body.spatial.vectors import NOWHERE, added, cross, scaled
+from symbolic.rigid_body.spatial.vectors import NOWHERE, Matrix, Vector, added, cross, scaled
 from symbolic.straightline import Notes
 
 Wrench = tuple[Vector, Vector]
@@ -56,7 +56,7 @@ class Composite(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Flow:
+class MomentFlow:
     """The same with a velocity field v in place of one x: the integrals of v, and of v_a x_b by rows."""
 
     h: Vector
@@ -65,12 +65,12 @@ class Flow:
     z: Vector
 
     @classmethod
-    def still(cls) -> Flow:
+    def still(cls) -> MomentFlow:
         return cls(NOWHERE, NOWHERE, NOWHERE, NOWHERE)
 
 
 @dataclass(frozen=True)
-class Step:
+class JointStep:
     """The way from joint j to the link before.
 
     Links of parallel joints are written along the axes of the last of them (their group): all but the group's first
@@ -90,7 +90,7 @@ class Step:
     notes: Notes
 
     @classmethod
-    def all(cls, geometry: Geometry, q: Sequence[Any], notes: Notes) -> list[Step]:
+    def all(cls, geometry: Geometry, q: Sequence[Any], notes: Notes) -> list[JointStep]:
         """One a joint."""
         steps = []
         for group in groups(geometry):
@@ -175,14 +175,14 @@ class Step:
         moments = (*self.twisted(h), xx, yy, zz, c * xy - s * xz, s * xy + c * xz, yz)
         return Moments(b.m, *self.named([f"{name}_" for name in names], moments))
 
-    def turned_flow(self, flow: Flow) -> Flow:
+    def turned_flow(self, flow: MomentFlow) -> MomentFlow:
         """As turned_moments."""
         h, (zx, zy, zz) = self.turned(flow.h, "kh"), self.turned(flow.z, "kz")
         xx, xy, yx, yy = self._turned_block(*flow.x[:2], *flow.y[:2], self.direction, "k")
         xz, yz, _ = self.turned((flow.x[2], flow.y[2], 0), "kk")
-        return Flow(h, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
+        return MomentFlow(h, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
 
-    def carried_flow(self, flow: Flow) -> Flow:
+    def carried_flow(self, flow: MomentFlow) -> MomentFlow:
         """As carried_moments: the origin that moves away takes v along."""
         h = flow.h
         x, y, z = (added(row, scaled(v, self.at)) for row, v in zip((flow.x, flow.y, flow.z), h, strict=True))
@@ -192,7 +192,7 @@ class Step:
             self.named([f"k{row}{column}_" for column in "xyz"], values)
             for row, values in zip("xyz", zip(*columns, strict=True), strict=True)
         )
-        return Flow(self.named([f"kh{e}_" for e in "xyz"], self.twisted(h)), x, y, z)
+        return MomentFlow(self.named([f"kh{e}_" for e in "xyz"], self.twisted(h)), x, y, z)
 
     def _turned_block(
         self, xx: Any, xy: Any, yx: Any, yy: Any, direction: Direction, name: str
@@ -208,7 +208,7 @@ class Step:
         return xx, xy, yx, yy
 
 
-def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Composite]:
+def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Composite]:
     """(n,), one a joint. `bodies`: of the links, each in its frame."""
     result: list[Composite] = []
     carried = Moments()
@@ -221,7 +221,7 @@ def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Composi
     return result[::-1]
 
 
-def gradient(step: Step, w: Vector, al: Vector) -> Matrix:
+def gradient(step: JointStep, w: Vector, al: Vector) -> Matrix:
     """U = al x + w w^T - |w|^2 of a link: its points' accelerations by their places."""
     (x, y, z), (ax, ay, az) = w, al
     names = ("wxy", "wxz", "wyz", "wxx", "wyy", "wzz")

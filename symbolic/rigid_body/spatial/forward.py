@@ -22,12 +22,12 @@ from typing import Any
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.dynamics import solve_symmetric
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.spatial.composites import Composite, Step, Wrench, composites, gradient
-from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.composites import Composite, JointStep, Wrench, composites, gradient
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.matrices import NOTATION, inertia, signed
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.recursion import groups
-from symbolic.rigid_body.spatial.vectors import NOWHERE, added, applied, cross, dot, negative, scaled
+from symbolic.rigid_body.spatial.vectors import NOWHERE, Matrix, Vector, added, applied, cross, dot, negative, scaled
 
 
 def forward_dynamics(
@@ -36,7 +36,7 @@ def forward_dynamics(
     """`geometry`: in SymPy's numbers; `bodies`, `rotors`: (n,) base parameters as moments of the links and rotors."""
     recorder = author.recorder()
     q, qd, tau = (author.coordinates.symbols(name) for name in ("q", "qd", "tau"))
-    steps = Step.all(geometry, q, recorder)
+    steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
     right = [t - b for t, b in zip(tau, bias(geometry, steps, wholes, qd), strict=True)]
     qdd = solve_symmetric(inertia(geometry, steps, wholes, rotors), right, recorder)
@@ -82,7 +82,7 @@ class _Motion:
     U: Matrix
 
 
-def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite], qd: Sequence[Any]) -> list[Any]:
+def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], qd: Sequence[Any]) -> list[Any]:
     """(n,) C qd + g. `wholes`: the composites at the joints."""
     result: list[Any] = [0] * geometry.n
     motions = _motions(geometry, steps, signed(geometry, qd))
@@ -99,7 +99,7 @@ def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite],
     return result
 
 
-def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> list[_Motion]:
+def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]) -> list[_Motion]:
     result: list[_Motion] = []
     w, al, a = NOWHERE, NOWHERE, negative(geometry.gravity)
     for group in groups(geometry):
@@ -132,7 +132,7 @@ def _spun(al: Vector, w: Vector, spin: Any) -> Vector:
     return al[0] + spin * w[1], al[1] - spin * w[0], al[2]
 
 
-def _spun_gradient(step: Step, U: Matrix, w: Vector) -> Matrix:
+def _spun_gradient(step: JointStep, U: Matrix, w: Vector) -> Matrix:
     """U of a link that turns about z relative to the one with U, at w: what it does along z stays."""
     (_, xy, xz), (yx, _, yz), (_, _, zz) = U
     (twice,) = step.named(("wz",), (2 * w[2],))
@@ -144,7 +144,7 @@ def _spun_gradient(step: Step, U: Matrix, w: Vector) -> Matrix:
     )
 
 
-def _at_revolute(step: Step, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
+def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
     """Moment about z in the field of the link before; force and moment in the field that the joint adds."""
     (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))

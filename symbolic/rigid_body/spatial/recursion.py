@@ -21,8 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Vector, quarter_turned
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, quarter_turned
 from symbolic.rigid_body.spatial.moments import Moments
+from symbolic.rigid_body.spatial.vectors import Vector
 from symbolic.straightline import Notes, Turn
 
 Direction = tuple[Any, Any]
