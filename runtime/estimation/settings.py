@@ -268,4 +268,4 @@ ORDERS_SPREAD: Final = 12
 
 SLOPE_STEP: Final = 1e-4
 """rad, m and rad/s, m/s; torques so far to either side give how they grow with a position or a rate: their curvature
-adds a part of 1e-8, rounding one of 1e-11."""
+adds a part of 1e-8, rounding one of 1e-11; by construction."""

@@ -47,18 +47,6 @@ class Merging:
     kept: tuple[Column, ...]
     terms: Mapping[Column, Combination]
 
-    def exchanged(self, kept: Column, other: Column) -> Merging:
-        """With `other` kept in place of a column that is one of its terms."""
-        pivot = self.terms[other]
-        inverse = {c: -f / pivot[kept] for c, f in pivot.items() if c != kept} | {other: 1 / pivot[kept]}
-        terms = {
-            column: _combined([(parts[kept], inverse), (Fraction(1), {c: f for c, f in parts.items() if c != kept})])
-            if kept in parts
-            else parts
-            for column, parts in self.terms.items()
-        }
-        return Merging(tuple(other if c == kept else c for c in self.kept), terms)
-
 
 def merging(g: Geometry) -> Merging:
     """By the geometry alone."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
 from symbolic.rigid_body.spatial.moments import KINDS, Moments
@@ -30,6 +30,29 @@ from symbolic.straightline import Notes
 Wrench = tuple[Vector, Vector]
 """A force and a moment, or a momentum and its moment."""
 STRAIGHT: Direction = (1, 0)
+
+
+class Composite(NamedTuple):
+    """Moments of all that a joint moves, as Moments has them, at the joint, in the axes before it.
+
+    spin   second moment about z, xx + yy: it does not turn
+    """
+
+    m: Any
+    x: Any
+    y: Any
+    z: Any
+    xx: Any
+    yy: Any
+    zz: Any
+    xy: Any
+    xz: Any
+    yz: Any
+    spin: Any
+
+    @property
+    def first(self) -> Vector:
+        return self.x, self.y, self.z
 
 
 @dataclass(frozen=True)
@@ -140,7 +163,7 @@ class Step:
         xz, yz, zz = self._turned((b.xz, b.yz, b.zz), direction, f"{name}z")
         return Moments(b.m, x, y, z, xx, yy, zz, xy, xz, yz)
 
-    def carried_moments(self, b: Moments) -> Moments:
+    def carried_moments(self, b: Composite) -> Moments:
         """The body about the origin before, in its axes."""
         rx, ry, rz = self.at
         h = added(b.first, scaled(b.m, self.at))
@@ -185,13 +208,15 @@ class Step:
         return xx, xy, yx, yy
 
 
-def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Moments]:
-    """(n,) all that a joint moves, at the joint, in the axes before it. `bodies`: of the links, each in its frame."""
-    result: list[Moments] = []
+def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Composite]:
+    """(n,), one a joint. `bodies`: of the links, each in its frame."""
+    result: list[Composite] = []
     carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
         sums = [own + others for own, others in zip(step.along_group(body), carried, strict=True)]
-        result.append(step.turned_moments(Moments(*step.named([f"{name}_c" for name in KINDS], sums))))
+        whole = Moments(*step.named([f"{name}_c" for name in KINDS], sums))
+        (spin,) = step.named(("D",), (whole.xx + whole.yy,))
+        result.append(Composite(*step.turned_moments(whole), spin))
         carried = step.carried_moments(result[-1])
     return result[::-1]
 

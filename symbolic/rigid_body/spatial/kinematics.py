@@ -141,8 +141,9 @@ def _from_base(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) ->
         (c, s), (ct, st) = step.direction, step.twist
         y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
         o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
-        for values, value in zip((axes.before, axes.along, axes.origin), ((x, y), z, o), strict=True):
-            values.append(value)
+        axes.before.append((x, y))
+        axes.along.append(z)
+        axes.origin.append(o)
         x, y = (
             step.named([f"{name}{e}" for e in "xyz"], vector)
             for name, vector in (

@@ -7,7 +7,7 @@ from typing import Any
 
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.spatial.composites import Flow, Step, Wrench, composites
+from symbolic.rigid_body.spatial.composites import Composite, Flow, Step, Wrench, composites
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.vectors import NOWHERE, cross, scaled
@@ -35,22 +35,21 @@ def signed(geometry: Geometry, rates: Sequence[Any]) -> list[Any]:
     return [link.sign * rate for link, rate in zip(geometry.links, rates, strict=True)]
 
 
-def inertia(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], rotors: Sequence[Any]) -> Square:
+def inertia(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite], rotors: Sequence[Any]) -> Square:
     """D (n, n). `wholes`: the composites at the joints; `rotors`: (n,) added on the diagonal."""
     columns = [_momentum(link.revolute, b) for link, b in zip(geometry.links, wholes, strict=True)]
     D = _along_axes(geometry, steps, columns, "")
     for i, link in enumerate(geometry.links):
-        own = steps[i].named(("D",), (wholes[i].xx + wholes[i].yy if link.revolute else wholes[i].m,))[0]
-        D[i][i] = own + rotors[i]
+        D[i][i] = (wholes[i].spin if link.revolute else wholes[i].m) + rotors[i]
         for j in range(i):
             D[i][j] = D[j][i]
     return D
 
 
-def _momentum(revolute: bool, b: Moments) -> Wrench:
+def _momentum(revolute: bool, b: Composite) -> Wrench:
     """Momentum and its moment at unit rate of the joint."""
     if revolute:
-        return (-b.y, b.x, 0), (-b.xz, -b.yz, b.xx + b.yy)
+        return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
     return (0, 0, b.m), (b.y, -b.x, 0)
 
 
@@ -74,7 +73,7 @@ def _along(revolute: bool, wrench: Wrench) -> Any:
     return wrench[1][2] if revolute else wrench[0][2]
 
 
-def gravity(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments]) -> list[Any]:
+def gravity(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite]) -> list[Any]:
     """g (n,) = dV/dq, V = −gravity · (first moment): the composites hang on their joints."""
     result, pull = [], geometry.gravity
     for link, step, b in zip(geometry.links, steps, wholes, strict=True):
@@ -98,12 +97,12 @@ def turning(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> 
     return result
 
 
-def _uniform(b: Moments, a: Vector) -> Wrench:
+def _uniform(b: Composite, a: Vector) -> Wrench:
     """Force and moment of a body whose points are all accelerated alike."""
     return scaled(b.m, a), cross(b.first, a)
 
 
-def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
+def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite], qd: Sequence[Any]) -> Square:
     """C (n, n) from Christoffel symbols."""
     rates = signed(geometry, qd)
     flows, turns = _flows(geometry, steps, wholes, rates), turning(geometry, steps, rates)
@@ -116,7 +115,7 @@ def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments
     return C
 
 
-def _flows(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], rates: Sequence[Any]) -> list[Flow]:
+def _flows(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Composite], rates: Sequence[Any]) -> list[Flow]:
     """(n,) the composites' motion relative to their first link, at the joints."""
     result: list[Flow] = []
     carried = Flow.still()
@@ -129,7 +128,7 @@ def _flows(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments],
     return result[::-1]
 
 
-def _with_joint(revolute: bool, step: Step, b: Moments, flow: Flow, rate: Any) -> Flow:
+def _with_joint(revolute: bool, step: Step, b: Composite, flow: Flow, rate: Any) -> Flow:
     """Relative to the link before the joint."""
     (hx, hy, hz), x, y, z = flow.h, flow.x, flow.y, flow.z
     if not revolute:
@@ -143,7 +142,7 @@ def _with_joint(revolute: bool, step: Step, b: Moments, flow: Flow, rate: Any) -
     return Flow((h[0], h[1], hz), x, y, z)
 
 
-def _field(revolute: bool, b: Moments, k: Flow, w: Vector, rate: Any) -> Wrench:
+def _field(revolute: bool, b: Composite, k: Flow, w: Vector, rate: Any) -> Wrench:
     """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × z; w of the link moved."""
     if not revolute:
         return _uniform(b, (w[1], -w[0], 0))
