@@ -56,17 +56,25 @@ def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> Ph
     start = problem.packed(np.array([log_cholesky(body) for body in bodies]), rotors)
     scale = problem.scale(len(bodies))
 
-    def both(x: Array) -> Array:
-        return np.concatenate([problem.missing(x), NEAR_REFERENCE * (x - start) / scale])
-
-    def slopes(x: Array) -> Array:
-        return np.concatenate([problem.slope(x), NEAR_REFERENCE * np.diag(1 / scale)])
-
-    found = least_squares(both, start, slopes, x_scale=scale, method="trf", max_nfev=SEARCH_STEPS)
-    x = _exact(problem, found.x, scale)
+    x = start
+    for near in NEAR_REFERENCE:
+        x = _between(problem, x, start, scale / near)
+    x = _exact(problem, x, scale)
     made, turning = problem.unpacked(x)
     full = np.concatenate([pseudo_parameters(theta) for theta in made])
     return PhysicalBodies(full.reshape(-1, PER_BODY), turning, float(np.linalg.norm(problem.missing(x))))
+
+
+def _between(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
+    """From x on to the least sum of what is missing and of the way from `start` in units of `reach`, squared."""
+    found = least_squares(
+        lambda x: np.concatenate([problem.missing(x), (x - start) / reach]),
+        x,
+        lambda x: np.concatenate([problem.slope(x), np.diag(1 / reach)]),
+        x_scale=reach,
+        max_nfev=SEARCH_STEPS,
+    )
+    return np.asarray(found.x)
 
 
 def _exact(problem: _Problem, x: Array, scale: Array) -> Array:

@@ -23,9 +23,9 @@ thinner than any link; a choice."""
 LEAST_MASS: Final = 1e-6
 """kg; of a body of a file that has none: simulators refuse such, and no torque shows a milligram; a choice."""
 
-NEAR_REFERENCE: Final = 1e-3
-"""ratio; of a distance from the reference to a part of the torque, while bodies are sought: they first come to within a
-thousandth of the torques by the shortest way; the steps after it go to the end; a choice."""
+NEAR_REFERENCE: Final = (1e-3, 1e-5, 1e-7)
+"""ratios; of a distance from the reference to a part of the torque, one search after another: the first goes the
+shortest way to within a thousandth of the torques, and the next ones follow it down where the way bends; a choice."""
 
 SEARCH_STEPS: Final = 60
 """number of evaluations; of the search; a seven-joint arm of possible bodies takes ten, and one of impossible ones

@@ -67,7 +67,7 @@ def _put(data: bytes, node: XmlNode, tag: str, text: str) -> _Edit:
     if there is not None:
         return _Edit(there.start, _end(data, there), text)
     opening = _tag_end(data, node.start)
-    if node.close == node.start:
+    if _is_empty(data, node):
         return _Edit(opening - 2, opening, f">\n    {text}\n  </{node.tag}>")
     return _Edit(opening, opening, f"\n    {text}")
 
@@ -84,7 +84,13 @@ def _tag_end(data: bytes, start: int) -> int:
 
 def _end(data: bytes, node: XmlNode) -> int:
     """Behind an element."""
-    return _tag_end(data, node.close)
+    return _tag_end(data, node.start if _is_empty(data, node) else node.close)
+
+
+def _is_empty(data: bytes, node: XmlNode) -> bool:
+    """Whether it is one tag that opens and closes."""
+    end = _tag_end(data, node.start)
+    return data[end - 2 : end] == b"/>"
 
 
 def _chain(tree: Tree, made: ExportedArm) -> TreeChain:

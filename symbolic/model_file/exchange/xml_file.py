@@ -24,8 +24,8 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|infinity|
 
 @dataclass
 class XmlNode:
-    """An element: its tag, its attributes, what stands in it, and where: the line, and the bytes at which its tag and
-    its closing tag begin, the same of one without content."""
+    """An element: its tag, its attributes, what stands in it, and where: the line, and the bytes at which its tag
+    and, if it has one, its closing tag begin."""
 
     tag: str
     attributes: Mapping[str, str]
