@@ -46,6 +46,8 @@ NOT_TYPED = {
     ".venv/bin/python -m": "needs the project's folder; tests/judge and tests/benchmarks have tests of their own",
     "serial://": "needs a board on a serial port; tests/firmware/test_serial.py has one",
     "canopen://": "needs drives on a CAN bus; tests/firmware/test_canopen_execute.py has some",
+    "ur10.urdf": "needs a URDF and recordings of the arm; tests/runtime/test_import.py and test_export.py have some",
+    "ur10.toml run1.csv": "likewise",
     "dask ": "runs until it is stopped; tests/runtime/test_sweep.py has a cluster",
     "tcp://": "needs that cluster",
     '"NumPy"]': "a piece of a back end; tests/codegen/test_codegen_guide.py puts it together",

@@ -35,6 +35,7 @@ codegen.prepare
 
 runtime.files runtime.plain_json runtime.wording runtime.setting runtime.progress
 runtime.model
+runtime.exchange
 runtime.recordings
 runtime.motion
 runtime.estimation

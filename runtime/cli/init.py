@@ -18,7 +18,10 @@ app = typer.Typer()
 @app.command(epilog="Example: tendon init --like drive --out my_drive.toml")
 def init(
     like: Annotated[
-        Path, typer.Option(metavar="MODEL", help="It begins as a copy of this: drive, vishard4, emps, or a file.")
+        Path,
+        typer.Option(
+            metavar="MODEL", help="It begins as a copy of this: drive, vishard4, emps, ur10, panda, or a file."
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The new model file.")],
     effects: EffectsFile = None,

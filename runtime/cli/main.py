@@ -14,6 +14,7 @@ from runtime.cli import (
     effects,
     execute,
     experiment,
+    export_arm,
     firmware,
     generate,
     identify,
@@ -53,6 +54,7 @@ for _verb in (
     execute,
     sweep,
     firmware,
+    export_arm,
     paper,
 ):
     app.add_typer(_verb.app)

@@ -57,12 +57,12 @@ def together(bodies: Sequence[StatedBody]) -> StatedBody:
         return bodies[0]
     mass = math.fsum(body.mass for body in bodies)
     x, y, z = (math.fsum(b.mass * b.com[k] for b in bodies) / mass if mass else 0.0 for k in range(3))
-    shifted = [_about(body, (x, y, z)) for body in bodies]
+    shifted = [about_point(body, (x, y, z)) for body in bodies]
     xx, xy, xz, yy, yz, zz = (math.fsum(inertia[k] for inertia in shifted) for k in range(6))
     return StatedBody(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
-def _about(body: StatedBody, point: Vector) -> Inertia:
+def about_point(body: StatedBody, point: Vector) -> Inertia:
     """The body's inertia about a point (Steiner)."""
     m, (x, y, z) = body.mass, (a - b for a, b in zip(body.com, point, strict=True))
     xx, xy, xz, yy, yz, zz = body.inertia

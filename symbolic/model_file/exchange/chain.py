@@ -24,6 +24,8 @@ from symbolic.model_file.snapping import Snapping
 
 LISTED = 8
 """Names in a message; of more, the number is said."""
+LONGEST = 60
+"""Letters of a name in a message."""
 COMPARED = 1000
 """Names that a mistyped one is compared with, of a file that may have any number."""
 
@@ -93,14 +95,14 @@ def _check_locks(tree: Tree, locked: Mapping[str, float]) -> None:
     for name in locked:
         joint = tree.joints.get(name)
         if joint is None:
-            raise ModelError(f"{tree.file}: --lock {name}: no such joint; {_meant(name, tree.joints)}")
+            raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, tree.joints)}")
         if joint.kind not in MOVING:
             raise ModelError(f"{tree.file}: --lock {name}: the joint is {joint.kind}; only {_or(MOVING)} can be locked")
 
 
 def _link(tree: Tree, name: str, option: str) -> str:
     if name not in tree.links:
-        raise ModelError(f"{tree.file}: {option} {name}: no such link; {_meant(name, tree.links)}")
+        raise ModelError(f"{tree.file}: {option} {shortened(name)}: no such link; {_meant(name, tree.links)}")
     return name
 
 
@@ -130,15 +132,15 @@ def _only_end(
             todo.append((joint.child, joint.name if moves else last))
             if moves:
                 passed.add(last)
-    ends = {joint: links for joint, links in ends.items() if joint not in passed}
-    if not ends:
+    outermost = [links for joint, links in ends.items() if joint not in passed]
+    if not outermost:
         raise ModelError(f"{tree.file}: nothing moves beyond {quote(root)}; say where the arm begins: --base LINK")
-    if len(ends) > 1:
-        names = [link for links in ends.values() for link in links]
+    if len(outermost) > 1:
+        names = [link for joint, links in ends.items() if joint for link in links]
         raise ModelError(
             f"{tree.file}: from {quote(root)} one comes to {len(names)} ends: {some(names)}; say which: --tip LINK"
         )
-    (links,) = ends.values()
+    (links,) = outermost
     order = list(tree.links)
     links = sorted(links, key=lambda link: (link != TOOL, order.index(link)))
     others = f"; {some(links[1:])} {'ends' if len(links) == 2 else 'end'} at the same joint" if links[1:] else ""
@@ -194,7 +196,7 @@ def _fail_count(tree: Tree, base: str, tip: str, moving: Sequence[TreeJoint]) ->
 
 
 def _place(name: str) -> str:
-    return f"joint {printable(name)}"
+    return f"joint {shortened(name)}"
 
 
 def _snapped(tree: Tree, joint: TreeJoint, snapping: Snapping) -> TreeJoint:
@@ -293,7 +295,12 @@ def _meant(name: str, known: Iterable[str]) -> str:
     return f"did you mean {quote(close)}?" if close else f"it has {some(names)}"
 
 
+def shortened(name: str) -> str:
+    """A name within a line."""
+    return printable(name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}...")
+
+
 def some(names: Sequence[str]) -> str:
     """Names in a message, not all of very many."""
-    shown = ", ".join(printable(name) for name in names[:LISTED])
+    shown = ", ".join(shortened(name) for name in names[:LISTED])
     return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLink, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import model_text, urdf, xml_file
-from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, some
+from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, shortened, some
 from symbolic.model_file.exchange.tree import Tree
 from symbolic.model_file.reader import parse
 from symbolic.model_file.snapping import listed
@@ -80,7 +80,9 @@ def imported(
     effects, beside = _effects(found, library, friction, notes)
     arm = _arm(found, path, effects, notes)
     gears = ["" if joint.joint.gear is not None else "not stated" for joint in found.joints]
-    gravity = "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {found.base} is taken to point up"
+    gravity = (
+        "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.base)} is taken to point up"
+    )
     text = model_text.text(arm, _head(found, path), gravity, gears, beside)
     made = parse(text, path.name, library)
     assert isinstance(made, SpatialArm)
@@ -102,8 +104,8 @@ def read_tree(path: Path) -> Tree:
 def _head(found: TreeChain, path: Path) -> list[str]:
     tree = found.tree
     return [
-        f"{tree.name or path.stem}, {found.base} to {found.tip_link}: made by tendon import from {path.name} "
-        f"({tree.language}).",
+        f"{shortened(tree.name or path.stem)}, {shortened(found.base)} to {shortened(found.tip_link)}: made by tendon "
+        f"import from {shortened(path.name)} ({tree.language}).",
         "What that does not state is left out, hence unknown: tendon identify MODEL RECORDING --write finds it.",
     ]
 
@@ -240,7 +242,7 @@ def arm_name(name: str, path: Path) -> str:
     for wanted in (name, path.stem, "arm"):
         made = re.sub(r"[^A-Za-z0-9]+", "_", wanted).strip("_")[:MAX_NAME].rstrip("_")
         for candidate in (made, f"arm_{made}"[:MAX_NAME]):
-            if _accepted(candidate):
+            if made and _accepted(candidate):
                 return candidate
     raise AssertionError("arm is a name")
 

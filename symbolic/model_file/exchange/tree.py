@@ -54,6 +54,11 @@ class TreeJoint:
     gear: float | None = None
     mimics: str | None = None
 
+    @property
+    def moves(self) -> bool:
+        """Whether it could be held somewhere."""
+        return self.kind in MOVING
+
 
 @dataclass(frozen=True)
 class Tree:

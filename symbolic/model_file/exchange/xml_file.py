@@ -12,7 +12,7 @@ from xml.parsers import expat
 from symbolic.model_file.checks import ModelError, printable, quote
 
 MAX_BYTES = 16_000_000
-MAX_ELEMENTS = 100_000
+MAX_ELEMENTS = 50_000
 MAX_DEPTH = 64
 """What no description of a robot needs: the largest of example-robot-data has 0.3 MB, 4,000 elements, and 60 levels
 where MJCF nests a humanoid's bodies."""
@@ -24,12 +24,15 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|infinity|
 
 @dataclass
 class XmlNode:
-    """An element: its tag, its attributes, what stands in it, and where."""
+    """An element: its tag, its attributes, what stands in it, and where: the line, and the bytes at which its tag
+    and, if it has one, its closing tag begin."""
 
     tag: str
     attributes: Mapping[str, str]
     file: str
     line: int
+    start: int = 0
+    close: int = 0
     children: list[XmlNode] = field(default_factory=list)
     text: str = ""
 
@@ -151,12 +154,12 @@ class _Builder:
             self.fail(f"more than {MAX_ELEMENTS:,} elements; expected the description of a robot")
         if len(self.open) > MAX_DEPTH:
             self.fail(f"elements within more than {MAX_DEPTH} others; expected the description of a robot")
-        node = XmlNode(tag, attributes, self.file, self.parser.CurrentLineNumber)
+        node = XmlNode(tag, attributes, self.file, self.parser.CurrentLineNumber, self.parser.CurrentByteIndex)
         self.open[-1].children.append(node)
         self.open.append(node)
 
     def end(self, _: str) -> None:
-        self.open.pop()
+        self.open.pop().close = self.parser.CurrentByteIndex
 
     def characters(self, text: str) -> None:
         node = self.open[-1]

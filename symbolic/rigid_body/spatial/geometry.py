@@ -36,7 +36,7 @@ from symbolic.straightline import Notes, Turn
 
 LENGTH_DIGITS = 12
 """Decimals of a length in m: what floating point adds to a file's decimals lies beyond them."""
-TURN_DIGITS = 14
+TURN_DIGITS = 15
 """Decimals of the tangent of half an angle, likewise."""
 NO_ANGLE: Any = 0
 
