@@ -7,6 +7,7 @@ decimals are held against the model file's. symbolic/rigid_body/spatial/lagrangi
 
 from __future__ import annotations
 
+import functools
 import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -91,7 +92,7 @@ def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed
 
 def _differs(function: SymbolicFunction, tape: Tape, state: _State) -> str | None:
     """The first element that the Lagrangian has otherwise."""
-    values = state.values | dict(zip(_symbols("tau", state.posture.n), state.torques(), strict=True))
+    values = state.values | dict(zip(_symbols("tau", state.posture.n), state.torques, strict=True))
     found = tape.evaluate(values, OPERATIONS)
     if function.name == "regressor":
         found = [sum(y * x for y, x in zip(row, state.lumps, strict=True)) for row in _rows(found, len(state.lumps))]
@@ -138,6 +139,7 @@ class _State:
         posture = chain.posture(q, [pseudo_inertia(body) for body in bodies])
         return cls(model, posture, qd, qdd, rotors, own, lumps, values)
 
+    @functools.cached_property
     def torques(self) -> list[int]:
         """(n,) rotors included."""
         rigid = self.posture.torques(self.qd, self.qdd)
@@ -145,7 +147,7 @@ class _State:
 
     def load(self) -> list[int]:
         """(n,) at the joints' outputs."""
-        return [t - rotor * a for t, rotor, a in zip(self.torques(), self.own, self.qdd, strict=True)]
+        return [t - rotor * a for t, rotor, a in zip(self.torques, self.own, self.qdd, strict=True)]
 
     def inertia(self, rotors: Sequence[int]) -> list[int]:
         """D, flat."""
@@ -162,7 +164,7 @@ class _State:
         return [sum(x * v for x, v in zip(row, self.qd, strict=True)) for row in self.posture.tip_jacobian()]
 
     def tip_load(self) -> list[int]:
-        columns = [self.posture.tip_torques(self.qd, self.qdd, _unit_load(place)) for place in LOADS.values()]
+        columns = self.posture.tip_torques(self.qd, self.qdd, [_unit_load(place) for place in LOADS.values()])
         return _flat(zip(*columns, strict=True))
 
     def moment_jacobian(self) -> list[int]:
@@ -173,14 +175,14 @@ class _State:
 
 
 TRUTH: Mapping[str, Callable[[_State], list[int]]] = {
-    "inverse_dynamics": _State.torques,
+    "inverse_dynamics": lambda s: s.torques,
     "link_load": _State.load,
     "inertia": lambda s: s.inertia(s.rotors),
     "link_inertia": lambda s: s.inertia(s.links()),
     "coriolis": lambda s: _flat(s.posture.coriolis(s.qd)),
     "gravity": lambda s: s.posture.gravity(),
     "forward_dynamics": lambda s: s.qdd,
-    "regressor": _State.torques,
+    "regressor": lambda s: s.torques,
     "tip": lambda s: [row[3] for row in s.posture.tip()[:3]],
     "tip_rotation": lambda s: _flat(row[:3] for row in s.posture.tip()[:3]),
     "tip_jacobian": lambda s: _flat(s.posture.tip_jacobian()),

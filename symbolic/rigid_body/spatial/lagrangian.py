@@ -18,6 +18,7 @@ Source: Uicker 1965 (On the dynamic analysis of spatial linkages using 4x4 matri
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -114,14 +115,15 @@ class ExactPosture:
 
     def torques(self, qd: Sequence[int], qdd: Sequence[int]) -> list[int]:
         """(n,) tau without rotors: D qdd + C qd + g."""
-        return self._traces(self._accelerations(qd, qdd), self.bodies, self.places)
+        joints = zip(self.places, self.bodies, self._accelerations(qd, qdd), strict=True)
+        parts = [times(times(T, body), transposed(T2)) for T, body, T2 in joints]
+        return [trace(S, M) for S, M in zip(self.axes, _outer_sums(parts), strict=True)]
 
-    def tip_torques(self, qd: Sequence[int], qdd: Sequence[int], body: Square) -> list[int]:
-        """(n,) what a body in the tip's frame asks of the joints."""
-        last, nothing = self.n - 1, [[0] * 4 for _ in range(4)]
-        moved = times(times(self.chain.tip, body), transposed(self.chain.tip))
-        bodies = [nothing] * last + [moved]
-        return self._traces(self._accelerations(qd, qdd), bodies, self.places)
+    def tip_torques(self, qd: Sequence[int], qdd: Sequence[int], bodies: Sequence[Square]) -> list[list[int]]:
+        """What each of the bodies, given in the tip's frame, asks of the joints (n,)."""
+        outwards, back = self.tip(), transposed(times(self._accelerations(qd, qdd)[-1], self.chain.tip))
+        forces = [times(times(outwards, body), back) for body in bodies]
+        return [[trace(S, M) for S in self.axes] for M in forces]
 
     def _accelerations(self, qd: Sequence[int], qdd: Sequence[int]) -> list[Square]:
         """T'' - G of every joint's frame, by jets in time."""
@@ -138,12 +140,7 @@ class ExactPosture:
             result.append(T2)
         return result
 
-    def _traces(self, accelerations: list[Square], bodies: Sequence[Square], places: list[Square]) -> list[int]:
-        parts = [
-            times(times(T, body), transposed(T2)) for T, body, T2 in zip(places, bodies, accelerations, strict=True)
-        ]
-        return [trace(S, M) for S, M in zip(self.axes, _outer_sums(parts), strict=True)]
-
+    @functools.cached_property
     def second_moments(self) -> list[Square]:
         """(n,) W_j, the sum over l >= j of T_l Sigma_l T_l^T: moments of all that joint j moves, in base axes."""
         parts = [times(times(T, body), transposed(T)) for T, body in zip(self.places, self.bodies, strict=True)]
@@ -151,12 +148,12 @@ class ExactPosture:
 
     def inertia(self) -> list[list[int]]:
         """(n, n) D without rotors."""
-        W, S, n = self.second_moments(), self.axes, self.n
+        W, S, n = self.second_moments, self.axes, self.n
         return [[trace(times(S[i], W[max(i, j)]), transposed(S[j])) for j in range(n)] for i in range(n)]
 
     def coriolis(self, qd: Sequence[int]) -> list[list[int]]:
         """(n, n) C by Christoffel symbols: C_ij = sum_k [jk, i] qd_k."""
-        W, S, n = self.second_moments(), self.axes, self.n
+        W, S, n = self.second_moments, self.axes, self.n
         C = [[0] * n for _ in range(n)]
         for j in range(n):
             for k in range(j, n):
@@ -179,7 +176,7 @@ class ExactPosture:
 
     def _slopes(self) -> list[list[int]]:
         """(n, 3) derivative of the first moment, in base axes, by each joint."""
-        return [[row[3] for row in times(S, W)[:3]] for S, W in zip(self.axes, self.second_moments(), strict=True)]
+        return [[row[3] for row in times(S, W)[:3]] for S, W in zip(self.axes, self.second_moments, strict=True)]
 
     def tip(self) -> Square:
         """The tip's frame in the base."""
