@@ -31,7 +31,7 @@ ARMS: list[tuple[str, str | None, str | None]] = [
     ("panda_description/urdf/panda.urdf", None, "panda_hand_tcp"),
     ("kinova_description/robots/kinova.urdf", None, "j2s6s200_end_effector"),
     ("xarm_description/urdf/xarm7.urdf", None, None),
-    ("so_arm_description/urdf/so100.urdf", None, None),
+    ("borinot_description/urdf/borinot_flying_arm_2.urdf", None, None),
     ("ur_description/urdf/ur5_robot.urdf", None, None),
     ("ur_description/urdf/ur3_robot.urdf", None, None),
     ("pr2_description/urdf/pr2.urdf", "torso_lift_link", "r_gripper_palm_link"),
@@ -69,7 +69,7 @@ def snapped(urdf: str) -> str:
         exact = (round(k) if abs(k - round(k)) < 1e-5 / (math.pi / 2) else k for k in quarters)
         return f'rpy="{" ".join(repr(k * math.pi / 2) for k in exact)}"'
 
-    return re.sub(r'rpy="([^"]+)"', turned, urdf)
+    return re.sub(r'rpy="([-+.\deE\s]+)"', turned, urdf)
 
 
 class Referee:
