@@ -14,7 +14,7 @@ import sympy as sp
 
 from symbolic.described import declared
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
-from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant
+from symbolic.effects.signals import ArmOutput, ArmSlope, Coordinate, Given, JointConstant
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.model_file.arm import SpatialArm
@@ -274,7 +274,10 @@ def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> l
 
 
 def _read(
-    model: ArmModel, source: Coordinate | ArmOutput | JointConstant, joint: int, outputs: Mapping[str, list[sp.Expr]]
+    model: ArmModel,
+    source: Coordinate | ArmOutput | ArmSlope | JointConstant,
+    joint: int,
+    outputs: Mapping[str, list[sp.Expr]],
 ) -> Any:
     """A signal at a joint (0-based), for an effect that sits there."""
     match source:
@@ -288,6 +291,8 @@ def _read(
             return outputs[name][place]
         case JointConstant(name):
             return sp.Rational(exact(getattr(model.arm.joints[joint], name)))
+        case ArmSlope(name):
+            raise ValueError(f"how {name} grows stands between two joints; no controller's effect reads it")
 
 
 def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:

@@ -19,6 +19,7 @@ from symbolic.rigid_body.layout import LayoutConstant, choose_layout
 from symbolic.rigid_body.lumps import Lump, named_lumps
 from symbolic.rigid_body.spatial import base_parameters as spatial_base
 from symbolic.rigid_body.spatial import dynamics as spatial_dynamics
+from symbolic.rigid_body.spatial import forward
 from symbolic.rigid_body.spatial import geometry as spatial_geometry
 from symbolic.rigid_body.spatial import kinematics as spatial_kinematics
 from symbolic.rigid_body.spatial import layout as spatial_layout
@@ -79,6 +80,7 @@ def _in_space(arm: SpatialArm) -> ArmModel:
     functions = [
         *spatial_dynamics.functions(author, chain, layout, symbols, own),
         *spatial_matrices.functions(author, chain, bodies, rotors, own),
+        forward.forward_dynamics(author, chain, bodies, rotors),
         *spatial_kinematics.functions(author, arm, chain),
     ]
     return _model(arm, lumps, angles, functions)

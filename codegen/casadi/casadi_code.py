@@ -72,8 +72,9 @@ def _has_names(argument: Argument) -> bool:
 def _unpacked(argument: Argument) -> list[str]:
     """A statement, maybe of several lines, that names the elements of a vector."""
     names = ", ".join(s.name for s in argument.symbols)
-    text = f"({names}{',' if len(argument.symbols) == 1 else ''}) = ca.vertsplit({argument.name})"
-    return textwrap.wrap(text, 112, subsequent_indent="    ")
+    # Nothing but the names' commas is a place where the line may end.
+    text = f"({names}{',' if len(argument.symbols) == 1 else ''})~=~ca.vertsplit({argument.name})"
+    return [line.replace("~", " ") for line in textwrap.wrap(text, 112, subsequent_indent="    ")]
 
 
 def _symbol(name: str, shape: tuple[int, ...]) -> str:

@@ -1,8 +1,8 @@
 """The emitted tapes of an arm in space held against its Lagrangian modulo a prime: they are equal, or they are not.
 
 Masses, moments, rotors and the state are random residues, the base parameters what the physical ones merge into; a
-tape is evaluated in the same numbers. Nothing is rounded and nothing has a tolerance, but for the frames, whose decimals
-are held against the model file's. See symbolic/rigid_body/spatial/lagrangian.py for what the truth is made of.
+tape is evaluated in the same numbers. Nothing is rounded and nothing has a tolerance, but for the frames, whose
+decimals are held against the model file's. symbolic/rigid_body/spatial/lagrangian.py says what the truth is made of.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import sympy as sp
 
 from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
-from symbolic.model import ASSUMED_SHARE, ArmModel
-from symbolic.model_file.arm import SpatialArm, SpatialLink
+from symbolic.model import ASSUMED_SHARE, ArmModel, derive
+from symbolic.model_file.arm import Arm, SpatialArm, SpatialLink
 from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
 from symbolic.rigid_body.lumps import Lump
@@ -64,6 +64,14 @@ class FunctionProof:
     @property
     def equal(self) -> bool:
         return self.differs is None
+
+
+def prove_arm(arm: Arm | SpatialArm, seed: int) -> tuple[FunctionProof, ...]:
+    """Of all that is emitted of an arm in space. A planar arm's closed forms are the Lagrangian's own."""
+    if not isinstance(arm, SpatialArm):
+        return ()
+    model = derive(arm)
+    return tuple(prove(model, {f.name: Tape.of(f) for f in model.functions}, seed=seed))
 
 
 def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed: int = 0) -> list[FunctionProof]:

@@ -34,7 +34,7 @@ from runtime.diagnosis.settings import (
     VUONG_APART,
     WORTH_A_LOOK,
 )
-from runtime.estimation.folds import NormalEquations
+from runtime.estimation.folds import Grams, NormalEquations
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
@@ -258,6 +258,11 @@ class Weighing:
     def _moments(self) -> tuple[Array, Array]:
         return self.plain.moments(self.block), self.white.moments(self.whitened)
 
+    @cached_property
+    def _grams(self) -> tuple[Grams, Grams]:
+        plain, white = self._moments
+        return self.plain.grams(plain, self.block), self.white.grams(white, self.whitened)
+
     def figures(self, added: Array | None = None) -> Figures:
         """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
         bench, (plain, white) = self.bench, self._moments
@@ -267,9 +272,9 @@ class Weighing:
         as_measured = added is None
         return Figures(
             bench.ground.equations() if as_measured else bench.ground.posed(plain, None, added),
-            self.plain.posed(plain, self.block, added),
+            self.plain.posed(plain, self.block, added, self._grams[0]),
             bench.white.equations() if as_measured else bench.white.posed(white, None, added),
-            self.white.posed(white, self.whitened, added),
+            self.white.posed(white, self.whitened, added, self._grams[1]),
             self.searched,
             self.among,
             rms[0] / float(np.sqrt(count)),

@@ -13,6 +13,7 @@ from math import floor
 from runtime.diagnosis.settings import (
     AT_THE_FLOOR,
     CLEARLY_LESS,
+    CONTRADICTS,
     FORETOLD,
     HELD_OUT_FALLS_TO,
     LEAST_FALL,
@@ -22,6 +23,7 @@ from runtime.diagnosis.settings import (
 )
 from runtime.diagnosis.steps import Errors, Step
 from runtime.estimation.covariance import Estimate
+from runtime.estimation.settings import INTERVAL_SIGMAS
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
@@ -111,7 +113,8 @@ def _away(e: Estimate, neutral: float) -> bool:
 
 def comes_back(step: Step, term: Term) -> bool:
     """Whether a line over the motor's angle can come back after a turn of the motor or of the joint: its order counts
-    whole periods of one of them, as far as the data tell. Any other line is one over time, or chance."""
+    whole periods of one of them, as far as the data tell. Any other line is one over time, or chance. As where values
+    contradict each other, a whole number must lie well outside the interval to be ruled out."""
     model = step.identification.model
     line = model.library.effects[term.effect].line
     if line is None or term.joint is None:
@@ -119,9 +122,10 @@ def comes_back(step: Step, term: Term) -> bool:
     order, ratio = step.identification.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
     if order.interval is None or order.interval[1] - order.interval[0] > UNRESOLVED_ORDER:
         return True
+    middle, half = (order.interval[1] + order.interval[0]) / 2, (order.interval[1] - order.interval[0]) / 2
+    beyond = half * CONTRADICTS / INTERVAL_SIGMAS
     return any(
-        high - low <= UNRESOLVED_ORDER and floor(high) >= low
-        for low, high in ((order.interval[0] * n, order.interval[1] * n) for n in (1.0, ratio))
+        2 * half * n <= UNRESOLVED_ORDER and floor((middle + beyond) * n) >= (middle - beyond) * n for n in (1.0, ratio)
     )
 
 

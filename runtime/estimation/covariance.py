@@ -17,7 +17,7 @@ from runtime.model.terms import Term, Values, unit_of
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
     from runtime.motion.motion import Motion
-from runtime.estimation import onsets
+from runtime.estimation import gaps, onsets
 from runtime.estimation.bias import smoothing_score, through_prediction, whitened_shift
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.robust import over_stretches
@@ -315,9 +315,9 @@ def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) 
         slope = gradient[name][used]
         variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
         found[name] = _estimate(value, variance, sigmas, unit_of(problem.model, term, name), tuple(sorted(others)))
-    for name, ends in onsets.interval(problem, fit, term).items():
+    for name, ends in onsets.intervals(problem, fit, term).items():
         found[name] = replace(found[name], interval=ends, with_others=())
-    return found
+    return gaps.estimates(problem, fit, term, found)
 
 
 def estimate(e: Estimate | None) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from runtime.estimation import delays, grids, soundness
+from runtime.estimation import delays, gaps, grids, soundness
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.left_out import open_rotors
@@ -121,7 +121,7 @@ def solve(
         start = plain
     if prediction is not None and not _drivable(model, motion, needs, prediction):
         # What an ill-posed fit leaves without inertia cannot be simulated; what the file says of it can.
-        prediction = replace(prediction, lumps=model.lump_values)
+        prediction = replace(prediction, lumps=model.lumps_or(prediction.lumps))
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
     if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):
@@ -234,7 +234,8 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
     rotors have in the inertia of their joints, where the model file leaves them out and a term tells them."""
     names, x0, lower, upper = [], [], [], []
     for term, shape in shapes.items():
-        for parameter in problem.model.library.effects[term.effect].shape:
+        info = problem.model.library.effects[term.effect]
+        for parameter in () if info.has_gap else info.shape:
             if parameter.grid is not None and parameter.grid.continuous:
                 values = grids.axis(problem.regressors, term, parameter, shape)
                 low, high = float(values[0]), float(values[-1])
@@ -250,7 +251,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
         upper.append(ROTOR_SHARES[1] * both)
         x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
     if not x0:
-        return problem, shapes
+        return problem, gaps.found(problem, shapes, skew)
     lo, scale = np.array(lower), np.array(upper) - np.array(lower)
 
     @lru_cache(maxsize=2)  # a step of a rotor, and its place
@@ -270,7 +271,8 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
 
     z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
     ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
-    return unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
+    best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
+    return best, gaps.found(best, changed, skew)
 
 
 def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:

@@ -42,69 +42,6 @@ def solve(gram: Array, moment: Array, near: Array | None = None) -> Array:
     return begin + (vector[:, seen] @ ((vector[:, seen].T @ rest) / value[seen])) / size
 
 
-def bounded_each(grams: Array, moments: Array, lower: Array, upper: Array, held: Mask | None = None) -> Array:
-    """As `bounded`, of several problems (F, K, K), (F, K) with the same bounds: (F, K).
-
-    held   (K,) coefficients that are thought to end on a bound, such as those of the problems' sum; None: none.
-    Problems that are alike end on the same bounds: what one of them has found is tried on the others, all at once.
-    """
-    found, open_ones = np.tile(lower, (len(grams), 1)), np.arange(len(grams))
-    size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
-    seen = size > 0
-    loose = (lower < upper) & seen.any(axis=0)
-    alike = bool(np.all(seen[:, loose])) and _least_pivot(_scaled(grams, size, loose)) > 0
-    tried = np.zeros(len(lower), dtype=bool) if held is None else held
-    while len(open_ones):
-        if alike:
-            theta, optimal = _held_at(grams[open_ones], moments[open_ones], lower, upper, size[open_ones], tried)
-            found[open_ones[optimal]] = theta[optimal]
-            open_ones = open_ones[~optimal]
-        if len(open_ones):
-            first, open_ones = open_ones[0], open_ones[1:]
-            found[first] = bounded(grams[first], moments[first], lower, upper)
-            tried = (found[first] == lower) | (found[first] == upper)
-    return found
-
-
-def _held_at(
-    grams: Array, moments: Array, lower: Array, upper: Array, size: Array, held: Mask
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Solutions (F, K) of positive problems with the held coefficients on their bounds, and of which problems they are
-    optimal; size (F, K): roots of the diagonals."""
-    tells = (lower < upper) & np.any(size > 0, axis=0)
-    pressed, none = held & tells, np.zeros(len(grams), dtype=bool)
-    at = np.where(pressed, np.where(np.isfinite(lower), lower, upper), np.clip(0.0, lower, upper))
-    free, theta = tells & ~pressed, np.tile(at, (len(grams), 1))
-    # On which of two bounds one of them ends, another does not tell.
-    if np.any(pressed & (np.isfinite(lower) == np.isfinite(upper))):
-        return theta, none
-    scaled = _scaled(grams, size, free)
-    if _least_pivot(scaled) <= WELL_POSED:
-        return theta, none
-    rest = moments[:, free] - grams[:, free][:, :, ~free] @ at[~free]
-    theta[:, free] = np.linalg.solve(scaled, (rest / size[:, free])[..., None])[..., 0] / size[:, free]
-    inside = np.all((theta >= lower) & (theta <= upper), axis=1)
-    reach = np.where(size > 0, size, np.inf)
-    fall = (moments - np.einsum("fij,fj->fi", grams, theta)) / reach
-    inward = np.where(pressed, np.where(at > lower, -fall, fall), 0.0)
-    kept = inward.max(axis=1) <= OPTIMAL * np.abs(moments / reach).max(axis=1)
-    return theta, inside & kept
-
-
-def _scaled(grams: Array, size: Array, part: Mask) -> Array:
-    """Of some coefficients, with unit diagonals: (F, K', K')."""
-    return grams[:, part][:, :, part] / (size[:, part, None] * size[:, None, part])
-
-
-def _least_pivot(scaled: Array) -> float:
-    """The least of the Cholesky factors of Gram matrices (F, K, K); 0 where one of them is not positive."""
-    try:
-        factors = np.linalg.cholesky(scaled)
-    except np.linalg.LinAlgError:
-        return 0.0
-    return float(np.diagonal(factors, axis1=1, axis2=2).min(initial=1.0))
-
-
 def inverse(gram: Array) -> Array:
     """(K, K) by which `solve` answers any moment."""
     return np.array([solve(gram, unit) for unit in np.eye(len(gram))]).reshape(gram.shape).T

@@ -1,7 +1,7 @@
-"""How well a moment is known from which an effect acts: as well as the torque around it shows, and no better.
+"""How well is known from where, or from when, an effect acts: as well as the torque around it shows, and no better.
 
-The torque of such an effect jumps with its moment, so that no derivative tells its interval. It reaches as far as the
-moment may be moved without explaining the recordings significantly less.
+The torque of such an effect jumps at a moment, or at a place, so that no derivative tells its interval. It reaches as
+far as the jump may be moved without explaining the recordings significantly less.
 """
 
 from __future__ import annotations
@@ -21,29 +21,46 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def interval(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, float]]:
-    """The 95 % interval of the moment from which a term acts, by that parameter's name; empty where it has none."""
-    onset = problem.model.library.effects[term.effect].of_kind("onset")
-    return {} if onset is None else {onset.name: _ends(problem, fit, term, onset.name)}
+def intervals(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, float]]:
+    """The 95 % intervals of where a term's torque jumps, by the parameters' names; empty where it does not."""
+    info = problem.model.library.effects[term.effect]
+    onset, begin, end = info.of_kind("onset"), info.of_kind("begin"), info.of_kind("end")
+    found = {}
+    for parameter, where in ((onset, _moments), (begin, _places), (end, _places)):
+        if parameter is not None:
+            found[parameter.name] = _ends(problem, fit, term, parameter.name, where(problem, term))
+    return found
 
 
-def _ends(problem: Problem, fit: Fit, term: Term, name: str) -> tuple[float, float]:
-    """The first and the last moment that is as good, to a row of the band, within the recordings."""
+def _moments(problem: Problem, _term: Term) -> tuple[float, float, float]:
+    """First and last moment of the recordings, and a row of the band, s."""
     pieces = problem.motion.pieces
-    row = 1 / problem.motion.row_rate
     low, high = min(p.began + float(p.t[0]) for p in pieces), max(p.began + float(p.t[-1]) for p in pieces)
+    return low, high, 1 / problem.motion.row_rate
+
+
+def _places(problem: Problem, term: Term) -> tuple[float, float, float]:
+    """Lowest and highest position of the term's joint, and how far it goes from sample to sample."""
+    pieces, joint = problem.motion.pieces, joints_of(problem.model, term)[0]
+    low, high = min(float(p.q[joint].min()) for p in pieces), max(float(p.q[joint].max()) for p in pieces)
+    return low, high, float(np.mean([np.abs(p.qd[joint]).mean() * p.dt for p in pieces]))
+
+
+def _ends(problem: Problem, fit: Fit, term: Term, name: str, span: tuple[float, float, float]) -> tuple[float, float]:
+    """The first and the last place that is as good, to the finest step; span: low, high and that step."""
+    low, high, finest = span
     at = fit.shapes[term][name]
 
-    def as_good(moment: float) -> bool:
-        return not _worse(problem, fit, term, {**fit.shapes[term], name: moment})
+    def as_good(place: float) -> bool:
+        return not _worse(problem, fit, term, {**fit.shapes[term], name: place})
 
     def end(limit: float) -> float:
-        near, step = at, row if limit > at else -row
-        while abs(limit - near) > row and as_good(near + step if abs(step) < abs(limit - near) else limit):
+        near, step = at, finest if limit > at else -finest
+        while abs(limit - near) > finest and as_good(near + step if abs(step) < abs(limit - near) else limit):
             near = near + step if abs(step) < abs(limit - near) else limit
             step *= 2
         far = near + step if abs(step) < abs(limit - near) else limit
-        while abs(far - near) > row:
+        while abs(far - near) > finest:
             middle = (near + far) / 2
             near, far = (middle, far) if as_good(middle) else (near, middle)
         return far

@@ -72,6 +72,27 @@ SEARCH_INSIDE: Final = 1e-6
 GRID_EDGE: Final = 0.02
 """part of a grid's stretch; a shape nearer to an end was not found but stopped there; development recordings."""
 
+# the width of a gap -------------------------------------------------------------------------------------------------
+
+GAP_REACH: Final = 2.5
+"""ratio; so far to either side of where a search over candidates left it the width of a gap is sought: that search has
+steps of 2; by construction."""
+
+GAP_STEPS: Final = 6
+"""number of steps to either side; in steps of a sixth the least error is not missed among those that chance makes;
+development recordings with backlash."""
+
+GAP_ACCURACY: Final = 0.2
+"""parts of such a step; finer, the width is chance; development recordings with backlash."""
+
+AS_GOOD_A_FLANK: Final = 1.05
+"""ratio of errors, RMS; flanks that leave no more may be the true ones: what is simulated without what lies above the
+band leaves a twentieth more or less; development recordings with backlash."""
+
+HOPELESS_FLANK: Final = 1.5
+"""ratio of errors, RMS; flanks that leave more with the width that was found are as good at none; development
+recordings with backlash."""
+
 # cross-validation ---------------------------------------------------------------------------------------------------
 
 FOLDS: Final = 10
@@ -240,6 +261,9 @@ taken off, unique and moves nothing that they do see; double precision."""
 
 # memory -------------------------------------------------------------------------------------------------------------
 
+KEPT_ENDS: Final = 4
+"""number of sets; so many, of coefficients that ended on bounds, are tried on problems like these; time."""
+
 KEPT_SYSTEMS: Final = 8
 """number of equations a joint; kept for searches that come back to a shape; memory, it decides no result."""
 
@@ -268,4 +292,4 @@ ORDERS_SPREAD: Final = 12
 
 SLOPE_STEP: Final = 1e-4
 """rad, m and rad/s, m/s; torques so far to either side give how they grow with a position or a rate: their curvature
-adds a part of 1e-8, rounding one of 1e-11."""
+adds a part of 1e-8, rounding one of 1e-11; by construction."""

@@ -91,6 +91,11 @@ class Model:
         check_stated(self.name, open_lumps, [joint.unknown for joint in self.joints])
         return self._defaults[: len(self.lumps)]
 
+    def lumps_or(self, fitted: Array) -> Array:
+        """(p,) base inertial parameters of the model file, and those of a fit where it leaves one open."""
+        stated = self._defaults[: len(self.lumps)]
+        return np.where(np.isnan(stated), fitted, stated)
+
     @property
     def lumps_known(self) -> bool:
         """Whether the model file tells every base inertial parameter."""

@@ -356,3 +356,7 @@ a real motor in view."""
 NOISE_OF_LINES: Final = 0.1
 """ratio of RMS; the encoder's noise as an inertial torque in the raised band to all lines above it: a hundredth of
 their power; a choice, with a real motor in view."""
+
+KEPT_SKEWS: Final = 4
+"""numbers of samples; at so many shifts a joint's torque is kept in the band: that of the fit, those half a sample to
+either side of none, and that of a delay; memory."""

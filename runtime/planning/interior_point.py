@@ -155,6 +155,10 @@ class _Search:
             return self._run(x)
 
     def _run(self, x: Array) -> Ended:
+        cost, rows = self._values(x)
+        if not (np.isfinite(cost) and np.isfinite(rows).all() and np.isfinite(self._slopes(x).gradient).all()):
+            # Outside of what the arm can reach: no step leads back from there.
+            return Ended(x, cost, rows, STUCK, 0)
         at, slopes = self._begin(x)
         self.filter = _Filter(1e4 * max(1.0, self._miss(at)))
         for iteration in range(self.manner.iterations):

@@ -123,7 +123,7 @@ class Planner:
             # Each guess serves one share, and a single one both.
             own = guesses[k :: len(_SHARES)] or guesses
             relieved = min((self.coarse.relieved(x, _SOFT, share) for x in own), key=lambda a: (not a.met, a.cost))
-            sprung += [self.coarse.approach(guess, _SOFT) for guess in self._sprung(relieved.x)]
+            sprung += [self.coarse.refine(guess, _SOFT) for guess in self._sprung(relieved.x)]
         return sorted(sprung, key=self._rank)
 
     def _rank(self, attempt: Attempt) -> tuple[bool, float]:

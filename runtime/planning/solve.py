@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 MET = 1e-4
 """By which a constraint may be missed, in its own unit, and still counts as met."""
-_FAR, _NEAR, _THERE = (0.1, 1e-2), (1e-2, 1e-4), (1e-4, 1e-5)
-"""Barrier at first and least distance from bounds, of a guess that is rough, near or in the right basin: there a larger
+_FAR, _THERE = (0.1, 1e-2), (1e-4, 1e-5)
+"""Barrier at first and least distance from bounds, of a guess that is rough or in the right basin: there a larger
 barrier would push it over the ridge into the next, as springs and friction make many."""
 _ROUGH = 1e-3
 """Accuracy of solutions that only show where to begin."""
@@ -79,10 +79,6 @@ class Solver:
         their joints' squared torque counts, as if the springs gave the rest."""
         none = dict.fromkeys(range(len(self.program.task.scenario.springs)), 0.0)
         return self._run(_FAR, x, width, none, share)
-
-    def approach(self, x: Array, width: float) -> Attempt:
-        """A solution from the guess x that is near one."""
-        return self._run(_NEAR, x, width, {}, 1.0)
 
     def refine(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """The solution in whose basin x lies."""

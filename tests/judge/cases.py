@@ -175,11 +175,9 @@ def _drawn(case: Case) -> tuple[list[np.random.Generator], Array, list[Hidden], 
 
 
 def _wanted(rng: np.random.Generator, setting: Setting) -> Array:
-    """The motion (3, n, N), of an arm in space about its home."""
+    """The motion (3, n, N), of an arm in space about its home and gentler, as long links need."""
     found = motion.desired(rng, setting.joints, setting.excitation)
-    if setting.joints in HOME:
-        found[0] += np.array(HOME[setting.joints])[:, None]
-    return found
+    return motion.gentle(found[0], np.array(HOME[setting.joints])) if setting.joints in HOME else found
 
 
 def _sized(main: Bench, what: Hidden, joint: int, size: float, believed: Sequence[str]) -> tuple[float, float]:

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from runtime.estimation.least_squares import bounded, bounded_each, minimise, solve
+from runtime.estimation.alike import Alike
+from runtime.estimation.least_squares import bounded, minimise, solve
 
 
 @given(st.integers(0, 10_000), st.integers(1, 8))
@@ -76,7 +77,10 @@ def test_folds_together_are_as_each_alone(
     folds = np.array_split(np.arange(len(y)), 4)
     rest = [np.setdiff1d(np.arange(len(y)), fold) for fold in folds]
     grams, moments = np.array([x[r].T @ x[r] for r in rest]), np.array([x[r].T @ y[r] for r in rest])
-    found = bounded_each(grams, moments, lower, upper, np.array(guess[: len(lower)]))
+    ends = [np.array(guess[: len(lower)])]
+    alike = Alike(grams, lower, upper, ends)
+    found = alike.solve(moments)
+    assert np.array_equal(found, alike.solve(moments))
     for theta, gram, moment in zip(found, grams, moments, strict=True):
         alone = bounded(gram, moment, lower, upper)
         scale = np.sqrt(np.maximum(np.diag(gram), np.diag(gram).max() * 1e-12))

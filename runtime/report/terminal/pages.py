@@ -128,6 +128,12 @@ def verify(document: Document) -> None:
             at,
         )
     console().print(table)
+    proofs: Sequence[Document] = document["proofs"]
+    for proof in proofs:
+        if not proof["equal"]:
+            say(f"NOT the Lagrangian's: {proof['function']}, {proof['differs']}.")
+    if proofs and all(proof["equal"] for proof in proofs):
+        say(f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {proofs[-1]['points']} random points.")
     vectors = f"{len(document['vectors'])} test vectors with --json"
     if wrong:
         say(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}.")

@@ -27,10 +27,10 @@ from symbolic.rigid_body.exact_rank import (
     known_sum,
     random_turn,
 )
-from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import INERTIA, KINDS, Moments, body_values
 from symbolic.rigid_body.spatial.recursion import SpatialMotion, motion, named, turned, twisted, wrench
-from symbolic.rigid_body.spatial.vectors import dot
+from symbolic.rigid_body.spatial.vectors import Vector, dot
 from symbolic.straightline import Notes, Residues
 
 ROTOR = "I"
@@ -46,18 +46,6 @@ class Merging:
 
     kept: tuple[Column, ...]
     terms: Mapping[Column, Combination]
-
-    def exchanged(self, kept: Column, other: Column) -> Merging:
-        """With `other` kept in place of a column that is one of its terms."""
-        pivot = self.terms[other]
-        inverse = {c: -f / pivot[kept] for c, f in pivot.items() if c != kept} | {other: 1 / pivot[kept]}
-        terms = {
-            column: _combined([(parts[kept], inverse), (Fraction(1), {c: f for c, f in parts.items() if c != kept})])
-            if kept in parts
-            else parts
-            for column, parts in self.terms.items()
-        }
-        return Merging(tuple(other if c == kept else c for c in self.kept), terms)
 
 
 def merging(g: Geometry) -> Merging:

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import KINDS, Moments
 from symbolic.rigid_body.spatial.recursion import Direction, direction_along, groups
-from symbolic.rigid_body.spatial.vectors import NOWHERE, added, cross, scaled
+from symbolic.rigid_body.spatial.vectors import NOWHERE, Matrix, Vector, added, cross, scaled
 from symbolic.straightline import Notes
 
 Wrench = tuple[Vector, Vector]
@@ -32,8 +32,31 @@ Wrench = tuple[Vector, Vector]
 STRAIGHT: Direction = (1, 0)
 
 
+class Composite(NamedTuple):
+    """Moments of all that a joint moves, as Moments has them, at the joint, in the axes before it.
+
+    spin   second moment about z, xx + yy: it does not turn
+    """
+
+    m: Any
+    x: Any
+    y: Any
+    z: Any
+    xx: Any
+    yy: Any
+    zz: Any
+    xy: Any
+    xz: Any
+    yz: Any
+    spin: Any
+
+    @property
+    def first(self) -> Vector:
+        return self.x, self.y, self.z
+
+
 @dataclass(frozen=True)
-class Flow:
+class MomentFlow:
     """The same with a velocity field v in place of one x: the integrals of v, and of v_a x_b by rows."""
 
     h: Vector
@@ -42,12 +65,12 @@ class Flow:
     z: Vector
 
     @classmethod
-    def still(cls) -> Flow:
+    def still(cls) -> MomentFlow:
         return cls(NOWHERE, NOWHERE, NOWHERE, NOWHERE)
 
 
 @dataclass(frozen=True)
-class Step:
+class JointStep:
     """The way from joint j to the link before.
 
     Links of parallel joints are written along the axes of the last of them (their group): all but the group's first
@@ -67,7 +90,7 @@ class Step:
     notes: Notes
 
     @classmethod
-    def all(cls, geometry: Geometry, q: Sequence[Any], notes: Notes) -> list[Step]:
+    def all(cls, geometry: Geometry, q: Sequence[Any], notes: Notes) -> list[JointStep]:
         """One a joint."""
         steps = []
         for group in groups(geometry):
@@ -140,7 +163,7 @@ class Step:
         xz, yz, zz = self._turned((b.xz, b.yz, b.zz), direction, f"{name}z")
         return Moments(b.m, x, y, z, xx, yy, zz, xy, xz, yz)
 
-    def carried_moments(self, b: Moments) -> Moments:
+    def carried_moments(self, b: Composite) -> Moments:
         """The body about the origin before, in its axes."""
         rx, ry, rz = self.at
         h = added(b.first, scaled(b.m, self.at))
@@ -152,14 +175,14 @@ class Step:
         moments = (*self.twisted(h), xx, yy, zz, c * xy - s * xz, s * xy + c * xz, yz)
         return Moments(b.m, *self.named([f"{name}_" for name in names], moments))
 
-    def turned_flow(self, flow: Flow) -> Flow:
+    def turned_flow(self, flow: MomentFlow) -> MomentFlow:
         """As turned_moments."""
         h, (zx, zy, zz) = self.turned(flow.h, "kh"), self.turned(flow.z, "kz")
         xx, xy, yx, yy = self._turned_block(*flow.x[:2], *flow.y[:2], self.direction, "k")
         xz, yz, _ = self.turned((flow.x[2], flow.y[2], 0), "kk")
-        return Flow(h, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
+        return MomentFlow(h, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
 
-    def carried_flow(self, flow: Flow) -> Flow:
+    def carried_flow(self, flow: MomentFlow) -> MomentFlow:
         """As carried_moments: the origin that moves away takes v along."""
         h = flow.h
         x, y, z = (added(row, scaled(v, self.at)) for row, v in zip((flow.x, flow.y, flow.z), h, strict=True))
@@ -169,7 +192,7 @@ class Step:
             self.named([f"k{row}{column}_" for column in "xyz"], values)
             for row, values in zip("xyz", zip(*columns, strict=True), strict=True)
         )
-        return Flow(self.named([f"kh{e}_" for e in "xyz"], self.twisted(h)), x, y, z)
+        return MomentFlow(self.named([f"kh{e}_" for e in "xyz"], self.twisted(h)), x, y, z)
 
     def _turned_block(
         self, xx: Any, xy: Any, yx: Any, yy: Any, direction: Direction, name: str
@@ -185,18 +208,20 @@ class Step:
         return xx, xy, yx, yy
 
 
-def composites(steps: Sequence[Step], bodies: Sequence[Moments]) -> list[Moments]:
-    """(n,) all that a joint moves, at the joint, in the axes before it. `bodies`: of the links, each in its frame."""
-    result: list[Moments] = []
+def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Composite]:
+    """(n,), one a joint. `bodies`: of the links, each in its frame."""
+    result: list[Composite] = []
     carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
         sums = [own + others for own, others in zip(step.along_group(body), carried, strict=True)]
-        result.append(step.turned_moments(Moments(*step.named([f"{name}_c" for name in KINDS], sums))))
+        whole = Moments(*step.named([f"{name}_c" for name in KINDS], sums))
+        (spin,) = step.named(("D",), (whole.xx + whole.yy,))
+        result.append(Composite(*step.turned_moments(whole), spin))
         carried = step.carried_moments(result[-1])
     return result[::-1]
 
 
-def gradient(step: Step, w: Vector, al: Vector) -> Matrix:
+def gradient(step: JointStep, w: Vector, al: Vector) -> Matrix:
     """U = al x + w w^T - |w|^2 of a link: its points' accelerations by their places."""
     (x, y, z), (ax, ay, az) = w, al
     names = ("wxy", "wxz", "wyz", "wxx", "wyy", "wzz")

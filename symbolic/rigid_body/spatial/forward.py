@@ -22,12 +22,12 @@ from typing import Any
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.dynamics import solve_symmetric
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.spatial.composites import Step, Wrench, composites, gradient
-from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.composites import Composite, JointStep, Wrench, composites, gradient
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.matrices import NOTATION, inertia, signed
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.recursion import groups
-from symbolic.rigid_body.spatial.vectors import NOWHERE, added, applied, cross, dot, negative, scaled
+from symbolic.rigid_body.spatial.vectors import NOWHERE, Matrix, Vector, added, applied, cross, dot, negative, scaled
 
 
 def forward_dynamics(
@@ -36,7 +36,7 @@ def forward_dynamics(
     """`geometry`: in SymPy's numbers; `bodies`, `rotors`: (n,) base parameters as moments of the links and rotors."""
     recorder = author.recorder()
     q, qd, tau = (author.coordinates.symbols(name) for name in ("q", "qd", "tau"))
-    steps = Step.all(geometry, q, recorder)
+    steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
     right = [t - b for t, b in zip(tau, bias(geometry, steps, wholes, qd), strict=True)]
     qdd = solve_symmetric(inertia(geometry, steps, wholes, rotors), right, recorder)
@@ -82,7 +82,7 @@ class _Motion:
     U: Matrix
 
 
-def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
+def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], qd: Sequence[Any]) -> list[Any]:
     """(n,) C qd + g. `wholes`: the composites at the joints."""
     result: list[Any] = [0] * geometry.n
     motions = _motions(geometry, steps, signed(geometry, qd))
@@ -99,16 +99,17 @@ def bias(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], q
     return result
 
 
-def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> list[_Motion]:
+def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]) -> list[_Motion]:
     result: list[_Motion] = []
     w, al, a = NOWHERE, NOWHERE, negative(geometry.gravity)
     for group in groups(geometry):
         w, al, a = (steps[group[0]].untwisted(v) for v in (w, al, a))
+        start = gradient(steps[group[0]], w, al)
         spin: Any = 0  # about z, of the link before relative to the link before the group
         for i in group:
             step, rate, turns = steps[i], rates[i], geometry.links[i].revolute
             now = (w[0], w[1], w[2] + spin)
-            U = gradient(step, now, _spun(al, w, spin))
+            U = start if i == group[0] else _spun_gradient(step, start, now)
             a = step.named(("ax", "ay", "az"), added(a, applied(U, step.at)))
             half, twice = step.named(("v", "u"), (rate / 2, 2 * rate))
             if len(group) == 1 and turns:
@@ -121,6 +122,7 @@ def _motions(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) ->
             spin = step.notes.let(f"wz{i + 1}", spin + rate) if turns else spin
             if i == group[0]:
                 w, al, a = (step.unturned(v, name) for v, name in zip((w, al, a), ("w", "al", "a"), strict=True))
+                start = start if len(group) == 1 else gradient(step, w, al)
         al, w = _spun(al, w, spin), (w[0], w[1], w[2] + spin)
     return result
 
@@ -130,18 +132,29 @@ def _spun(al: Vector, w: Vector, spin: Any) -> Vector:
     return al[0] + spin * w[1], al[1] - spin * w[0], al[2]
 
 
-def _at_revolute(step: Step, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
+def _spun_gradient(step: JointStep, U: Matrix, w: Vector) -> Matrix:
+    """U of a link that turns about z relative to the one with U, at w: what it does along z stays."""
+    (_, xy, xz), (yx, _, yz), (_, _, zz) = U
+    (twice,) = step.named(("wz",), (2 * w[2],))
+    wxx, wyy, wzz = step.named(("wxx", "wyy", "wzz"), [e * e for e in w])
+    return (
+        (step.notes.let(f"Uxx{step.joint}", -wyy - wzz), xy, xz),
+        (yx, step.notes.let(f"Uyy{step.joint}", -wxx - wzz), yz),
+        (*step.named(("Uzx", "Uzy"), (twice * w[0] - xz, twice * w[1] - yz)), zz),
+    )
+
+
+def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
     """Moment about z in the field of the link before; force and moment in the field that the joint adds."""
     (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))
-    whole = step.named(("D",), (b.xx + b.yy,))[0]
-    moment = y * X - x * Y + m.al[2] * whole - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
+    moment = y * X - x * Y + m.al[2] * b.spin - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
     (t,) = step.named(("t",), (m.twice * (z + m.ahead),))
     X, Y = X + b.xz * m.ahead, Y + b.yz * m.ahead
     return moment, ((-t * hx, -t * hy, m.twice * (x * hx + y * hy)), (m.twice * Y, -m.twice * X, 0))
 
 
-def _at_prismatic(b: Moments, m: _Motion) -> tuple[Any, Wrench]:
+def _at_prismatic(b: Composite, m: _Motion) -> tuple[Any, Wrench]:
     """Likewise, the force along z."""
     field = cross(m.w, (0, 0, m.twice))
     return dot(m.U[2], b.first) + b.m * m.a[2], (scaled(b.m, field), cross(b.first, field))

@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from symbolic.model_file.arm import Frame, SpatialArm
-from symbolic.rigid_body.spatial.vectors import added, applied, cross, dot, less, scaled
-
-if TYPE_CHECKING:
-    from symbolic.rigid_body.spatial.geometry import Matrix, Vector
+from symbolic.rigid_body.spatial.vectors import Matrix, Vector, added, applied, cross, dot, less, scaled
 
 PARALLEL = 1e-10
 """Sine of the angle between two axes below which they are parallel: rounding of rpy in double precision."""

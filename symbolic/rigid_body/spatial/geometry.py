@@ -31,15 +31,13 @@ import sympy as sp
 
 from symbolic.model_file.arm import SpatialArm
 from symbolic.rigid_body.spatial.frames import BASE, Standing, file_axes, file_frames, link_frames, transposed
-from symbolic.rigid_body.spatial.vectors import dot
+from symbolic.rigid_body.spatial.vectors import Matrix, Vector, dot
 from symbolic.straightline import Notes, Turn
 
 LENGTH_DIGITS = 12
 """Decimals of a length in m: what floating point adds to a file's decimals lies beyond them."""
-TURN_DIGITS = 14
+TURN_DIGITS = 15
 """Decimals of the tangent of half an angle, likewise."""
-Vector = tuple[Any, Any, Any]
-Matrix = tuple[Vector, Vector, Vector]
 NO_ANGLE: Any = 0
 
 

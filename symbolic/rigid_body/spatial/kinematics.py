@@ -10,11 +10,13 @@ from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import SpatialArm
 from symbolic.rigid_body.kinematics import NOMINAL_MASS, Author
 from symbolic.rigid_body.lagrangian import rational
-from symbolic.rigid_body.spatial.composites import Step, composites, gradient
-from symbolic.rigid_body.spatial.geometry import Geometry, Matrix, Vector
+from symbolic.rigid_body.spatial.composites import JointStep, composites, gradient
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.vectors import (
     NOWHERE,
+    Matrix,
+    Vector,
     added,
     along,
     applied,
@@ -72,7 +74,7 @@ def functions(author: Author, arm: SpatialArm, geometry: Geometry) -> list[Symbo
 
 def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
     recorder = author.recorder()
-    steps = Step.all(geometry, author.coordinates.symbols("q"), recorder)
+    steps = JointStep.all(geometry, author.coordinates.symbols("q"), recorder)
     point, columns = geometry.tip.at, list(zip(*geometry.tip.turn, strict=True))
     for step in reversed(steps):
         point = step.named(("px", "py", "pz"), step.placed(point, "p"))
@@ -80,7 +82,7 @@ def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
             step.named([f"{name}{e}_" for e in "xyz"], step.twisted(step.turned(column, name)))
             for name, column in zip("xyz", columns, strict=True)
         ]
-    p = placed(geometry.base, point)
+    p = placed(geometry.base.turn, geometry.base.at, point)
     R = list(zip(*(applied(geometry.base.turn, column) for column in columns), strict=True))
     return [
         author.function(
@@ -107,7 +109,7 @@ def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
 def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
     recorder, n = author.recorder(), geometry.n
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
-    axes, tip = _from_base(geometry, Step.all(geometry, q, recorder), recorder)
+    axes, tip = _from_base(geometry, JointStep.all(geometry, q, recorder), recorder)
     columns = _columns(geometry, axes, tip)
     rows = [[column[k] for column in columns] for k in range(6)]
     units = author.coordinates.unit("m/rad and 1", "1")
@@ -133,7 +135,7 @@ def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
     ]
 
 
-def _from_base(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) -> tuple[JointAxes, Vector]:
+def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder) -> tuple[JointAxes, Vector]:
     """The joints, and the tip, from the base."""
     x, y, z = zip(*geometry.base.turn, strict=True)
     o, axes = geometry.base.at, JointAxes([], [], [])
@@ -141,8 +143,9 @@ def _from_base(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) ->
         (c, s), (ct, st) = step.direction, step.twist
         y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
         o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
-        for values, value in zip((axes.before, axes.along, axes.origin), ((x, y), z, o), strict=True):
-            values.append(value)
+        axes.before.append((x, y))
+        axes.along.append(z)
+        axes.origin.append(o)
         x, y = (
             step.named([f"{name}{e}" for e in "xyz"], vector)
             for name, vector in (
@@ -181,7 +184,7 @@ def _rates(geometry: Geometry, axes: JointAxes, tip: Vector, qd: Sequence[Any], 
 def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
     recorder, n = author.recorder(), geometry.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    steps = Step.all(geometry, q, recorder)
+    steps = JointStep.all(geometry, q, recorder)
     axes, pull = _from_tip(geometry, steps, recorder)
     a, U = _acceleration(geometry, steps, axes, pull, qd, qdd)
     wrenches = _unit_loads(a, U)
@@ -206,7 +209,7 @@ def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
     )
 
 
-def _from_tip(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) -> tuple[JointAxes, Vector]:
+def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder) -> tuple[JointAxes, Vector]:
     """The joints, and gravity, from the tip along its axes."""
     x, y, z = geometry.tip.turn
     o, axes = negative(applied(list(zip(*geometry.tip.turn, strict=True)), geometry.tip.at)), JointAxes([], [], [])
@@ -230,7 +233,7 @@ def _from_tip(geometry: Geometry, steps: Sequence[Step], recorder: Recorder) -> 
 
 
 def _acceleration(
-    geometry: Geometry, steps: Sequence[Step], axes: JointAxes, pull: Vector, qd: Sequence[Any], qdd: Sequence[Any]
+    geometry: Geometry, steps: Sequence[JointStep], axes: JointAxes, pull: Vector, qd: Sequence[Any], qdd: Sequence[Any]
 ) -> tuple[Vector, Matrix]:
     """Of the tip less gravity, and U of the last link, from joint to joint."""
     w, al, a = NOWHERE, NOWHERE, negative(pull)
@@ -261,7 +264,7 @@ def _unit_loads(a: Vector, U: Matrix) -> list[tuple[Vector, Vector]]:
 
 def _moment(author: Author, arm: SpatialArm, geometry: Geometry) -> SymbolicFunction:
     recorder = author.recorder()
-    steps = Step.all(geometry, author.coordinates.symbols("q"), recorder)
+    steps = JointStep.all(geometry, author.coordinates.symbols("q"), recorder)
     wholes = composites(steps, [_mass(arm, geometry, j) for j in range(geometry.n)])
     axes, _ = _from_base(geometry, steps, recorder)
     columns = []
@@ -282,10 +285,10 @@ def _moment(author: Author, arm: SpatialArm, geometry: Geometry) -> SymbolicFunc
 
 def _mass(arm: SpatialArm, geometry: Geometry, j: int) -> Moments:
     """Mass and first moment of a link in its frame."""
-    link = arm.joints[j].link
+    link, body = arm.joints[j].link, geometry.links[j].body
     m = rational(NOMINAL_MASS if link.mass is None else link.mass)
     com = nominal_com(arm, j) if link.com is None else link.com
-    x, y, z = placed(geometry.links[j].body, [rational(c) for c in com])
+    x, y, z = placed(body.turn, body.at, [rational(c) for c in com])
     return Moments(m=m, x=m * x, y=m * y, z=m * z)
 
 

@@ -22,8 +22,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from symbolic.rigid_body.spatial.geometry import Placement, Vector
+from symbolic.rigid_body.spatial.geometry import Placement
 from symbolic.rigid_body.spatial.rounding import ExactFileChain
+from symbolic.rigid_body.spatial.vectors import Vector
 from symbolic.straightline import Turn
 
 PRIME = 2**127 - 1

@@ -23,18 +23,20 @@ class SpatialLayout:
 
 
 def choose_layout(g: Geometry) -> SpatialLayout:
-    """The layout whose inverse dynamics count fewest operations, as far as single changes lead."""
+    """The layout whose inverse dynamics count fewest operations, as far as single changes of the axes lead.
+
+    Masses are no base parameters of revolute links: one that is kept saves the recursion one operation in a hundred,
+    and D and forward dynamics, where it is carried through all composites, lose several.
+    """
     best = SpatialLayout(tuple(range(g.n)), merging(g))
-    least = _cost(g, best)
-    for changes in (_other_axes, _other_columns, _other_axes):
-        improved = True
-        while improved:
-            improved = False
-            for layout in changes(g, best):
-                cost = _cost(g, layout)
-                if cost < least:
-                    best, least, improved = layout, cost, True
-                    break
+    least, improved = _cost(g, best), True
+    while improved:
+        improved = False
+        for layout in _other_axes(g, best):
+            cost = _cost(g, layout)
+            if cost < least:
+                best, least, improved = layout, cost, True
+                break
     return best
 
 
@@ -47,14 +49,6 @@ def _other_axes(g: Geometry, layout: SpatialLayout) -> Iterator[SpatialLayout]:
                     chosen = (*layout.axes[:first], *[axes] * (last + 1 - first), *layout.axes[last + 1 :])
                     if chosen != layout.axes:
                         yield replace(layout, axes=chosen)
-
-
-def _other_columns(g: Geometry, layout: SpatialLayout) -> Iterator[SpatialLayout]:
-    """A point mass kept in place of one of the first moments that it merges into."""
-    for i in range(g.n):
-        for kept in layout.merged.terms["m", i]:
-            if kept[0] in ("x", "y") and ("m", i) not in layout.merged.kept:
-                yield replace(layout, merged=layout.merged.exchanged(kept, ("m", i)))
 
 
 def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:

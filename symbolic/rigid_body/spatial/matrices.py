@@ -7,10 +7,10 @@ from typing import Any
 
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.kinematics import Author
-from symbolic.rigid_body.spatial.composites import Flow, Step, Wrench, composites
-from symbolic.rigid_body.spatial.geometry import Geometry, Vector
+from symbolic.rigid_body.spatial.composites import Composite, JointStep, MomentFlow, Wrench, composites
+from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import Moments
-from symbolic.rigid_body.spatial.vectors import NOWHERE, cross, scaled
+from symbolic.rigid_body.spatial.vectors import NOWHERE, Vector, cross, scaled
 
 NOTATION = {
     "c, s": "cosine and sine",
@@ -35,26 +35,27 @@ def signed(geometry: Geometry, rates: Sequence[Any]) -> list[Any]:
     return [link.sign * rate for link, rate in zip(geometry.links, rates, strict=True)]
 
 
-def inertia(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], rotors: Sequence[Any]) -> Square:
+def inertia(
+    geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rotors: Sequence[Any]
+) -> Square:
     """D (n, n). `wholes`: the composites at the joints; `rotors`: (n,) added on the diagonal."""
     columns = [_momentum(link.revolute, b) for link, b in zip(geometry.links, wholes, strict=True)]
     D = _along_axes(geometry, steps, columns, "")
     for i, link in enumerate(geometry.links):
-        own = steps[i].named(("D",), (wholes[i].xx + wholes[i].yy if link.revolute else wholes[i].m,))[0]
-        D[i][i] = own + rotors[i]
+        D[i][i] = (wholes[i].spin if link.revolute else wholes[i].m) + rotors[i]
         for j in range(i):
             D[i][j] = D[j][i]
     return D
 
 
-def _momentum(revolute: bool, b: Moments) -> Wrench:
+def _momentum(revolute: bool, b: Composite) -> Wrench:
     """Momentum and its moment at unit rate of the joint."""
     if revolute:
-        return (-b.y, b.x, 0), (-b.xz, -b.yz, b.xx + b.yy)
+        return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
     return (0, 0, b.m), (b.y, -b.x, 0)
 
 
-def _along_axes(geometry: Geometry, steps: Sequence[Step], columns: Sequence[Wrench], name: str) -> Square:
+def _along_axes(geometry: Geometry, steps: Sequence[JointStep], columns: Sequence[Wrench], name: str) -> Square:
     """Element (i, j), i <= j: what column j, a wrench at joint j, is along the axis of joint i. Below: 0."""
     n = geometry.n
     result: Square = [[0] * n for _ in range(n)]
@@ -74,7 +75,7 @@ def _along(revolute: bool, wrench: Wrench) -> Any:
     return wrench[1][2] if revolute else wrench[0][2]
 
 
-def gravity(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments]) -> list[Any]:
+def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite]) -> list[Any]:
     """g (n,) = dV/dq, V = −gravity · (first moment): the composites hang on their joints."""
     result, pull = [], geometry.gravity
     for link, step, b in zip(geometry.links, steps, wholes, strict=True):
@@ -84,7 +85,7 @@ def gravity(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments]
     return result
 
 
-def turning(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> list[Vector]:
+def turning(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]) -> list[Vector]:
     """(n,) absolute angular velocity of link j − 1 in the axes before joint j."""
     result: list[Vector] = []
     w: Vector = NOWHERE
@@ -98,12 +99,12 @@ def turning(geometry: Geometry, steps: Sequence[Step], rates: Sequence[Any]) -> 
     return result
 
 
-def _uniform(b: Moments, a: Vector) -> Wrench:
+def _uniform(b: Composite, a: Vector) -> Wrench:
     """Force and moment of a body whose points are all accelerated alike."""
     return scaled(b.m, a), cross(b.first, a)
 
 
-def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
+def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], qd: Sequence[Any]) -> Square:
     """C (n, n) from Christoffel symbols."""
     rates = signed(geometry, qd)
     flows, turns = _flows(geometry, steps, wholes, rates), turning(geometry, steps, rates)
@@ -116,10 +117,12 @@ def coriolis(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments
     return C
 
 
-def _flows(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments], rates: Sequence[Any]) -> list[Flow]:
+def _flows(
+    geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rates: Sequence[Any]
+) -> list[MomentFlow]:
     """(n,) the composites' motion relative to their first link, at the joints."""
-    result: list[Flow] = []
-    carried = Flow.still()
+    result: list[MomentFlow] = []
+    carried = MomentFlow.still()
     for link, step, b, rate in zip(
         reversed(geometry.links), reversed(steps), reversed(wholes), reversed(rates), strict=True
     ):
@@ -129,21 +132,21 @@ def _flows(geometry: Geometry, steps: Sequence[Step], wholes: Sequence[Moments],
     return result[::-1]
 
 
-def _with_joint(revolute: bool, step: Step, b: Moments, flow: Flow, rate: Any) -> Flow:
+def _with_joint(revolute: bool, step: JointStep, b: Composite, flow: MomentFlow, rate: Any) -> MomentFlow:
     """Relative to the link before the joint."""
     (hx, hy, hz), x, y, z = flow.h, flow.x, flow.y, flow.z
     if not revolute:
         z = (z[0] + rate * b.x, z[1] + rate * b.y, z[2] + rate * b.z)
-        return Flow((hx, hy, hz + rate * b.m), x, y, z)
+        return MomentFlow((hx, hy, hz + rate * b.m), x, y, z)
     x = (x[0] - rate * b.xy, x[1] - rate * b.yy, x[2] - rate * b.yz)
     y = (y[0] + rate * b.xx, y[1] + rate * b.xy, y[2] + rate * b.xz)
     x = step.named(("kxx", "kxy", "kxz"), x)
     y = step.named(("kyx", "kyy", "kyz"), y)
     h = step.named(("khx", "khy"), (hx - rate * b.y, hy + rate * b.x))
-    return Flow((h[0], h[1], hz), x, y, z)
+    return MomentFlow((h[0], h[1], hz), x, y, z)
 
 
-def _field(revolute: bool, b: Moments, k: Flow, w: Vector, rate: Any) -> Wrench:
+def _field(revolute: bool, b: Composite, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
     """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × z; w of the link moved."""
     if not revolute:
         return _uniform(b, (w[1], -w[0], 0))
@@ -157,7 +160,9 @@ def _field(revolute: bool, b: Moments, k: Flow, w: Vector, rate: Any) -> Wrench:
     return f, n
 
 
-def _rates_along_axes(geometry: Geometry, steps: Sequence[Step], joints: Sequence[Any], rates: Sequence[Any]) -> Square:
+def _rates_along_axes(
+    geometry: Geometry, steps: Sequence[JointStep], joints: Sequence[Any], rates: Sequence[Any]
+) -> Square:
     """dD/dt above the diagonal: momenta carried inwards with their rates, which a turning joint turns along."""
     n = geometry.n
     result: Square = [[0] * n for _ in range(n)]
@@ -173,7 +178,7 @@ def _rates_along_axes(geometry: Geometry, steps: Sequence[Step], joints: Sequenc
     return result
 
 
-def _momentum_rate(revolute: bool, k: Flow) -> Wrench:
+def _momentum_rate(revolute: bool, k: MomentFlow) -> Wrench:
     """Rate of _momentum in the axes of the link that the joint moves."""
     if revolute:
         return (-k.h[1], k.h[0], 0), (-k.x[2] - k.z[0], -k.y[2] - k.z[1], 2 * (k.x[0] + k.y[1]))
@@ -197,7 +202,7 @@ def functions(
     moments of the links; `rotors`: (n,) that are base parameters of their own; `own`: (n,) the rotors' inertias."""
     recorder, n, force = author.recorder(), geometry.n, author.coordinates.force
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
-    steps = Step.all(geometry, q, recorder)
+    steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
     D = inertia(geometry, steps, wholes, rotors)
     links = [[D[i][i] - own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(D)]

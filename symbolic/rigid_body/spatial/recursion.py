@@ -21,8 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Vector, quarter_turned
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, quarter_turned
 from symbolic.rigid_body.spatial.moments import Moments
+from symbolic.rigid_body.spatial.vectors import Vector
 from symbolic.straightline import Notes, Turn
 
 Direction = tuple[Any, Any]
@@ -111,7 +112,9 @@ def motion(
             state = state.moved([e * lift for e in state.column], k, notes)
             state = _jointed(state, link, qd[i], qdd[i], k, notes)
             U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
-            found.append(SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, U, state.a))
+            found.append(
+                SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, U, state.a)
+            )
         if group[-1] < g.n - 1:
             state = _turned_state(state, direction_along(g, group[-1], at, q, notes), group[-1] + 1, notes)
             state = _twisted_state(state, g.links[group[-1] + 1], group[-1] + 2, notes)

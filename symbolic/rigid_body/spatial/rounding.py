@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from symbolic.model_file.arm import Frame, SpatialArm
-from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Matrix, Placement, Vector
-from symbolic.rigid_body.spatial.vectors import applied, negative, placed, scaled
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Placement
+from symbolic.rigid_body.spatial.vectors import Matrix, Vector, applied, negative, placed, scaled
 
 ROUNDING = 1e-8
 """m and rad; how far a number of the file may stand from the exact one: rounded decimals of a dozen frames."""
@@ -98,7 +98,7 @@ def _joined(outer: Placement, inner: Placement) -> Placement:
     """inner, given in outer, in what outer is given in."""
     columns = [applied(outer.turn, column) for column in _transposed(inner.turn)]
     a, b, c = columns
-    return Placement(_transposed((a, b, c)), placed(outer, inner.at))
+    return Placement(_transposed((a, b, c)), placed(outer.turn, outer.at, inner.at))
 
 
 def _reversed(placement: Placement) -> Placement:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from symbolic.rigid_body.spatial.geometry import Placement, Vector
+Vector = tuple[Any, Any, Any]
+Matrix = tuple[Vector, Vector, Vector]
 
 NOWHERE: Vector = (0, 0, 0)
 
@@ -45,6 +45,6 @@ def applied(R: Sequence[Sequence[Any]], v: Sequence[Any]) -> Vector:
     return dot(R[0], v), dot(R[1], v), dot(R[2], v)
 
 
-def placed(placement: Placement, point: Sequence[Any]) -> Vector:
-    """A point of a frame in the other one."""
-    return added(applied(placement.turn, point), placement.at)
+def placed(turn: Sequence[Sequence[Any]], at: Sequence[Any], point: Sequence[Any]) -> Vector:
+    """A point of the frame that stands at `at`, turned by `turn`."""
+    return added(applied(turn, point), at)
