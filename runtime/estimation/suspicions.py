@@ -182,7 +182,8 @@ class _Trials:
             factor = np.ones(self.motion.n)
             factor[joints] = DEGREE
             errors = self._with_positions(np.diag(factor))
-            if np.all(errors[joints] < TURNED_FALLS_TO * self.as_given[joints]):
+            better = self._whole(errors) < self._whole(self.as_given)
+            if better and np.all(errors[joints] < TURNED_FALLS_TO * self.as_given[joints]):
                 return [_degrees(self.motion, i, self._before_and_after(i, errors)) for i in joints]
         return []
 
