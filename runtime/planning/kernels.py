@@ -56,7 +56,9 @@ class PlacedBlock:
     @cached_property
     def maps(self) -> Array:
         dense = self.block.places[:, self.unknowns].toarray()
-        return np.ascontiguousarray(dense.reshape(self.block.count, self.block.expression.z.numel(), len(self.unknowns)))
+        return np.ascontiguousarray(
+            dense.reshape(self.block.count, self.block.expression.z.numel(), len(self.unknowns))
+        )
 
     @cached_property
     def _flat(self) -> Array:
