@@ -67,7 +67,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Bounded:
-    """A program in numbers: lower <= rows <= upper, low <= x <= high; equal bounds make an equality, or fix an unknown."""
+    """A program in numbers: lower <= rows <= upper, low <= x <= high; equal bounds make equalities, or fix unknowns."""
 
     kernels: Kernels
     p: Array
