@@ -1,4 +1,4 @@
-"""A six-joint arm as the tests plan for it, execute on it and compile for it: geometry of a UR10e, controllers, limits."""
+"""A six-joint arm to plan for, to execute on and to compile for: geometry of a UR10e, controllers, limits."""
 
 from __future__ import annotations
 

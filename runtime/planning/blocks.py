@@ -45,9 +45,9 @@ class Expression:
 
     @classmethod
     def of(cls, z: ca.SX, p: ca.SX, cost: ca.SX, squares: ca.SX, rows: Sequence[Row]) -> Expression:
-        bounds = (tuple(float(row[k]) for row in rows) for k in (1, 2))
+        lower, upper = (tuple(float(row[k]) for row in rows) for k in (1, 2))
         stacked = ca.vertcat(*(row[0] for row in rows)) if rows else ca.SX(0, 1)
-        return cls(z, p, cost, squares, stacked, *bounds, tuple((row[3], row[4]) for row in rows))
+        return cls(z, p, cost, squares, stacked, lower, upper, tuple((row[3], row[4]) for row in rows))
 
     @cached_property
     def _lean(self) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -1,8 +1,8 @@
 """Which way the end-effector of a spatial arm points: what a scenario asks for, in constraints and in numbers.
 
-An axis a of the tip's frame (its z) along a direction d leaves the rotation about d free: with u and v across d, u·Ra and
-v·Ra are zero, and d·Ra is not negative. A whole orientation Rᵗ is three numbers, the skew part of Rᵗᵀ R; they are also
-zero half a turn off, which a trace that is not negative keeps away.
+An axis a of the tip's frame (its z) along a direction d leaves the rotation about d free: with u and v across d, u·Ra
+and v·Ra are zero, and d·Ra is not negative. A whole orientation Rᵗ is three numbers, the skew part of Rᵗᵀ R; they are
+also zero half a turn off, which a trace that is not negative keeps away.
 """
 
 from __future__ import annotations
@@ -58,12 +58,15 @@ def direction_rows(point: Point, R: ca.SX, target: ca.SX) -> list[Row]:
         rows = [(pointing[0], 0.0, 0.0, what, "rad"), (pointing[1], 0.0, 0.0, what, "rad")]
         return [*rows, (pointing[2], 0.0, float("inf"), what, "rad")]
     skew = [(own[2, 1] - own[1, 2]) / 2, (own[0, 2] - own[2, 0]) / 2, (own[1, 0] - own[0, 1]) / 2]
-    turned = [(part, 0.0, 0.0, f"end-effector's rotation about its {axis}", "rad") for part, axis in zip(skew, "xyz")]
+    turned = [
+        (part, 0.0, 0.0, f"end-effector's rotation about its {axis}", "rad")
+        for part, axis in zip(skew, "xyz", strict=True)
+    ]
     return [*turned, (ca.trace(own), 0.0, float("inf"), "end-effector's rotation", "rad")]
 
 
 def turn_needed(point: Point, R: Array) -> tuple[Array, Array]:
-    """What is missing of the direction at a tip's rotation R (3, 3): (k, 3) axes and by how much about each, rad (k,)."""
+    """What a tip's rotation R (3, 3) lacks of the direction: axes (k, 3), and by how much about each, rad (k,)."""
     frame = target_frame(point)
     if frame is None:
         return np.zeros((0, 3)), np.zeros(0)

@@ -1,9 +1,9 @@
 """A primal-dual interior-point method for programs of few unknowns and many constraints along a motion.
 
 Slacks and multipliers of inequalities are eliminated, so that one dense symmetric system of the size of the unknowns
-and the equalities is solved a step, whatever the number of rows. Barrier, filter and the correction of inertia are those
-of Wächter & Biegler, "On the implementation of an interior-point filter line-search algorithm", Math. Program. 106
-(2006); there is no restoration phase: a search that gets stuck says so, and another solver may go on.
+and the equalities is solved a step, whatever the number of rows. Barrier, filter and the correction of inertia are
+those of Wächter & Biegler, "On the implementation of an interior-point filter line-search algorithm", Math. Program.
+106 (2006); there is no restoration phase: a search that gets stuck says so, and another solver may go on.
 """
 
 from __future__ import annotations
@@ -26,7 +26,11 @@ _BARRIER_TOLERANCE, _BARRIER_FACTOR, _BARRIER_POWER = 10.0, 0.2, 1.5
 _FRACTION = 0.99
 """Of the way to the nearest bound, at least, that a step may go."""
 _FILTER_FEASIBLE, _FILTER_COST = 1e-5, 1e-8
-_ARMIJO, _SWITCH = 1e-4, 1.0
+_ARMIJO = 1e-4
+_FALL, _MISS = 2.3, 1.1
+"""Powers of the cost's descent and of the miss by which a step is held to the descent, not to the filter."""
+_FEASIBLE = 1e-8
+"""Of the largest miss that is ever accepted: below it only descent counts."""
 _FIRST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e20
 _EQUALITY_SHIFT = 1e-10
 """Equalities that say the same thing twice do not make the system singular."""
@@ -63,7 +67,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Bounded:
-    """A program in numbers: lower <= rows <= upper, equal where both are; low <= x <= high, fixed where both are equal."""
+    """A program in numbers: lower <= rows <= upper, low <= x <= high; equal bounds make equalities, or fix unknowns."""
 
     kernels: Kernels
     p: Array
@@ -193,8 +197,9 @@ class _Search:
         y = np.zeros(len(slopes.equalities))
         if len(y):
             dual = (slopes.gradient + self._pulled(slopes, zu - zl))[free]
-            squares = -np.linalg.lstsq(slopes.equalities[:, free].T, dual, rcond=None)[0]
-            y = squares if np.abs(squares).max() <= _LARGEST_START else y
+            squares = np.asarray(-np.linalg.lstsq(slopes.equalities[:, free].T, dual, rcond=None)[0])
+            if np.abs(squares).max() <= _LARGEST_START:
+                y = squares
         return _Iterate(x, cost, rows, s, y, zl, zu), slopes
 
     def _values(self, x: Array) -> tuple[float, Array]:
@@ -330,9 +335,9 @@ class _Search:
         if not (np.isfinite(there) and np.isfinite(new) and self.filter.accepts(there, new)):
             return False
         rounding = 10 * np.finfo(float).eps * abs(cost)
-        falls = slope < 0 and step * (-slope) ** 2.3 > _SWITCH * miss**1.1
-        if falls and miss <= self.filter.largest * 1e-8:
-            return new <= cost + _ARMIJO * step * slope + rounding
+        falls = slope < 0 and step * (-slope) ** _FALL > miss**_MISS
+        if falls and miss <= _FEASIBLE * self.filter.largest:
+            return bool(new <= cost + _ARMIJO * step * slope + rounding)
         if not (there <= (1 - _FILTER_FEASIBLE) * miss or new <= cost - _FILTER_COST * miss + rounding):
             return False
         if not (falls and new <= cost + _ARMIJO * step * slope + rounding):

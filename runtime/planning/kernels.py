@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,8 +25,8 @@ class Batch:
     """A CasADi function at N places at once, without copies: inputs (size, N), outputs (N, size), dense."""
 
     def __init__(self, function: ca.Function, count: int) -> None:
-        given = [ca.SX.sym("in", *function.size_in(i)) for i in range(function.n_in())]
-        dense = ca.Function("dense", given, [ca.densify(result) for result in function.call(given)])
+        symbols = [ca.SX.sym("in", *function.size_in(i)) for i in range(function.n_in())]
+        dense = ca.Function("dense", symbols, [ca.densify(result) for result in function.call(symbols)])
         mapped = dense.map(count)
         self._buffer, self._call = mapped.buffer()
         sizes = [function.size_in(i) for i in range(function.n_in())]
@@ -32,10 +34,11 @@ class Batch:
         shapes = [function.size_out(i) for i in range(function.n_out())]
         # Column-major, as CasADi counts: the columns of one place after another.
         self.outputs = [np.zeros((count, columns, rows)) for rows, columns in shapes]
-        for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, memoryview(array))
+        give: Any = self._buffer
+        for i, given in enumerate(self.inputs):
+            give.set_arg(i, memoryview(given.data))
+        for i, result in enumerate(self.outputs):
+            give.set_res(i, memoryview(result.data))
 
     def __call__(self) -> list[Array]:
         """Of the inputs as they stand; the arrays are written anew by the next call."""
@@ -56,7 +59,9 @@ class PlacedBlock:
     @cached_property
     def maps(self) -> Array:
         dense = self.block.places[:, self.unknowns].toarray()
-        return np.ascontiguousarray(dense.reshape(self.block.count, self.block.expression.z.numel(), len(self.unknowns)))
+        return np.ascontiguousarray(
+            dense.reshape(self.block.count, self.block.expression.z.numel(), len(self.unknowns))
+        )
 
     @cached_property
     def _flat(self) -> Array:
@@ -127,7 +132,7 @@ class Kernels:
     @cached_property
     def _ends(self) -> list[slice]:
         ends = np.cumsum([0, *(b.block.expression.rows.numel() * b.block.count for b in self.blocks)]).tolist()
-        return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+        return [slice(a, b) for a, b in pairwise(ends)]
 
     def value(self, x: Array, p: Array) -> tuple[float, Array]:
         """Cost, and all rows (m,)."""

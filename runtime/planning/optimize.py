@@ -152,7 +152,9 @@ class Planner:
             cost=objective(self.scenario, found),
             smooth_cost=chosen.cost,
             springs=self.fine.program.task.springs,
-            free={s.plan.joint: size for s, size in zip(self.fine.program.task.springs, self._sizes(free), strict=True)},
+            free={
+                s.plan.joint: size for s, size in zip(self.fine.program.task.springs, self._sizes(free), strict=True)
+            },
             choices=choices,
             attempts=tuple(attempts),
             refined=free,

@@ -24,7 +24,6 @@ from symbolic.model_file.fields import (
     Name,
     Number,
     Numbers,
-    Pair,
     Text,
     Whole,
     WholeNumber,
@@ -324,7 +323,8 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
     touched = model.contact and giver(model.library, map(Term, model.contact["effects"]), SURFACE)
     if "contact_inverse" not in model.functions or model.contact is None or not touched:
         top.inside(f"phase {touching[0][0]}").fail(
-            f"a contact phase needs a planar arm of four revolute joints with a [contact] and its plate; {model.name} is none"
+            "a contact phase needs a planar arm of four revolute joints with a [contact] and its plate; "
+            f"{model.name} is none"
         )
     if scenario.moving != tuple(range(1, model.n + 1)):
         top.inside("moving").fail("in a contact phase all joints move; leave moving out")

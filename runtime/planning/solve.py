@@ -65,7 +65,11 @@ class Solver:
         started = time.perf_counter()
         self._kernels = Kernels.of(program.blocks)
         self.setup_seconds = time.perf_counter() - started
-        self._rows = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
+        blocks = program.blocks
+        self._rows = (
+            np.concatenate([block.lower.ravel() for block in blocks]),
+            np.concatenate([block.upper.ravel() for block in blocks]),
+        )
 
     def run(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """A solution from the rough guess x (nx,); width of the switches in rad/s (m/s).
@@ -98,9 +102,10 @@ class Solver:
         accuracy: float | None = None,
     ) -> Attempt:
         p, bounds = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes)
+        whole = Bounded(self._kernels, p, self._rows[0], self._rows[1], bounds[0], bounds[1])
         began = time.perf_counter()
         manner = Manner(accuracy or self.accuracy, self.iterations, *start)
-        found = minimize(Bounded(self._kernels, p, *self._rows, *bounds), x, manner)
+        found = minimize(whole, x, manner)
         if found.status != SOLVED:
             found = self._by_ipopt(manner, x, p, bounds)
         seconds = time.perf_counter() - began

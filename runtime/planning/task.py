@@ -29,7 +29,7 @@ NONE = ca.SX(0, 1)
 
 @dataclass(frozen=True)
 class Task:
-    """What a scenario asks of an arm. Solutions may differ in p: cycle time, targets, effects' values, lumps, lengths."""
+    """What a scenario asks of an arm. Solutions may differ in p: cycle time, targets, effects, lumps, lengths."""
 
     model: Model
     scenario: Scenario
