@@ -304,8 +304,8 @@ ANGLE_GRID: Final = 1.4
 grid takes on is then a hundredth of its amplitude, (1.4 / (2 pi - 1.4)) to the power of SHARED_BY; by construction."""
 
 SHARED_BY: Final = 4
-"""number of neighbours of the grid among which a sample is shared, by a cubic B-spline, whose spectrum is that power of
-a sinc; by construction."""
+"""number of neighbours of the grid; among so many a sample is shared, by a cubic B-spline, whose spectrum is that power
+of a sinc; by construction."""
 
 ORDERS_A_PERIOD: Final = 4
 """number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
