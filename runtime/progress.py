@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 
-_WORTH_FORKING = 0.5  # s
+_WORTH_FORKING = 1.0  # s
 
 
 @dataclass(frozen=True)

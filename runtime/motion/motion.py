@@ -20,6 +20,7 @@ from runtime.motion.settings import (
     EXCERPT_WINDOW_KERNELS,
     EXCERPT_WINDOWS,
     HELD_RANGE,
+    KEPT_TORQUES,
     LEAST_ROWS,
     MOST_DELAY,
     SPLINE_DEGREE,
@@ -242,7 +243,16 @@ class Motion:
 
     def torque(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
-        return np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
+        if (joint, skew) not in self._torques:
+            if len(self._torques) >= KEPT_TORQUES * self.n:
+                self._torques.clear()
+            self._torques[joint, skew] = np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
+        return self._torques[joint, skew]
+
+    @cached_property
+    def _torques(self) -> dict[tuple[int, float], Array]:
+        """Those that were asked for last, by joint and skew."""
+        return {}
 
     def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s later than recorded."""

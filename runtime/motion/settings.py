@@ -297,6 +297,18 @@ RESIDUAL_SEGMENT: Final = 256
 BURST_STRETCHES: Final = 3
 """number of stretches of a second; with fewer, the second worst is no measure; by construction."""
 
+BLOCK_OF_KERNEL: Final = 8
+"""ratio of lengths; in blocks so much longer than its kernel a signal is convolved; time."""
+
+KAISER_TAPS: Final = (7.95, 2.285)
+"""numbers; stop-band in dB at no length, and dB a tap and radian of the transition; Kaiser 1974."""
+
+KAISER_BETA: Final = (8.7, 0.1102)
+"""numbers; stop-band in dB of no taper, and taper a dB above that, from 50 dB on; Kaiser 1974."""
+
+KEPT_TORQUES: Final = 8
+"""number of skews; at so many the torques in the band are kept for who asks again; memory."""
+
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
 ANGLE_GRID: Final = 1.4

@@ -45,7 +45,7 @@ def test_the_rest_is_done_elsewhere_in_order_and_told() -> None:
     told: list[Progress] = []
 
     def work(part: int) -> tuple[int, int]:
-        time.sleep(0.1)
+        time.sleep(0.2)
         return part * part, os.getpid()
 
     began = time.monotonic()
@@ -54,7 +54,7 @@ def test_the_rest_is_done_elsewhere_in_order_and_told() -> None:
     assert [square for square, _ in found] == [part * part for part in range(12)]
     assert len({process for _, process in found}) == 3
     assert [p.done for p in told] == list(range(1, 13))
-    assert time.monotonic() - began < 1.1
+    assert time.monotonic() - began < 2.2
     with on_cores(1):
         assert {process for _, process in of_each("here", work, range(7))} == {os.getpid()}
 
@@ -63,7 +63,7 @@ def test_the_rest_is_done_elsewhere_in_order_and_told() -> None:
 @pytest.mark.parametrize("ended", ["raises", "dies"])
 def test_a_part_elsewhere_that_raises_ends_the_work_and_one_that_dies_is_done_here(ended: str) -> None:
     def work(part: int) -> int:
-        time.sleep(0.1)
+        time.sleep(0.2)
         if part == 5 and ended == "raises":
             raise ValueError("five")
         if part == 5 and os.getpid() != here:
