@@ -344,13 +344,16 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
     transmission that an encoder watches."""
     ground = field.excerpt[1]
-    found = [c for c in of_each("candidates", field.search, terms) if c is not None]
 
-    def held(c: Candidate) -> float:
+    def tried(term: Term) -> tuple[Candidate, float] | None:
+        c = field.search(term)
+        if c is None:
+            return None
         block = field.trial(c.term, c.shape)
-        return float(field.without(ground, field.replaced(c.term)).equations(block).held_out[0].sum())
+        return c, float(field.without(ground, field.replaced(term)).equations(block).held_out[0].sum())
 
-    errors = dict(zip((c.term for c in found), of_each("their errors", held, found), strict=True))
+    both = [one for one in of_each("candidates", tried, terms) if one is not None]
+    found, errors = [c for c, _ in both], {c.term: error for c, error in both}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
     least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.equations(None).held_out[0].sum())

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import firwin, kaiserord, oaconvolve
 
 from runtime.model.loader import Library
+from runtime.motion.fourier import convolved, kaiser_window, windowed_sinc
 from runtime.motion.settings import (
     BAND_OF_SAMPLING,
     BAND_STOPBAND_DB,
@@ -46,7 +46,7 @@ class Differentiator:
         """x (N,) -> smoothed x, x', x'' (N − 2 half,) each: only samples that a whole kernel covers."""
         # Together, so that the spectra of x are computed once.
         kernels = np.array([self.position, self.rate, self.acceleration])
-        position, rate, acceleration = oaconvolve((x - x[0])[None], kernels, mode="valid", axes=1)
+        position, rate, acceleration = convolved(x - x[0], kernels)
         return position + x[0], rate, acceleration
 
 
@@ -63,9 +63,9 @@ def differentiator(cutoff: float, rate: float) -> Differentiator:
     """
     cutoff = min(cutoff, SMOOTHING_OF_SAMPLING * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
     passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, STOPBAND_OF_SAMPLING * rate)
-    taps, beta = kaiserord(SMOOTHING_STOPBAND_DB, (stopband - passband) / (rate / 2))
+    taps, beta = kaiser_window(SMOOTHING_STOPBAND_DB, (stopband - passband) / (rate / 2))
     taps |= 1
-    smoothing = firwin(taps, (passband + stopband) / rate, window=("kaiser", beta))
+    smoothing = windowed_sinc(taps, (passband + stopband) / rate, beta)
     pad, size = taps // 2, 8 * taps
     spectrum = np.fft.fft(smoothing, size)
     omega = 2 * np.pi * np.fft.fftfreq(size, 1 / rate)
@@ -94,8 +94,7 @@ class Smoother:
     def __call__(self, x: Array) -> Array:
         """x (N,) -> (N,)."""
         padded = np.pad(x, len(self.kernel) // 2, "reflect", reflect_type="odd")
-        smoothed: Array = oaconvolve(padded, self.kernel, mode="valid")
-        return smoothed
+        return convolved(padded, self.kernel[None])[0]
 
 
 def smoother(response: Array) -> Smoother:
@@ -159,5 +158,5 @@ class LowPass:
 def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
     """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
     cutoff = min(cutoff, BAND_OF_SAMPLING * rate)
-    taps, beta = kaiserord(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
+    taps, beta = kaiser_window(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
     return LowPass(cutoff, rate, max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff))), taps // 2, beta, library)

@@ -299,6 +299,15 @@ RESIDUAL_SEGMENT: Final = 256
 BURST_STRETCHES: Final = 3
 """number of stretches of a second; with fewer, the second worst is no measure; by construction."""
 
+BLOCK_OF_KERNEL: Final = 8
+"""ratio of lengths; in blocks so much longer than its kernel a signal is convolved; time."""
+
+KAISER_TAPS: Final = (7.95, 2.285)
+"""numbers; stop-band in dB at no length, and dB a tap and radian of the transition; Kaiser 1974."""
+
+KAISER_BETA: Final = (8.7, 0.1102)
+"""numbers; stop-band in dB of no taper, and taper a dB above that, from 50 dB on; Kaiser 1974."""
+
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
 ANGLE_GRID: Final = 1.4
@@ -306,8 +315,8 @@ ANGLE_GRID: Final = 1.4
 grid takes on is then a hundredth of its amplitude, (1.4 / (2 pi - 1.4)) to the power of SHARED_BY; by construction."""
 
 SHARED_BY: Final = 4
-"""number of neighbours of the grid among which a sample is shared, by a cubic B-spline, whose spectrum is that power of
-a sinc; by construction."""
+"""number of neighbours of the grid; among so many a sample is shared, by a cubic B-spline, whose spectrum is that power
+of a sinc; by construction."""
 
 ORDERS_A_PERIOD: Final = 4
 """number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
