@@ -283,6 +283,10 @@ recordings with disturbances from outside."""
 LINE_STANDS_OUT: Final = 0.1
 """part of a residual's power; a frequency that holds more of it is a line; development recordings."""
 
+LINE_CHANCE: Final = 4.6
+"""natural logarithm; of noise the strongest of its frequencies holds more than this and the logarithm of their number,
+over their number, once in a hundred signals; Fisher's test."""
+
 LINE_WIDTH: Final = 3
 """bins; a Hann window spreads a peak over so many to either side, and the trend over as many at the beginning; by
 construction."""
