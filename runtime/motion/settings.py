@@ -201,17 +201,18 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
-STANDSTILL_TAPER: Final = 0.25
+STANDSTILL_TAPER: Final = 0.75
 """part of a period of the cut-off; over it, samples beside a standstill begin to count: a shorter passage lets noise of
-the accelerations from above the band into a row, a longer one takes rows away; development recordings."""
+the accelerations from above the band into a row, a longer one takes rows away; development recordings with coarse
+encoders."""
 
 CLEAR: Final = 0.02
 """part of the filter's kernel; a row to which a standstill takes more of it holds noise from above the band, which
 whitening makes large: it is fitted, and not whitened; development recordings with elasticity."""
 
-MOST_AMPLIFIED: Final = 1.5
-"""ratio of the noise of a row that holds a standstill to that of others; a row with more is left out: it would count
-for less than half of another one; a choice."""
+MOST_AMPLIFIED: Final = 1.1
+"""ratio of the noise of a row that holds a standstill to that of others; a row with more is left out: the floor is that
+of undisturbed rows, and a residual a tenth above it is still taken for noise; development recordings."""
 
 HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
 """rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development
@@ -281,6 +282,10 @@ recordings with disturbances from outside."""
 
 LINE_STANDS_OUT: Final = 0.1
 """part of a residual's power; a frequency that holds more of it is a line; development recordings."""
+
+LINE_CHANCE: Final = 4.6
+"""natural logarithm; of noise the strongest of its frequencies holds more than this and the logarithm of their number,
+over their number, once in a hundred signals; Fisher's test."""
 
 LINE_WIDTH: Final = 3
 """bins; a Hann window spreads a peak over so many to either side, and the trend over as many at the beginning; by

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from runtime.motion.fourier import welch
 from runtime.motion.settings import (
     BURST_STRETCHES,
+    LINE_CHANCE,
     LINE_STANDS_OUT,
     LINE_WIDTH,
     RESIDUAL_SEGMENT,
@@ -29,14 +30,20 @@ class SpectralLine:
 
 
 def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
-    """The strongest line of a signal (M,) sampled at `rate`, Hz; None if none stands out."""
+    """The strongest line of a signal (M,) sampled at `rate`, Hz, which is zero where there is none; None if none stands
+    out, also of what chance makes of few samples.
+
+    Source: Fisher 1929, Tests of significance in harmonic analysis, Proceedings of the Royal Society A 125.
+    """
     power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
     total = float(power.sum())
     if len(power) <= 2 * LINE_WIDTH or not total:
         return None
     peak = int(np.argmax(power[LINE_WIDTH:])) + LINE_WIDTH
     share = float(power[max(LINE_WIDTH, peak - LINE_WIDTH) : peak + LINE_WIDTH + 1].sum()) / total
-    if share <= LINE_STANDS_OUT:
+    frequencies = max(1.0, np.count_nonzero(residual) / 2)
+    chance = (np.log(frequencies) + LINE_CHANCE) / frequencies + 2 * LINE_WIDTH / len(power)
+    if share <= max(LINE_STANDS_OUT, chance):
         return None
     return SpectralLine(float(np.fft.rfftfreq(len(residual), 1 / rate)[peak]), share)
 
