@@ -1,15 +1,15 @@
 """Composite bodies: all that a joint moves, taken as one. D, C, g and the bias of forward dynamics follow from them.
 
 A composite is mass, first and second moments, carried from the tip to the base. At joint j it stands about the origin
-of frame j, in the axes that frame j − 1 has after its twist: a joint turns about z of these, or slides along it, and
-(f, n) below are force and moment there. Point x of the composite is accelerated by a field that is linear in [x, 1];
-its force and moment are the field's products with first and second moments. No linear velocity and no linear
-acceleration of a frame is ever needed:
+of frame j, in axes whose z is that of the joint and which turn with no joint outwards of it: those before its group of
+parallel joints if it is the first of them, else the group's. (f, n) are force and moment there. A point x of the
+composite is accelerated by a field that is linear in [x, 1]; its force and moment are the field's products with first
+and second moments. No linear velocity or acceleration of a frame is needed for
 
-    D        column j   unit rate of joint j, the field z × x
+    D        column j   unit rate of joint j: the field z × x
     C        column j   the field (dS_j/dt + S_j V) x = w × (z × x) + z × v_rel, v_rel the velocity in link j's frame
-    C qd     joint j    acceleration of link j relative to link j − 1, qd_j times the field 2 w' × (z × x) + ...
 
+where S_j is the joint's twist and V the velocity of the link in which x lies. C qd + g at once is in forward.py.
 Below the diagonal, C_ji = dD_ij/dt − C_ij: what the Christoffel symbols say of their sums.
 
 Source: Walker & Orin 1982 (composite bodies); Echeandia & Wensing 2021 (C by composites); Uicker 1965 (second moments).

@@ -7,8 +7,9 @@ every joint k >= j adds the field by which link k is accelerated relative to lin
     [[-u w_z, 0, 0], [0, -u w_z, 0], [u w_x, u w_y, 0]] x,   u = 2 qd_k,   w = w_(k-1) + (0, 0, qd_k / 2)
 
 of its own composite, which takes no acceleration of an origin and passes no moment about its own axis. Forces of these
-are carried inwards; of the first field only the moment about z_j is needed. There, too, w may be taken half way
-through the joint, so that both share S w.
+are carried inwards; of the first field only the moment about z_j is needed. That moment is the same for every link
+that turns about z_j relative to link j − 1: w may be taken half way through the joint, so that both share S w, and
+parallel joints share the field of the link before them.
 
 Source: Walker & Orin 1982 (composite bodies); Uicker 1965 (second moments).
 """
