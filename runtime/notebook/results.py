@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -178,9 +178,14 @@ class PlanResult(_Result):
 class ExportResult(_Result):
     """An arm that was written for simulators: its bodies, and what the format cannot say."""
 
-    json: Document = field()
+    written: Document
 
     _page = staticmethod(exchange_pages.exported)
+
+    @property
+    def json(self) -> Document:
+        """As `tendon export --json`."""
+        return self.written
 
     def __repr__(self) -> str:
         unsaid = "; ".join(self.json["unsaid"])

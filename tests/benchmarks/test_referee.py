@@ -195,3 +195,9 @@ def test_exported_arms_have_the_torques_of_the_model(number: int, tmp_path: Path
         [[f"{document['missing']:.1e}", *(f"{value:.1e}" for value in missed)]],
     )
     assert max(missed) < TOLERANCE + 10 * document["missing"]
+
+
+@pytest.mark.parametrize(("name", "number"), [("ur10", 0), ("panda", 1)])
+def test_the_arms_that_ship_are_what_import_makes_of_the_whole_urdf(name: str, number: int) -> None:
+    file, base, tip = ARMS[number]
+    assert imported(robots() / file, DECLARED, base, tip).text == Source.shipped(name).text

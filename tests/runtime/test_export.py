@@ -25,6 +25,8 @@ from runtime.exchange.physical import (
     pseudo_parameters,
     pseudo_slopes,
 )
+from runtime.notebook import verbs
+from runtime.notebook.arm import load
 from runtime.workspace import Source
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import SpatialArm
@@ -350,6 +352,13 @@ def test_mistakes_are_one_line_and_nothing_is_written(run: Run, arguments: tuple
     assert err.count("\n") == 1
     assert not Path("new").exists()
     assert Path("small.toml").read_text() == SMALL
+
+
+def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.toml
+    result = verbs.export(load("small.toml"), "small.xml", to="mjcf")
+    assert Path("small.xml").read_text().count("<joint ") == 3
+    assert repr(result).startswith("small.xml: small\nno words for: coulomb_asymmetric at joint 1 in each direction")
+    result.show()
 
 
 def test_another_arm_of_the_same_names_is_told_apart(run: Run) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.notebook import verbs
 from symbolic.model_file import reader
 from symbolic.model_file.arm import SpatialArm
 
@@ -101,3 +102,12 @@ def test_what_was_snapped_is_said_by_every_verb_that_opens_the_file(run: Run, tm
     assert (status, json.loads(out)["joints"]) == (0, 6)
     assert err.startswith("rounded.toml: taken as exact quarter turns: the angles of joints 2, 4")
     assert err.count("\n") == 1
+
+
+def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - an empty folder
+    arm = verbs.import_(UR10, tip="tool0", lock={"wrist_3_joint": 0.1})
+    assert any(note.startswith("the rotor's inertia of all joints") for note in arm.notes)
+    arm.save("five.toml")
+    assert len(reader.load("five.toml").joints) == 5
+    with pytest.raises(ValueError, match="no such link"):
+        verbs.import_(UR10, tip="tool7")
