@@ -11,6 +11,7 @@ import spatial_arms
 from numpy.testing import assert_allclose
 
 from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.rigid_body.spatial.base_parameters import merging
 from symbolic.rigid_body.spatial.frames import rotation
 from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry
 from symbolic.straightline import Turn
@@ -102,3 +103,11 @@ def test_rotations_are_orthogonal_to_the_last_digit() -> None:
         angle = rng.uniform(-4, 4)
         turn = exact_turn(float(np.cos(angle)), float(np.sin(angle)))
         assert turn.cos**2 + turn.sin**2 == 1
+
+
+@pytest.mark.parametrize(("types", "seed"), [("rpp", 47), ("rrp", 3), ("ppp", 8), ("rrrrrrr", 9)])
+def test_general_angles_merge_exactly(types: str, seed: int) -> None:
+    """Coefficients of many digits are recovered; what merges is not kept."""
+    found = merging(geometry(spatial_arms.drawn(types, seed, general=1.0)))
+    assert all(set(parts) <= set(found.kept) for parts in found.terms.values())
+    assert all(found.terms[column] == {column: 1} for column in found.kept)
