@@ -55,7 +55,7 @@ class Manner:
 
 
 @dataclass(frozen=True)
-class Ended:
+class Minimum:
     """x (nx,) where it ended, its cost and rows (m,)."""
 
     x: Array
@@ -139,7 +139,7 @@ class _Filter:
         self.pairs.append(((1 - _FILTER_FEASIBLE) * miss, cost - _FILTER_COST * miss))
 
 
-def minimize(program: Bounded, x: Array, manner: Manner) -> Ended:
+def minimize(program: Bounded, x: Array, manner: Manner) -> Minimum:
     """A local minimum near x (nx,), or where the search ended without one."""
     return _Search(program, manner).run(np.clip(x, program.low, program.high))
 
@@ -154,15 +154,15 @@ class _Search:
         self.scale, self.shift = 1.0, 0.0
         self.least_barrier = manner.accuracy / 10
 
-    def run(self, x: Array) -> Ended:
+    def run(self, x: Array) -> Minimum:
         with np.errstate(all="ignore"):
             return self._run(x)
 
-    def _run(self, x: Array) -> Ended:
+    def _run(self, x: Array) -> Minimum:
         cost, rows = self._values(x)
         if not (np.isfinite(cost) and np.isfinite(rows).all() and np.isfinite(self._slopes(x).gradient).all()):
             # Outside of what the arm can reach: no step leads back from there.
-            return Ended(x, cost, rows, STUCK, 0)
+            return Minimum(x, cost, rows, STUCK, 0)
         at, slopes = self._begin(x)
         self.filter = _Filter(1e4 * max(1.0, self._miss(at)))
         for iteration in range(self.manner.iterations):
@@ -176,8 +176,8 @@ class _Search:
             slopes = self._slopes(at.x)
         return self._ended(at, LIMIT, self.manner.iterations)
 
-    def _ended(self, at: _Iterate, status: str, iterations: int) -> Ended:
-        return Ended(at.x, float(at.cost / self.scale), at.rows, status, iterations)
+    def _ended(self, at: _Iterate, status: str, iterations: int) -> Minimum:
+        return Minimum(at.x, float(at.cost / self.scale), at.rows, status, iterations)
 
     # --- where it is ---
 

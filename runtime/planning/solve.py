@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.planning.blocks import Sum, assemble
-from runtime.planning.interior_point import SOLVED, Bounded, Ended, Manner, minimize
+from runtime.planning.interior_point import SOLVED, Bounded, Manner, Minimum, minimize
 from runtime.planning.kernels import Kernels
 from runtime.planning.program import Program
 
@@ -115,7 +115,7 @@ class Solver:
     def _sum(self) -> Sum:
         return assemble(self.program.blocks)
 
-    def _by_ipopt(self, manner: Manner, x: Array, p: Array, bounds: tuple[Array, Array]) -> Ended:
+    def _by_ipopt(self, manner: Manner, x: Array, p: Array, bounds: tuple[Array, Array]) -> Minimum:
         """The same problem from the same point, with a restoration phase where constraints resist."""
         near = {f"ipopt.{slack}bound_{kind}": manner.push for slack in ("", "slack_") for kind in ("push", "frac")}
         options = {"ipopt.tol": manner.accuracy, "ipopt.max_iter": manner.iterations, "ipopt.mu_init": manner.barrier}
@@ -124,7 +124,7 @@ class Solver:
         found = solver(x0=np.clip(x, lower, upper), p=p, lbx=lower, ubx=upper, lbg=self._rows[0], ubg=self._rows[1])
         rows, stats = np.array(found["g"]).ravel(), solver.stats()
         x = np.array(found["x"]).ravel()
-        return Ended(x, float(found["f"]), rows, str(stats["return_status"]), int(stats["iter_count"]))
+        return Minimum(x, float(found["f"]), rows, str(stats["return_status"]), int(stats["iter_count"]))
 
     def bounds(self, sizes: Mapping[int, float]) -> tuple[Array, Array]:
         """Of the unknowns, (nx,) each: springs alone are bounded, the motion by its constraints."""
