@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from codegen.c.c_batches import LANES
 from codegen.tape.tape import Tape
 from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json
 from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
-from symbolic.model_file.arm import DescribedJoint, Joint
+from symbolic.model_file.arm import DescribedJoint, Joint, SpatialArm, SpatialJoint
+from symbolic.rigid_body.lumps import Lump
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -27,15 +29,13 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     return {
         "name": file.name,
         "gravity": list(file.gravity),
+        "space": isinstance(file, SpatialArm),
         "n": len(file.joints),
         "joints": [_joint(joint) for joint in file.joints],
         "effects": _values(file.effects),
         "contact": None if file.contact is None else {"x": file.contact.x, "effects": _values(file.contact.effects)},
         "controller": None if file.controller is None else asdict(file.controller),
-        "lumps": [
-            {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
-            for lump in model.lumps
-        ],
+        "lumps": [_lump(lump) for lump in model.lumps],
         "struct": [
             {"name": s.name, "unit": unit, "meaning": meaning, "default": default}
             for s, unit, meaning, default in zip(
@@ -46,10 +46,16 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     }
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
+def _joint(joint: Joint | SpatialJoint) -> dict[str, Any]:
     units = {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)}
     document = {**to_json(joint, DescribedJoint), "units": units}
     return {**document, "unknown": list(joint.unknown)} if joint.unknown else document
+
+
+def _lump(lump: Lump) -> dict[str, Any]:
+    """Of an arm in space with `parts`, what is in it: [joint, parameter of its body or "I", by how much]."""
+    said = {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
+    return said | ({"parts": [[j, own, float(f)] for j, own, f in lump.parts]} if lump.parts else {})
 
 
 def _values(effects: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -70,6 +76,7 @@ def library(effects: Sequence[Effect]) -> dict[str, Any]:
     """effects.json."""
     return {
         "signals": [_signal(signal) for signal in SIGNALS],
+        "lanes": LANES,
         "effects": [_effect(effect) for effect in effects],
     }
 

@@ -20,7 +20,7 @@ from symbolic.described import declared
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
-    from symbolic.model_file.arm import Arm
+    from symbolic.model_file.arm import Arm, SpatialArm
 
 _F64 = ("_f64.c", "_f64.h")
 _ROOT = Path(__file__).resolve().parent.parent
@@ -45,7 +45,7 @@ def _fill(directory: Path, files: Mapping[str, str]) -> None:
     shutil.copyfile(build.shared_library(compiled, "code"), directory / "lib.so")
 
 
-def prepare_arm(arm: Arm) -> Path:
+def prepare_arm(arm: Arm | SpatialArm) -> Path:
     """The directory that holds render.arm_files(derive(arm)) and `lib.so` of the double-precision code."""
 
     def fill(directory: Path) -> None:
@@ -57,14 +57,16 @@ def prepare_arm(arm: Arm) -> Path:
     return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
 
 
-def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
+def _active(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[str]:
     """What the declarations of the effects that an arm activates say."""
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
     return [repr(declared(name, library)) for name in sorted(active)]
 
 
-def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
+def prepare_firmware(
+    arm: Arm | SpatialArm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None
+) -> Path:
     """The directory that holds the firmware's tree, controller.json, image.json (facts on what was compiled), and
 
     lib.so                 of the machine, for the target "host"

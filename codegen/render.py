@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from codegen import effect_functions as ef
 from codegen import metadata
-from codegen.c import c_batches, c_code, c_effects
+from codegen.c import c_batches, c_code, c_effects, c_lanes
 from codegen.c.c_code import F32, F64, Precision, Routine
 from codegen.c.controller import Controller
 from codegen.c.language import identifier
@@ -15,6 +15,7 @@ from codegen.casadi import casadi_code, tables
 from codegen.pages import BANNER, page
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import Effect
+from symbolic.functions import SymbolicFunction
 
 if TYPE_CHECKING:
     from symbolic.model import ArmModel
@@ -38,14 +39,16 @@ def math_header(precision: Precision) -> str:
 
 
 def _c_files(
-    name: str, origin: str, precision: Precision, types: Sequence[str], routines: Sequence[Routine]
+    name: str, origin: str, precision: Precision, types: Sequence[str], routines: Sequence[Routine], lanes: bool = False
 ) -> dict[str, str]:
+    """lanes: they are for several samples at once, too."""
     stem = f"{name}_{precision.suffix}"
     banner = f"/* {BANNER} {origin} */"
     holes = {"banner": banner, "routines": routines}
+    mathematics = f"tendon_{'lanes' if lanes else 'math'}_{precision.suffix}.h"
     return {
         f"{stem}.h": page("c/header.h.j2", guard=f"TENDON_{stem.upper()}_H", types=types, **holes),
-        f"{stem}.c": page("c/source.c.j2", includes=[f"{stem}.h", f"tendon_math_{precision.suffix}.h"], **holes),
+        f"{stem}.c": page("c/source.c.j2", includes=[f"{stem}.h", mathematics], **holes),
         f"tendon_math_{precision.suffix}.h": math_header(precision),
     }
 
@@ -63,14 +66,10 @@ def arm_files(model: ArmModel) -> dict[str, str]:
         for function in model.functions:
             routines.append(c_code.call(name, function, tapes[function.name], precision))
             if precision is F64:
-                routines.append(c_code.batch(name, function, tapes[function.name], precision))
-        files |= _c_files(
-            name,
-            origin,
-            precision,
-            [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)],
-            routines,
-        )
+                routines.append(_batch(name, function, tapes[function.name]))
+        types = [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)]
+        files |= _c_files(name, origin, precision, types, routines, lanes=precision is F64)
+    files["tendon_lanes_f64.h"] = page("c/lanes_f64.h.j2", banner=f"/* {BANNER} */")
     builders = [casadi_code.builder(function, tape=tapes[function.name]) for function in model.functions]
     files[f"{name}_casadi.py"] = page(
         "casadi/casadi.py.j2",
@@ -81,6 +80,10 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     )
     files["metadata.json"] = metadata.text(metadata.arm(model, tapes))
     return dict(sorted(files.items()))
+
+
+def _batch(name: str, function: SymbolicFunction, tape: Tape) -> Routine:
+    return (c_lanes if c_lanes.in_lanes(tape) else c_code).batch(name, function, tape)
 
 
 def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
@@ -117,8 +120,9 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
         routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
         files |= _c_files("effects", origin, precision, c_effects.types(effects, precision), routines)
     batches = [routine for effect in effects for routine in c_batches.batches(effect, F64)]
-    batches.append(c_batches.decimation(F64))
-    files |= _c_files("effects_batch", origin, F64, [c_batches.signals_type(F64)], batches)
+    batches += [c_batches.decimation(F64), c_batches.in_band(F64)]
+    types = [c_batches.signals_type(F64), c_batches.columns_type(F64)]
+    files |= _c_files("effects_batch", origin, F64, types, batches)
     builders = [
         casadi_code.builder(function, widths=True)
         for effect in effects

@@ -1,19 +1,29 @@
-"""Work of many like parts, with a word to whoever listens of how far it is.
+"""Work of many like parts, on all cores, with a word to whoever listens of how far it is.
 
-One part after another: what takes time is small calls from Python, and threads only wait for each other there.
+What takes time is small calls from Python, for which threads only wait for each other: processes are forked once all
+that the parts read is there, and send back what they found. Where that is not safe (outside Linux), or not worth it,
+one part follows another.
 """
 
 from __future__ import annotations
 
+import os
+import pickle
+import selectors
+import signal
+import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+_WORTH_FORKING = 1.0  # s
 
 
 @dataclass(frozen=True)
@@ -28,6 +38,7 @@ class Progress:
 
 Listener = Callable[[Progress], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_cores: ContextVar[int | None] = ContextVar("cores", default=None)
 
 
 @contextmanager
@@ -40,12 +51,142 @@ def heard_by(listener: Listener) -> Iterator[None]:
         _listener.reset(token)
 
 
+@contextmanager
+def on_cores(count: int) -> Iterator[None]:
+    """Within, work is done on so many cores."""
+    token = _cores.set(count)
+    try:
+        yield
+    finally:
+        _cores.reset(token)
+
+
+def cores() -> int:
+    """On how many cores work is done: all that this process may use, where it can be forked."""
+    chosen = _cores.get()
+    if sys.platform != "linux":
+        return 1
+    return len(os.sched_getaffinity(0)) if chosen is None else chosen
+
+
 def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R]:
-    """function(part) for each part, in their order; what: is being done, for people."""
-    tell, began, found = _listener.get(), time.monotonic(), []
-    for part in parts:
-        found.append(function(part))
+    """function(part) for each part, in their order; what: is being done, for people.
+
+    The first parts are done here, until it is known how long the rest takes; `function` may keep what it computes, but
+    what it computes elsewhere is lost, all but its result, which must be one that can be pickled.
+    """
+    tell, began, found = _listener.get(), time.monotonic(), {}
+
+    def done(index: int, result: R) -> float:
+        found[index] = result
+        left = (time.monotonic() - began) / len(found) * (len(parts) - len(found))
         if tell is not None:
-            pace = (time.monotonic() - began) / len(found)
-            tell(Progress(what, len(found), len(parts), pace * (len(parts) - len(found))))
+            tell(Progress(what, len(found), len(parts), left))
+        return left
+
+    for index, part in enumerate(parts):
+        if index not in found and done(index, function(part)) > _WORTH_FORKING and cores() > 1:
+            with suppress(_Lost):
+                for other, result in _forked(function, parts, range(index + 1, len(parts))):
+                    done(other, result)
+    return [found[index] for index in range(len(parts))]
+
+
+class _Lost(Exception):
+    """A process ended before it was done; what it has not sent is computed here."""
+
+
+def _forked(function: Callable[[T], R], parts: Sequence[T], indices: Sequence[int]) -> Iterator[tuple[int, R]]:
+    """Index and result of these parts as they come, from one process a core."""
+    todo, give = os.pipe()
+    workers: dict[int, int] = {}
+    try:
+        for _ in range(min(cores(), len(indices))):
+            pid, results = _worker(function, parts, todo, give)
+            workers[pid] = results
+        os.close(todo)
+        todo = -1
+        with selectors.DefaultSelector() as selector:
+            for results in workers.values():
+                selector.register(results, selectors.EVENT_READ)
+            yield from _gathered(selector, give, list(indices))
+    finally:
+        for descriptor in (todo, give):
+            if descriptor >= 0:
+                os.close(descriptor)
+        for pid, results in workers.items():
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            os.close(results)
+
+
+def _gathered(selector: selectors.BaseSelector, give: int, waiting: list[int]) -> Iterator[tuple[int, Any]]:
+    """Hands out indices, one for every result that comes and some ahead, and gives on what comes."""
+    open_ones = 0
+
+    def hand_out() -> None:
+        nonlocal open_ones
+        if waiting:
+            os.write(give, waiting.pop(0).to_bytes(4, "little"))
+            open_ones += 1
+
+    for _ in range(2 * len(selector.get_map())):
+        hand_out()
+    while open_ones:
+        for key, _ in selector.select():
+            try:
+                index, result, error = pickle.loads(_read(key.fd, int.from_bytes(_read(key.fd, 8), "little")))
+            except EOFError as ended:
+                raise _Lost from ended
+            if error is not None:
+                raise error
+            open_ones -= 1
+            hand_out()
+            yield index, result
+
+
+def _read(descriptor: int, count: int) -> bytes:
+    """So many bytes of a pipe; EOFError where it ends before."""
+    found = b""
+    while len(found) < count:
+        piece = os.read(descriptor, count - len(found))
+        if not piece:
+            raise EOFError
+        found += piece
     return found
+
+
+def _worker(function: Callable[[T], R], parts: Sequence[T], todo: int, give: int) -> tuple[int, int]:
+    """A process that does the parts whose indices it reads, until there are no more; its id and its results."""
+    read, write = os.pipe()
+    with warnings.catch_warnings():
+        # Other threads of this process (a spinner, a timer) hold nothing that the parts need.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        pid = os.fork()
+    if pid:
+        os.close(write)
+        return pid, read
+    status = 1
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+        os.close(give)
+        os.close(read)
+        _listener.set(None)
+        _cores.set(1)
+        while token := os.read(todo, 4):
+            _send(write, function, parts, int.from_bytes(token, "little"))
+        status = 0
+    finally:
+        os._exit(status)
+
+
+def _send(write: int, function: Callable[[T], R], parts: Sequence[T], index: int) -> None:
+    try:
+        message = pickle.dumps((index, function(parts[index]), None))
+    except Exception as error:
+        message = pickle.dumps((index, None, error))
+    message = len(message).to_bytes(8, "little") + message
+    while message:
+        message = message[os.write(write, message) :]

@@ -27,6 +27,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
+def numbered(joint: int, name: str | None) -> str:
+    """A joint by its number, counted from 1, and the name that the model file gives it."""
+    return str(joint) if name is None else f"{joint} {name}"
+
+
 def whole(value: float) -> str:
     """To the nearest whole number."""
     return f"{round(value):d}".replace("-", "−") if math.isfinite(value) else "–"

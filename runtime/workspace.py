@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from runtime.planning.trajectory import Trajectory
     from runtime.recordings.recording import Recording
     from symbolic.effects.declaration import Effect
-    from symbolic.model_file.arm import Arm, Values
+    from symbolic.model_file.arm import Arm, SpatialArm, Values
+    from symbolic.model_file.exchange.bodies import StatedBody
+    from symbolic.model_file.exchange.exporting import ExportedArm, Language
 
 
 class UsageError(ValueError):
@@ -52,7 +54,10 @@ def _shipped(folder: Path, kind: str, name: str) -> Path:
 
 @dataclass(frozen=True)
 class Source:
-    """A model file as read: its text, what it says, and the library that its effects come from."""
+    """A model file as read: its text, what it says, and the library that its effects come from.
+
+    own_effects   whether that is another than the planar arms' as it ships
+    """
 
     path: Path
     text: str
@@ -65,15 +70,16 @@ class Source:
         from symbolic.model_file import reader
 
         path = _shipped(ARMS, ARM, model.name) if is_name(model) else model
-        library = effects_library(effects_file)
-        return cls(path, reader.read_text(path), library, effects_file is not None)
+        text = reader.read_text(path)
+        space = reader.is_spatial(text)
+        return cls(path, text, effects_library(effects_file, space), space or effects_file is not None)
 
     @classmethod
     def shipped(cls, name: str, effects_file: Path | None = None) -> Source:
         """An arm that comes with the toolkit. Raises UsageError."""
         return cls.read(_shipped(ARMS, ARM, name), effects_file)
 
-    def arm(self, text: str | None = None) -> Arm:
+    def arm(self, text: str | None = None) -> Arm | SpatialArm:
         from symbolic.model_file import reader
 
         return reader.parse(self.text if text is None else text, str(self.path), self.library)
@@ -167,9 +173,66 @@ class Source:
     ) -> list[Recording]:
         """Recordings of this arm, in SI."""
         from runtime.recordings import recording
+        from symbolic.model_file.arm import SpatialArm
 
-        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in self.arm().joints]
-        return [recording.read(path, {"joints": joints}, mapping, allow_gaps) for path in paths]
+        arm = self.arm()
+        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in arm.joints]
+        said = {"joints": joints, "space": isinstance(arm, SpatialArm)}
+        return [recording.read(path, said, mapping, allow_gaps) for path in paths]
+
+    def exported(self, language: Language, onto: Path | None = None) -> tuple[bytes, dict[str, Any]]:
+        """A file of the arm for simulators, and what is in it as JSON; onto: a URDF of which it is a copy with the
+        model's numbers.
+
+        Its bodies are those of the model file where that says everything; else possible ones with the file's base
+        parameters, as near to its bodies as that leaves open. Raises ModelError where a base parameter is not known.
+        """
+        from symbolic.model_file.exchange import exporting, written
+        from symbolic.model_file.exchange.onto import urdf_onto
+
+        made, missing = self._with_bodies(language)
+        if onto is not None:
+            return urdf_onto(made, onto), exporting.document(made, missing)
+        text = (written.urdf if language == "urdf" else written.mjcf)(made)
+        return text.encode(), exporting.document(made, missing)
+
+    def _with_bodies(self, language: Language) -> tuple[ExportedArm, float]:
+        """The arm as it is written, and the rms of the torque that its bodies miss, as a part of the torque's."""
+        import numpy as np
+
+        from runtime.exchange.physical import is_possible
+        from symbolic.model_file.exchange import exporting
+
+        arm = self.arm()
+        bodies, rotors = exporting.reference(exporting.in_space(arm))
+        stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
+        missing = 0.0
+        if not stated or not all(is_possible(np.array(exporting.parameters(body))) for body in bodies):
+            bodies, rotors, missing = self._possible(bodies, rotors)
+        return exporting.exported(arm, self.library, language, bodies, rotors), missing
+
+    def _possible(
+        self, bodies: Sequence[StatedBody], rotors: Sequence[float]
+    ) -> tuple[list[StatedBody], list[float], float]:
+        import numpy as np
+
+        from runtime.exchange.full_regressor import ChainGeometry, base_map
+        from runtime.exchange.physical import project
+        from symbolic.model_file.exchange import exporting
+        from symbolic.model_file.frames import rotation
+
+        model, arm = self.model(), exporting.in_space(self.arm())
+        axes = np.array([joint.axis for joint in arm.joints])
+        chain = ChainGeometry(
+            np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
+            np.array([joint.origin.xyz for joint in arm.joints]),
+            axes / np.linalg.norm(axes, axis=1, keepdims=True),
+            np.array([joint.type == "revolute" for joint in arm.joints]),
+            np.array(arm.gravity),
+        )
+        near = np.array([exporting.parameters(body) for body in bodies])
+        found = project(*base_map(chain, model.regressor), model.lump_values, near, np.array(rotors))
+        return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
 
     def replace(self, text: str) -> None:
         """Write the model file anew, unless someone else has changed it since it was read."""
@@ -181,12 +244,12 @@ class Source:
         files.replace(self.path, text.encode())
 
 
-def effects_library(effects_file: Path | None) -> dict[str, Effect]:
-    """The effects by name: the library, and the user's own after it."""
-    from symbolic.effects import LIBRARY, load_user_effects
+def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
+    """The effects by name, as a planar arm or one in space has them: the library, and the user's own after it."""
+    from symbolic.effects import DECLARED, LIBRARY, load_user_effects
 
-    own = load_user_effects(effects_file) if effects_file else ()
-    return {**LIBRARY, **{effect.name: effect for effect in own}}
+    own = load_user_effects(effects_file, space) if effects_file else ()
+    return {**(DECLARED if space else LIBRARY), **{effect.name: effect for effect in own}}
 
 
 def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> Source:

@@ -14,10 +14,11 @@ import sympy as sp
 
 from symbolic.described import declared
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
-from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant
+from symbolic.effects.signals import ArmOutput, ArmSlope, Coordinate, Given, JointConstant
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
-from symbolic.rigid_body.base_parameters import exact
+from symbolic.model_file.arm import SpatialArm
+from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import Coordinates
 from symbolic.straightline import Recorder
 
@@ -258,7 +259,8 @@ def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: S
 
 def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> list[Reading]:
     """What every joint's effects read, in the positions and rates."""
-    signals = [(s, s.source) for s in SIGNALS if s.known_to == "controller" and s.source is not None]
+    there = [s for s in SIGNALS if isinstance(model.arm, SpatialArm) or not s.space]
+    signals = [(s, s.source) for s in there if s.known_to == "controller" and s.source is not None]
     named = {source.function for _, source in signals if isinstance(source, ArmOutput)}
     outputs = {f.name: _replayed(model, f.name, recorder) for f in model.functions if f.name in named}
     given = {p.gives: site.symbol(p) for site in touched for p in site.effect.parameters if p.gives}
@@ -272,7 +274,10 @@ def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> l
 
 
 def _read(
-    model: ArmModel, source: Coordinate | ArmOutput | JointConstant, joint: int, outputs: Mapping[str, list[sp.Expr]]
+    model: ArmModel,
+    source: Coordinate | ArmOutput | ArmSlope | JointConstant,
+    joint: int,
+    outputs: Mapping[str, list[sp.Expr]],
 ) -> Any:
     """A signal at a joint (0-based), for an effect that sits there."""
     match source:
@@ -281,11 +286,13 @@ def _read(
             return _coordinates(model).symbols(name)[there] if 0 <= there < len(model.arm.joints) else 0
         case ArmOutput(name, index):
             place = 0
-            for length, i in zip(model.function(name).outputs[0].shape, index, strict=True):
+            for length, i in zip(model.function(name).outputs[0].shape, index, strict=False):
                 place = place * length + (i if isinstance(i, int) else joint)
             return outputs[name][place]
         case JointConstant(name):
             return sp.Rational(exact(getattr(model.arm.joints[joint], name)))
+        case ArmSlope(name):
+            raise ValueError(f"how {name} grows stands between two joints; no controller's effect reads it")
 
 
 def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:

@@ -102,6 +102,9 @@ class DescribedParameter:
               catalogue, and the "place" where it begins to act; "" for what a scenario states
     scale     a typical size, SI: an optimization counts in it, so that its unknown is about one
     says      the words with which a plan gives its value; None: its name
+    abroad    what files of simulators (URDF, MJCF) call it, where they have it: the "damping" or the dry "friction" of
+              a joint, the "stiffness" of a spring and its "rest"
+    space     only an effect of an arm in space has it; on a planar one it is as if it were zero
     """
 
     name: str
@@ -117,6 +120,8 @@ class DescribedParameter:
     planned: Literal["", "size", "place"] = ""
     scale: float = 1.0
     says: str | None = None
+    abroad: Literal["", "damping", "friction", "stiffness", "rest"] = ""
+    space: bool = False
 
 
 P = TypeVar("P", bound=DescribedParameter)
@@ -144,6 +149,7 @@ class DescribedEffect(Generic[P]):
     several      a joint may have more than one, each with values of its own: the second of torque_ripple is called
                  torque_ripple_2
     generalises  effects whose torques are special cases: adding this one replaces them
+    assumed      every joint of an arm from elsewhere is taken to have it until recordings say otherwise
     gives_way    the transmission gives way: what the own joint's link does is felt at all joints; set by the signals
                  that it reads
     summary      one sentence
@@ -171,6 +177,7 @@ class DescribedEffect(Generic[P]):
     brought: bool = False
     several: bool = False
     generalises: tuple[str, ...] = ()
+    assumed: bool = False
     gives_way: bool = False
     parameters: tuple[P, ...]
 

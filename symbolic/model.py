@@ -2,43 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 
 import sympy as sp
 
 from symbolic import contact
 from symbolic.functions import Struct, SymbolicFunction
-from symbolic.model_file.arm import Arm, Joint
-from symbolic.model_file.checks import ModelError, nearest
+from symbolic.model_file.arm import Arm, Joint, SpatialArm, SpatialJoint
 from symbolic.rigid_body import dynamics, kinematics
-from symbolic.rigid_body.base_parameters import BaseParameters, Column, base_parameters, exact
+from symbolic.rigid_body.base_parameters import base_parameters
+from symbolic.rigid_body.exact_rank import BaseParameters, Column
 from symbolic.rigid_body.kinematics import Author, Coordinates
 from symbolic.rigid_body.lagrangian import rational
-from symbolic.rigid_body.layout import LayoutConstant, RecursionLayout, choose_layout
+from symbolic.rigid_body.layout import LayoutConstant, choose_layout
+from symbolic.rigid_body.lumps import Lump, named_lumps
+from symbolic.rigid_body.spatial import base_parameters as spatial_base
+from symbolic.rigid_body.spatial import dynamics as spatial_dynamics
+from symbolic.rigid_body.spatial import forward
+from symbolic.rigid_body.spatial import geometry as spatial_geometry
+from symbolic.rigid_body.spatial import kinematics as spatial_kinematics
+from symbolic.rigid_body.spatial import layout as spatial_layout
+from symbolic.rigid_body.spatial import lumps as spatial_lumps
+from symbolic.rigid_body.spatial import matrices as spatial_matrices
 
 ASSUMED_SHARE = sp.Rational(1, 2)
 """Of a rotor in the base parameter into which its inertia is merged, where neither file nor rigid motion tell it."""
 
 
 @dataclass(frozen=True)
-class Lump:
-    """A base inertial parameter. unit: e.g. "kg m^2"; joint: 1-based; value: what the model file says, None where it
-    leaves out a number behind it."""
-
-    name: str
-    unit: str
-    meaning: str
-    joint: int
-    value: float | None
-
-
-@dataclass(frozen=True)
 class ArmModel:
     """lumps: base inertial parameters, in which tau is linear; struct "parameters": these first, then geometry."""
 
-    arm: Arm
+    arm: Arm | SpatialArm
     lumps: tuple[Lump, ...]
     struct: Struct
     functions: tuple[SymbolicFunction, ...]
@@ -47,15 +43,19 @@ class ArmModel:
         return next(f for f in self.functions if f.name == name)
 
 
-def derive(arm: Arm) -> ArmModel:
+def derive(arm: Arm | SpatialArm) -> ArmModel:
     """The model of an arm with everything that is generated from it.
 
     Raises ModelError if the arm's file holds a value for a base parameter that this arm does not have.
     """
+    return _in_space(arm) if isinstance(arm, SpatialArm) else _in_the_plane(arm)
+
+
+def _in_the_plane(arm: Arm) -> ArmModel:
     base = base_parameters(arm)
     layout = choose_layout(arm, base)
     lumps = named_lumps(arm, base, layout)
-    symbols = {c: sp.Symbol(lump.name, real=True) for c, lump in zip(base.values, lumps, strict=True)}
+    symbols = _symbols(base, lumps)
     rotors = [_rotor(joint, i, base, symbols) for i, joint in enumerate(arm.joints)]
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, layout.fields))
     functions = [
@@ -63,15 +63,49 @@ def derive(arm: Arm) -> ArmModel:
         *kinematics.functions(author, arm, layout.metric, layout.frame),
         *(contact.functions(author, layout.metric) if contact.applies(layout.metric) else ()),
     ]
+    return _model(arm, lumps, layout.fields, functions)
+
+
+def _in_space(arm: SpatialArm) -> ArmModel:
+    g = spatial_geometry.geometry(arm)
+    layout = spatial_layout.choose_layout(g)
+    base = spatial_base.base_parameters(arm, g, layout.merged)
+    lumps = spatial_lumps.named_lumps(arm, base, layout.merged)
+    symbols = _symbols(base, lumps)
+    own = [_rotor(joint, i, base, symbols) for i, joint in enumerate(arm.joints)]
+    angles = spatial_lumps.angles(g)
+    author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, angles))
+    chain = g.symbolic()
+    bodies, rotors = spatial_dynamics.bodies(symbols, g.n)
+    functions = [
+        *spatial_dynamics.functions(author, chain, layout, symbols, own),
+        *spatial_matrices.functions(author, chain, bodies, rotors, own),
+        forward.forward_dynamics(author, chain, bodies, rotors),
+        *spatial_kinematics.functions(author, arm, chain),
+    ]
+    return _model(arm, lumps, angles, functions)
+
+
+def _symbols(base: BaseParameters, lumps: Sequence[Lump]) -> dict[Column, sp.Symbol]:
+    return {c: sp.Symbol(lump.name, real=True) for c, lump in zip(base.values, lumps, strict=True)}
+
+
+def _model(
+    arm: Arm | SpatialArm,
+    lumps: tuple[Lump, ...],
+    fields: tuple[LayoutConstant, ...],
+    functions: Sequence[SymbolicFunction],
+) -> ArmModel:
+    """The struct has the constants that are used alone."""
     used: set[sp.Symbol] = set()
     for f in functions:
         used = used.union(*(e.free_symbols for o in f.outputs for e in o.expressions))
         used = used.union(*(e.free_symbols for _, e in f.definitions))
-    struct = _struct(lumps, tuple(f for f in layout.fields if f.symbol in used))
+    struct = _struct(lumps, tuple(f for f in fields if f.symbol in used))
     return ArmModel(arm, lumps, struct, tuple(replace(f, struct=struct) for f in functions))
 
 
-def _rotor(joint: Joint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
+def _rotor(joint: Joint | SpatialJoint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
     """What the link side of a joint does without: the rotor's inertia as the file has it. Where it is not known, the
     base parameter that is nothing else, as joints further out have it; where none is, no rigid motion tells the rotor
     from its link, and half of what both are in is taken for it: the gear that accelerates its load best makes them
@@ -93,44 +127,3 @@ def _struct(lumps: tuple[Lump, ...], fields: tuple[LayoutConstant, ...]) -> Stru
         tuple(lump.meaning for lump in lumps) + tuple(f.meaning for f in fields),
         (*(lump.value for lump in lumps), *(float(f.value) for f in fields)),
     )
-
-
-def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tuple[Lump, ...]:
-    """The base parameters as people see them; values that an identification left in the file replace the links'.
-
-    Raises ModelError for a value in the file whose name this arm does not have.
-    """
-    scale = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else Fraction(1)
-    lumps = []
-    for (kind, i), value in base.values.items():
-        sliding = arm.joints[i].type == "prismatic"
-        power = layout.metres(kind)
-        name = f"{'M' if sliding and kind == 'mu' else kind}{i + 1}"
-        own = {"J": "kg m^2", "I": "kg" if sliding else "kg m^2", "mu": "kg", "h": "kg m", "hy": "kg m"}[kind]
-        unit = "kg m^2" if power else own
-        note = f", times l{layout.reference}{'^2' if power == 2 else ''}" if power else ""
-        also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
-        stated = None if value is None else float(value * scale**power)
-        text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
-        lumps.append(Lump(name, unit, text, i + 1, arm.inertial.get(name, stated)))
-    names = [lump.name for lump in lumps]
-    for name in arm.inertial:
-        if name not in names:
-            near = nearest(name, names)
-            hint = f'; did you mean "{near}"?' if near else ""
-            raise ModelError(
-                f'{arm.name}: inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})'
-            )
-    return tuple(lumps)
-
-
-def _meaning(kind: str, joint: int, sliding: bool, n: int) -> str:
-    end = "the end-effector" if joint == n else f"joint {joint + 1}"
-    if kind == "mu":
-        return f"mass that joint {joint} slides" if sliding else f"point mass that link {joint} carries at {end}"
-    return {
-        "J": f"inertia that turns with link {joint} about joint {joint}, beyond the point masses",
-        "I": f"rotor inertia of joint {joint} at its output",
-        "h": f"first mass moment of link {joint} along it, beyond the point masses",
-        "hy": f"first mass moment of link {joint} across it, from a centre of mass off its line",
-    }[kind]

@@ -91,6 +91,11 @@ class Turn:
     cos: Any
     sin: Any
 
+    @property
+    def pair(self) -> tuple[Any, Any]:
+        """(cos, sin)."""
+        return self.cos, self.sin
+
     def __add__(self, other: Turn | int) -> Turn:
         if isinstance(other, int):  # the start of a sum
             return self

@@ -8,7 +8,7 @@ from functools import cache
 import sympy as sp
 
 from symbolic.effects import LIBRARY
-from symbolic.effects.declaration import DT, SIGNAL, parameter
+from symbolic.effects.declaration import DT, SIGNAL, Effect, parameter
 from symbolic.primitives import exact
 
 Values = Mapping[sp.Symbol, float]
@@ -27,10 +27,12 @@ def evaluate(expr: sp.Expr, values: Values) -> float:
     return float(function(*(values[s] for s in symbols)))
 
 
-def torque(name: str, parameters: Mapping[str, float], **signals: float) -> float:
-    """Torque of a static effect of the library."""
+def torque(
+    name: str, parameters: Mapping[str, float], library: Mapping[str, Effect] = LIBRARY, **signals: float
+) -> float:
+    """Torque of a static effect of a library, as a planar arm has it if nothing else is said."""
     values = {parameter(k): v for k, v in parameters.items()}
-    return evaluate(LIBRARY[name].torque, values | {SIGNAL[k].symbol: v for k, v in signals.items()})
+    return evaluate(library[name].torque, values | {SIGNAL[k].symbol: v for k, v in signals.items()})
 
 
 def simulate(name: str, parameters: Mapping[str, float], dt: float, samples: list[dict[str, float]]) -> list[float]:

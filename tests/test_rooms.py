@@ -35,6 +35,7 @@ codegen.prepare
 
 runtime.files runtime.plain_json runtime.wording runtime.setting runtime.progress
 runtime.model
+runtime.exchange
 runtime.recordings
 runtime.motion
 runtime.estimation
@@ -59,7 +60,10 @@ side and may lean on those left of them."""
 ORDER = [room for line in ROOMS.splitlines() for room in line.split()]
 BOTH_ENDS = {"runtime.workspace", "runtime.notebook", "runtime.import_name", "runtime.cli"}
 """They alone may see the equations and the generators from the side of the recordings."""
-PLAIN = {f"symbolic.{name}" for name in ("described", "model_file.arm", "model_file.checks", "model_file.fields")}
+PLAIN = {
+    f"symbolic.{name}"
+    for name in ("described", "model_file.arm", "model_file.checks", "model_file.fields", "model_file.tables")
+}
 """How a user's file is read and checked and what an error says, and what a declaration says without equations: for
 every package, and without SymPy."""
 

@@ -17,7 +17,11 @@ from codegen.tape.tape import Tape
 from symbolic.effects.declaration import DT, SIGNALS, Effect
 from symbolic.functions import Output, SymbolicFunction
 
-_TAKEN = frozenset({s.name for s in SIGNALS} | {"count", "s", "dt", "p", "x", "out", "k"})
+_TAKEN = frozenset({s.name for s in SIGNALS} | {"count", "s", "dt", "p", "x", "out", "k", "i", "j", "own", "row"})
+
+LANES = 8
+"""Choices of parameters along which a memory is simulated at once: what each waits for, the others fill, and they share
+the processor's vectors."""
 
 
 def signals_type(precision: Precision) -> str:
@@ -27,22 +31,83 @@ def signals_type(precision: Precision) -> str:
     return "\n".join([note, "typedef struct {", *arrays, f"}} tendon_signals_{precision.suffix};"])
 
 
+def columns_type(precision: Precision) -> str:
+    """What `columns` of every effect are called as."""
+    kind, suffix = precision.kind, precision.suffix
+    note = comment("Columns along `count` samples, of one choice of parameters or, with a memory, of several at once.")
+    arguments = f"size_t count, const tendon_signals_{suffix} *s, {kind} dt, const {kind} *p, {kind} *out"
+    return f"{note}\ntypedef void tendon_columns_{suffix}({arguments});"
+
+
 def batches(effect: Effect, precision: Precision) -> list[Routine]:
     """Along the samples: `columns` (rows: fixed part, then one a linear parameter), `torque` and, where there are
-    any, `states`."""
+    any, `states`, and `columns` of several choices of parameters at once."""
     functions = [ef.columns(effect), ef.torque(effect), *([ef.states(effect)] if effect.states else [])]
-    return [_batch(effect, function, precision) for function in functions]
+    at_once = [_at_once(effect, precision)] if effect.states else []
+    return [*(_batch(effect, function, precision) for function in functions), *at_once]
+
+
+def _with_steps(effect: Effect, function: SymbolicFunction) -> Tape:
+    """Outputs and the states' steps on one tape, which share what they have in common."""
+    steps = tuple(sp.sympify(s.step) for s in effect.states)
+    outputs = (*function.outputs, Output("x_next", steps, (len(steps),), "", ""))
+    return Tape.of(replace(ef.step(effect), outputs=outputs, definitions=()))
+
+
+def _at_once(effect: Effect, precision: Precision) -> Routine:
+    """`columns` of LANES choices of parameters along the same samples."""
+    kind, suffix, function = precision.kind, precision.suffix, ef.columns(effect)
+    rows, width = len(function.outputs[0].expressions), len(effect.parameters)
+    begun, begin = _in_lane(effect, ef.start(effect), "0", precision)
+    tape, step = _in_lane(effect, function, "k", precision)
+    read = {node.value for t in (begun, tape) for node in t.nodes if node.op == "leaf"}
+    lanes = f"for (size_t j = 0; j < {LANES}; ++j) {{"
+    body = [
+        *([] if DT in read else ["(void)dt;"]),
+        *(f"const {kind} *restrict {s.name} = s->{s.name};" for s in effect.signals if s.symbol in read),
+        f"{kind} own[{width}][{LANES}];",
+        f"{kind} x[{len(effect.states)}][{LANES}];",
+        *("if (count == 0U) {", "    return;", "}", lanes),
+        *(f"    for (size_t i = 0; i < {width}; ++i) {{", f"        own[i][j] = p[{width} * j + i];", "    }"),
+        *(f"    {line}" for line in begin),
+        *("}", "for (size_t k = 0; k < count; ++k) {"),
+        *(f"    {kind} row[{rows}][{LANES}];", f"    {LOOP}", f"    {lanes}"),
+        *(f"        {line}" for line in step),
+        *("    }", f"    {lanes}", f"        for (size_t i = 0; i < {rows}; ++i) {{"),
+        *(f"            out[({rows} * j + i) * count + k] = row[i][j];", "        }", "    }", "}"),
+    ]
+    what = f"{function.name} of {LANES} choices of parameters, p ({LANES}, {width})"
+    arguments = ["size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
+    head = f"void tendon_{function.name}_at_once_{suffix}"
+    return Routine(
+        comment(f"{what}; out ({LANES}, {rows}, count)."),
+        declaration(head, [*arguments, f"{kind} *restrict out"]),
+        indent(body, 1),
+    )
+
+
+def _in_lane(effect: Effect, function: SymbolicFunction, at: str, precision: Precision) -> tuple[Tape, list[str]]:
+    """Statements of lane j at sample `at`: its states begun by `start`, or the rows of another function and the step
+    that follows; and their tape."""
+    leaves = {p.symbol: f"own[{i}][j]" for i, p in enumerate(effect.parameters)} | {DT: "dt"}
+    leaves |= {s.symbol: f"x[{i}][j]" for i, s in enumerate(effect.states)}
+    leaves |= {s.symbol: f"{s.name}[{at}]" for s in effect.signals}
+    states = [f"x[{i}][j]" for i in range(len(effect.states))]
+    begins = function is ef.start(effect)
+    tape = Tape.of(function) if begins else _with_steps(effect, function)
+    lines, texts = Printer(precision.language, tape, leaves, _TAKEN | {f"next{i}" for i in range(len(states))}).print()
+    if begins:
+        return tape, lines + assign(states, texts)
+    rows = len(texts) - len(states)
+    lines += assign([f"row[{i}][j]" for i in range(rows)], texts[:rows])
+    lines += [precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
+    return tape, lines + assign(states, [f"next{i}" for i in range(len(states))])
 
 
 def _batch(effect: Effect, function: SymbolicFunction, precision: Precision) -> Routine:
     kind, suffix = precision.kind, precision.suffix
     leaves = _leaves(effect) | {s.symbol: f"{s.name}[k]" for s in effect.signals}
-    steps = tuple(sp.sympify(s.step) for s in effect.states)
-    # Outputs and steps on one tape share what they have in common.
-    merged = replace(
-        ef.step(effect), outputs=(*function.outputs, Output("x_next", steps, (len(steps),), "", "")), definitions=()
-    )
-    tape = Tape.of(merged)
+    steps, tape = effect.states, _with_steps(effect, function)
     taken = _TAKEN | {f"next{i}" for i in range(len(steps))}
     lines, texts = Printer(precision.language, tape, leaves, taken).print()
     rows = len(function.outputs[0].expressions)
@@ -113,6 +178,51 @@ def decimation(precision: Precision) -> Routine:
         declaration(
             f"void tendon_decimate_{precision.suffix}",
             [*arguments, f"const {kind} *restrict x", f"{kind} *restrict out"],
+        ),
+        indent(body.splitlines(), 1),
+    )
+
+
+def in_band(precision: Precision) -> Routine:
+    """The columns of many choices of parameters through that filter: what is thrown away never leaves the cache."""
+    kind, suffix = precision.kind, precision.suffix
+    body = """const size_t kept = (count < taps) ? 0U : (count - taps) / factor + 1U;
+for (size_t first = 0; first < choices; first += lanes) {
+    columns(count, s, dt, p + first * width, scratch);
+    for (size_t i = 0; i < lanes * rows && first * rows + i < choices * rows; ++i) {
+        KIND *x = scratch + i * count;
+        KIND *target = out + (first * rows + i) * kept;
+        size_t k = 0;
+        while (k < count && x[k] == 0) {
+            ++k;
+        }
+        if (k < count) {
+            for (; k < count; ++k) {
+                x[k] *= weight[k];
+            }
+            tendon_decimate_SUFFIX(kept, factor, taps, kernel, x, target);
+        } else {
+            for (k = 0; k < kept; ++k) {
+                target[k] = 0;
+            }
+        }
+    }
+}"""
+    body = body.replace("KIND", kind).replace("SUFFIX", suffix)
+    return Routine(
+        comment(
+            "Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole "
+            "lanes, times weight (count), filtered and decimated: out (choices, rows, kept).",
+            "lanes: choices that `columns` takes at once; scratch (lanes, rows, count).",
+        ),
+        declaration(
+            f"void tendon_in_band_{suffix}",
+            [
+                *(f"tendon_columns_{suffix} *columns", "size_t lanes", "size_t rows", "size_t width"),
+                *("size_t choices", "size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt"),
+                *(f"const {kind} *restrict p", f"const {kind} *restrict weight", "size_t factor", "size_t taps"),
+                *(f"const {kind} *restrict kernel", f"{kind} *restrict scratch", f"{kind} *restrict out"),
+            ],
         ),
         indent(body.splitlines(), 1),
     )

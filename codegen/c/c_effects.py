@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from codegen import effect_functions as ef
 from codegen.c.c_code import Precision, Routine, assign, comment, declaration, describe, indent
-from codegen.c.language import identifier
+from codegen.c.language import identifier, word
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import DT, Effect
@@ -35,12 +35,12 @@ class Signature:
 def check_names(effects: Sequence[Effect]) -> None:
     """Raise ValueError for a name that cannot stand in C."""
     for effect in effects:
-        for what, name in [
-            ("effect", effect.name),
-            *(("parameter", p.name) for p in effect.parameters),
-            *(("state", s.name) for s in effect.states),
+        for what, name, fits in [
+            ("effect", effect.name, identifier),
+            *(("parameter", p.name, word) for p in effect.parameters),
+            *(("state", s.name, identifier) for s in effect.states),
         ]:
-            if not identifier(name):
+            if not fits(name):
                 raise ValueError(
                     f'effect "{effect.name}": the {what} name "{name}" cannot be used in C; '
                     "use letters, digits and _, and no word of C or Python"

@@ -28,7 +28,7 @@ _C_WORDS = frozenset(
         *("asm", "typeof", "NULL", "bool", "true", "false"),
     ]
 )
-_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "x", "dt", "k", "out"])
+_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "dt", "k", "out"])
 """What generated functions call their own arguments and their loop's index."""
 
 
@@ -54,7 +54,11 @@ def _c(kind: str) -> Language:
 C_DOUBLE, C_FLOAT = _c("double"), _c("float")
 
 
+def word(name: str) -> bool:
+    """Whether `name` is one in C and in Python, of an argument for example."""
+    return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in _C_WORDS | set(keyword.kwlist)
+
+
 def identifier(name: str) -> bool:
-    """Whether `name` can stand in C and in Python."""
-    taken = _C_WORDS | _ARGUMENTS | set(keyword.kwlist)
-    return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in taken
+    """Whether `name` can stand in C and in Python beside the arguments of generated functions."""
+    return word(name) and name not in _ARGUMENTS

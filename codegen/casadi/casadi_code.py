@@ -43,7 +43,8 @@ def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None 
     lines = []
     for a in inputs:
         lines.append(_symbol(a.name, a.shape))
-        named = _has_names(a)
+        # Elements that are called as an argument are meant by their place.
+        named = _has_names(a) and not {s.name for s in a.symbols} & {other.name for other in inputs}
         leaves |= dict(
             zip(a.symbols, [s.name for s in a.symbols] if named else _elements(a.name, a.shape), strict=True)
         )
@@ -71,8 +72,9 @@ def _has_names(argument: Argument) -> bool:
 def _unpacked(argument: Argument) -> list[str]:
     """A statement, maybe of several lines, that names the elements of a vector."""
     names = ", ".join(s.name for s in argument.symbols)
-    text = f"({names}{',' if len(argument.symbols) == 1 else ''}) = ca.vertsplit({argument.name})"
-    return textwrap.wrap(text, 112, subsequent_indent="    ")
+    # Nothing but the names' commas is a place where the line may end.
+    text = f"({names}{',' if len(argument.symbols) == 1 else ''})~=~ca.vertsplit({argument.name})"
+    return [line.replace("~", " ") for line in textwrap.wrap(text, 112, subsequent_indent="    ")]
 
 
 def _symbol(name: str, shape: tuple[int, ...]) -> str:

@@ -26,6 +26,7 @@ from codegen.c import c_effects
 from codegen.tape.tape import Lowering, Tape
 from codegen.toolchain import build
 from codegen.verify import sampling
+from codegen.verify.proof import FunctionProof, prove_arm
 from codegen.verify.reference import Reference
 from symbolic.controller_law import compensation
 from symbolic.effects.declaration import SIGNALS, Effect
@@ -34,7 +35,7 @@ from symbolic.model import derive
 from symbolic.primitives import WIDTHS
 
 if TYPE_CHECKING:
-    from symbolic.model_file.arm import Arm
+    from symbolic.model_file.arm import Arm, SpatialArm
 
 
 @dataclass(frozen=True)
@@ -86,17 +87,18 @@ class Vector:
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """What was compared, how it ended, and test vectors."""
+    """What was compared and what proved, how it ended, and test vectors."""
 
     arm: str
     samples: int
     seed: int
     cases: tuple[FunctionCheck, ...]
     vectors: tuple[Vector, ...] = field(repr=False)
+    proofs: tuple[FunctionProof, ...] = ()
 
     @property
     def equal(self) -> bool:
-        return all(case.equal for case in self.cases)
+        return all(case.equal for case in self.cases) and all(proof.equal for proof in self.proofs)
 
     def to_json(self) -> dict[str, Any]:
         """The report; numbers of the vectors in decimal and, exact, as C99 hexadecimal floats."""
@@ -105,6 +107,7 @@ class VerifyReport:
             "samples": self.samples,
             "seed": self.seed,
             "equal": self.equal,
+            "proofs": [{**vars(proof), "equal": proof.equal} for proof in self.proofs],
             "cases": [{key: _finite(value) for key, value in vars(case).items()} for case in self.cases],
             "vectors": [
                 {
@@ -146,8 +149,9 @@ class Subject:
         return {rule: (Reference(self.function, rule), Tape.of(self.function, rule)) for rule in lowerings}
 
 
-def verify(arm: Arm, samples: int, seed: int, effects: Iterable[Effect] | None = None) -> VerifyReport:
-    """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each.
+def verify(arm: Arm | SpatialArm, samples: int, seed: int, effects: Iterable[Effect] | None = None) -> VerifyReport:
+    """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each, and prove
+    those of an arm in space.
 
     Compiles what is not in the cache. ValueError or BuildError where the code cannot be made at all.
     """
@@ -164,7 +168,7 @@ def verify(arm: Arm, samples: int, seed: int, effects: Iterable[Effect] | None =
         found, vector = compare(subject, points)
         cases += found
         vectors += vector
-    return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors))
+    return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors), prove_arm(arm, seed))
 
 
 def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
@@ -242,7 +246,7 @@ def casadi_module(files: Mapping[str, str], name: str) -> Any:
     return module
 
 
-def arm_subjects(arm: Arm) -> list[Subject]:
+def arm_subjects(arm: Arm | SpatialArm) -> list[Subject]:
     """Every function of the arm on every target."""
     model = derive(arm)
     files = render.arm_files(model)
@@ -276,7 +280,7 @@ def _array(real: Any, symbols: Sequence[sp.Symbol], values: sampling.Values) -> 
     return (real * max(len(symbols), 1))(*(values[s] for s in symbols))
 
 
-def controller_subjects(arm: Arm, library: Mapping[str, Effect]) -> list[Subject]:
+def controller_subjects(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[Subject]:
     """What the controller adds to the inverse dynamics, in C float."""
     model = derive(arm)
     found = compensation(model, library)

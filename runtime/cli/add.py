@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_own, check_writable
 from runtime.cli.output import emit
 from runtime.cli.rendered import render_all
-from runtime.workspace import Source
 
 app = typer.Typer()
 
@@ -27,7 +27,7 @@ def add(
     """Put an effect into the model file and regenerate. Another torque_ripple is put beside those that are there."""
     check_own(model)
     check_writable(json)
-    source = Source.read(model, effects)
+    source = opened(model, effects)
     text = source.add(source.text, effect, joint)
     rendered = render_all(source, text, out)  # what cannot be generated is not written either
     source.replace(text)

@@ -24,7 +24,7 @@ def show_effects(
     from runtime.report.terminal import pages
 
     check_writable(json)
-    library = effects_library(effects)
+    library = effects_library(effects, space=True)
     document = metadata.library(tuple(library.values()))
     if name is None:
         emit(json, document, pages.effects)

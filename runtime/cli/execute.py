@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
@@ -91,8 +92,7 @@ def execute(
     for path in (out, model_out):
         if path is not None and path.resolve() in {model.resolve(), trajectory.resolve()}:
             raise UsageError(f"{path}: is read here; choose another name to write to")
-    source = Source.read(model, effects)
-    source.arm()
+    source = opened(model, effects)
     result, more = (_real if is_real else _simulated)(source, trajectory, asked)
     document = {**result.to_json(), **more}
     plan = result.plan.trajectory

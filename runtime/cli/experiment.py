@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
 from runtime.experiments.options import ExperimentSettings
-from runtime.workspace import Source
 
 app = typer.Typer()
 
@@ -36,8 +36,7 @@ def experiment(
     from runtime.report.terminal import pages
 
     check_writable(json, out)
-    source = Source.read(model, effects)
-    source.arm()
+    source = opened(model, effects)
     with pages.working("deriving and compiling the model"):
         loaded = source.model()
     from runtime.experiments import design as experiments

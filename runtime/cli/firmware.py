@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_directory, check_writable
 from runtime.cli.output import NO, emit
-from runtime.workspace import Source
 
 app = typer.Typer()
 
@@ -32,7 +32,7 @@ def firmware(
     from runtime.report.terminal.pages import working
 
     check_writable(json)
-    source = Source.read(model, effects)
+    source = opened(model, effects)
     name = source.arm().name
     directory = out if out is not None else Path("generated") / name / "firmware"
     check_directory(directory)

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.rendered import render_all
-from runtime.workspace import Source
 
 app = typer.Typer()
 
@@ -26,7 +26,7 @@ def generate(
 ) -> None:
     """Derive the equations, emit C and CasADi. The library of effects goes beside it, into ../effects."""
     check_writable(json)
-    source = Source.read(model, effects)
+    source = opened(model, effects)
     rendered = render_all(source, source.text, out)
     stale = rendered.stale() if check else []
     if not check:

@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, check_writable
 from runtime.cli.output import emit
-from runtime.workspace import Source, UsageError
+from runtime.workspace import UsageError
 
 app = typer.Typer()
 
@@ -17,7 +18,10 @@ app = typer.Typer()
 @app.command(epilog="Example: tendon init --like drive --out my_drive.toml")
 def init(
     like: Annotated[
-        Path, typer.Option(metavar="MODEL", help="It begins as a copy of this: drive, vishard4, emps, or a file.")
+        Path,
+        typer.Option(
+            metavar="MODEL", help="It begins as a copy of this: drive, vishard4, emps, ur10, panda, or a file."
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The new model file.")],
     effects: EffectsFile = None,
@@ -30,7 +34,7 @@ def init(
     check_writable(json, out)
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
-    source = Source.read(like, effects)
+    source = opened(like, effects)
     arm = source.arm()
     files.replace(out, source.text.encode())
     document = {"out": str(out), "like": str(like), "name": arm.name, "joints": len(arm.joints)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runtime.cli.opening import opened
 from runtime.cli.options import mapping
 from runtime.workspace import Source, is_name
 
@@ -23,7 +24,7 @@ def inputs(
     from runtime.report.terminal.pages import working
 
     columns = mapping(maps)
-    source = Source.read(model, effects)
+    source = opened(model, effects)
     data = source.recordings(recordings, columns, allow_gaps)
     with working("deriving and compiling the model"):
         return source, data, source.model()

@@ -14,9 +14,11 @@ from runtime.cli import (
     effects,
     execute,
     experiment,
+    export_arm,
     firmware,
     generate,
     identify,
+    import_arm,
     improve,
     init,
     optimize,
@@ -36,6 +38,7 @@ app = typer.Typer(
 )
 for _verb in (
     init,
+    import_arm,
     generate,
     verify,
     effects,
@@ -51,6 +54,7 @@ for _verb in (
     execute,
     sweep,
     firmware,
+    export_arm,
     paper,
 ):
     app.add_typer(_verb.app)

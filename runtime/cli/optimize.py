@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from runtime.cli.opening import tell
 from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
@@ -49,7 +50,7 @@ def optimize(
     for path in targets:
         if path.resolve() in {scenario.resolve(), source.path.resolve()}:
             raise UsageError(f"{path}: is read here; choose another name to write to")
-    source.arm()
+    tell(source)
     with pages.working("deriving and compiling the model"):
         model = source.model()
     case = scenario_file.fitted(asked, model, str(scenario))

@@ -11,7 +11,9 @@ import typer
 
 from runtime.workspace import UsageError, is_name
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps.")]
+ModelFile = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps, ur10, panda.")
+]
 ScenarioFile = Annotated[
     Path,
     typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML); or scenario1, scenario2."),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from runtime.cli.opening import tell
 from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
 from runtime.cli.output import NO, emit
 from runtime.cli.setting_options import with_settings
@@ -73,7 +74,7 @@ def sweep(
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
-    axes = grid.parse(over, effects_library(effects))
+    axes = grid.parse(over, effects_library(effects, space=True))
     case, model = _read(scenario_path(scenario), effects)
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)
@@ -111,7 +112,7 @@ def _read(path: Path, effects: Path | None) -> tuple[Scenario, Model]:
 
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, effects)
-    source.arm()
+    tell(source)
     with pages.working("deriving and compiling the model"):
         model = source.model()
     return scenario_file.fitted(asked, model, str(path)), model

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
 from runtime.cli.output import NO, emit
-from runtime.workspace import Source
 
 app = typer.Typer()
 
@@ -25,7 +25,7 @@ def verify(
     from runtime.report.terminal import pages
 
     check_writable(json)
-    source = Source.read(model, effects)
+    source = opened(model, effects)
     arm = source.arm()
     from codegen.verify.verify import verify as verified
 

@@ -205,14 +205,18 @@ class CandidateField:
 
     def trial(self, term: Term, shape: Values) -> CandidateBlock:
         """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
+        return self._one(self._trials(term, [shape]))
+
+    def _trials(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
+        """`trial` of many shapes."""
         joints = joints_of(self.model, term)
         if not self.model.library.effects[term.effect].gives_way:
-            return self._sampled(term, shape, joints, reread=False)
+            return self._sampled(term, shapes, joints, reread=False)
         watched = self.watched(term)
         # A transmission's torque is a further derivative of the same readings: their noise would speak against any
         # stiffness. A gap meets its flanks elsewhere on another reading: that noise is no smaller error that adds up.
         linear = not self.model.library.effects[term.effect].has_gap
-        return self._sampled(term, shape, joints if watched else joints[:1], reread=watched or linear)
+        return self._sampled(term, shapes, joints if watched else joints[:1], reread=watched or linear)
 
     @cached_property
     def _reread(self) -> Regressors:
@@ -224,20 +228,36 @@ class CandidateField:
 
     def sample(self, term: Term, shape: Values) -> CandidateBlock:
         """As `block`, on the excerpt."""
-        return self._sampled(term, shape, joints_of(self.model, term), reread=True)
+        return self._one(self._sampled(term, [shape], joints_of(self.model, term), reread=True))
 
-    def _sampled(self, term: Term, shape: Values, joints: tuple[int, ...], reread: bool) -> CandidateBlock:
+    def _one(self, blocks: CandidateBlock) -> CandidateBlock:
+        """The only one of a block of many choices."""
+        parts = {
+            joint: CandidateRows(part.columns[0], None if part.noise is None else part.noise[0])
+            for joint, part in blocks.parts.items()
+        }
+        return replace(blocks, parts=parts)
+
+    def _sampled(self, term: Term, shapes: Sequence[Values], joints: tuple[int, ...], reread: bool) -> CandidateBlock:
         parts = {}
         for i in joints:
-            columns = self.excerpt[0].columns(term, i, shape)
-            parts[i] = CandidateRows(columns, _apart(self._reread.columns(term, i, shape), columns) if reread else None)
+            columns = self.excerpt[0].columns_each(term, i, shapes)
+            again = self._reread.columns_each(term, i, shapes) if reread else None
+            parts[i] = CandidateRows(columns, None if again is None else _apart(again, columns))
         return self._bounded(term, parts)
 
     def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
-        block = self.trial(term, shape)
-        if not block.finite:
-            return float("-inf")
-        return ground.gain(block)
+        return float(self._gains(ground, term, [shape])[0])
+
+    def _gains(self, ground: Ground, term: Term, shapes: Sequence[Values]) -> Array:
+        """(S,) by how much the candidate lowers the squared error, quickly; minus infinity where it is no number."""
+        found = np.full(len(shapes), -np.inf)
+        if len(shapes):
+            blocks = self._trials(term, shapes)
+            finite = blocks.finite_each
+            if finite.any():
+                found[finite] = ground.gains(blocks if finite.all() else blocks.only(finite))
+        return found
 
     def search(self, term: Term, beside: Ground | None = None) -> Candidate | None:
         """The candidate at the best point of its grid; None if the data give it no scale or no say.
@@ -248,7 +268,8 @@ class CandidateField:
         whole = beside or ground
         ground = self.without(whole, self.replaced(term))
         choices = self.choices(term)
-        scored = sorted(((self._gain(ground, term, c), k) for k, c in enumerate(choices)), reverse=True)
+        gains = self._gains(ground, term, choices).tolist()
+        scored = sorted(((gain, k) for k, gain in enumerate(gains)), reverse=True)
         if not scored or not np.isfinite(scored[0][0]):
             return None
         if len(scored) > 1:
@@ -266,7 +287,7 @@ class CandidateField:
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
         """The candidate at that of some shapes which lowers the squared error most."""
         ground = self.without(self.excerpt[1], self.replaced(term))
-        gain, k = max((self._gain(ground, term, c), k) for k, c in enumerate(choices))
+        gain, k = max((gain, k) for k, gain in enumerate(self._gains(ground, term, choices).tolist()))
         return Candidate(term, choices[k], len(choices[k]), gain, False)
 
     def each(self, term: Term) -> list[Candidate]:

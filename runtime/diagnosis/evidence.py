@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN
-from runtime.estimation.folds import NormalEquations
-from runtime.estimation.least_squares import bounded, inverse
+from runtime.estimation.alike import Alike
+from runtime.estimation.folds import Grams, NormalEquations
+from runtime.estimation.least_squares import inverse
 from runtime.estimation.robust import lag_by_lag
 from runtime.estimation.settings import FOLDS
 from runtime.estimation.whitening import autoregression, whiten
@@ -32,7 +33,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CandidateRows:
-    """A candidate's rows at one joint: its torque without free coefficients and its columns, (1 + k, M).
+    """A candidate's rows at one joint: its torque without free coefficients and its columns, (1 + k, M); of many
+    choices of its shape (S, 1 + k, M).
 
     noise: what encoder noise adds to them; None as long as it is not asked for.
     """
@@ -53,9 +55,25 @@ class CandidateBlock:
     def finite(self) -> bool:
         """Whether its columns and their noise are numbers with a square: what is simulated can overflow, for one shape
         on one stretch of motion."""
-        parts = self.parts.values()
-        rows = [x for part in parts for x in (part.columns, part.noise) if x is not None]
-        return all(bool(np.all(np.abs(x) < LARGEST_COLUMN)) for x in rows)
+        return bool(np.all(self.finite_each))
+
+    @property
+    def finite_each(self) -> Mask:
+        """The same of each of many choices of its shape, (S,)."""
+        rows = [x for part in self.parts.values() for x in (part.columns, part.noise) if x is not None]
+        # The largest and the least of them tell as much as all magnitudes do, and NaN is among them.
+        ends = [(np.max(x, axis=(-2, -1)), np.min(x, axis=(-2, -1))) for x in rows]
+        there = [(high < LARGEST_COLUMN) & (low > -LARGEST_COLUMN) for high, low in ends]
+        found: Mask = np.all(there, axis=0)
+        return found
+
+    def only(self, choices: Mask) -> CandidateBlock:
+        """Some of many choices (S,)."""
+        parts = {
+            joint: CandidateRows(part.columns[choices], None if part.noise is None else part.noise[choices])
+            for joint, part in self.parts.items()
+        }
+        return replace(self, parts=parts)
 
 
 @dataclass(frozen=True)
@@ -99,6 +117,38 @@ class Rows:
         """FOLDS contiguous stretches of time with equally many used rows, in places of the used rows."""
         edges = np.linspace(0, self.count, FOLDS + 1).astype(int)
         return [slice(int(lo), int(hi)) for lo, hi in pairwise(edges)]
+
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.intp], Array]:
+        """(FOLDS, L) rows of each fold, filled up to one length, and their weights, zero for what fills up."""
+        used, length = np.flatnonzero(self.use), max(part.stop - part.start for part in self.folds)
+        places, weights = np.zeros((FOLDS, length), dtype=np.intp), np.zeros((FOLDS, length))
+        for f, part in enumerate(self.folds):
+            places[f, : part.stop - part.start] = used[part]
+            weights[f, : part.stop - part.start] = self.weight
+        return places, weights
+
+    def folded(self, x: Array) -> Array:
+        """(FOLDS, R, L) weighted used rows of x (R, M), fold by fold, zeros at their ends."""
+        places, weights = self._places
+        return x[:, places].swapaxes(0, 1) * weights[:, None]
+
+    @cached_property
+    def _folded_stack(self) -> tuple[Array, Array]:
+        """(FOLDS, L, b + 1) of base and torque, and of their noise."""
+        stack = self.folded(np.vstack([self.base, self.y]))
+        return stack.swapaxes(1, 2).copy(), self.folded(self.noise).swapaxes(1, 2).copy()
+
+    def fold_moments(self, part: CandidateRows) -> tuple[Array, Array]:
+        """Of a candidate's rows with base and torque (FOLDS, 1 + k, b + 1), and with themselves, compensated."""
+        stack, stack_noise = self._folded_stack
+        x = self.folded(part.columns)
+        cross, square = x @ stack, x @ x.swapaxes(1, 2)
+        if part.noise is not None:
+            noise = self.folded(part.noise)
+            cross -= noise @ stack_noise
+            square -= noise @ noise.swapaxes(1, 2)
+        return cross, square
 
     def used(self, x: Array) -> Array:
         """Weighted used rows of x (..., M)."""
@@ -169,41 +219,45 @@ class Ground:
         b, k = self.size, len(block.lower)
         own, order = slice(b, b + k + 1), [*range(b), b + k + 1]
         out = np.zeros((FOLDS, b + k + 2, b + k + 2))
-        out[np.ix_(range(FOLDS), order, order)] = self._base_grams
+        out[:, np.array(order)[:, None], order] = self._base_grams
         for joint, part in block.parts.items():
             row = self.rows[joint]
-            x = row.used(part.columns)
-            noise = None if part.noise is None else row.used(part.noise)
-            index = np.append(row.index, b + k + 1)
-            for f, where in enumerate(row.folds):
-                o = x[:, where]
-                cross, square = o @ row.stack[:, where].T, o @ o.T
-                if noise is not None:
-                    cross -= noise[:, where] @ row.stack_noise[:, where].T
-                    square -= noise[:, where] @ noise[:, where].T
-                out[f][own, index] += cross
-                out[f][own, own] += square
+            cross, square = row.fold_moments(part)
+            rows = np.arange(b, b + k + 1)[:, None]
+            out[:, rows, np.append(row.index, b + k + 1)] += cross
+            out[:, own, own] += square
         out[:, :b, own] = np.swapaxes(out[:, own, :b], 1, 2)
         out[:, -1, own] = out[:, own, -1]
         return out
 
-    def posed(self, moments: Array, block: CandidateBlock | None, added: Array | None = None) -> NormalEquations:
+    def grams(self, moments: Array, block: CandidateBlock) -> Grams:
+        """Of the base with a block, out of its moments."""
+        b, k = self.size, len(block.lower)
+        kept = [*range(b), *range(b + 1, b + k + 1)]
+        lower, upper = np.append(self.lower, block.lower), np.append(self.upper, block.upper)
+        return Grams(moments[:, kept][:, :, kept], lower, upper, self._ends.setdefault(b + k, []))
+
+    def posed(
+        self, moments: Array, block: CandidateBlock | None, added: Array | None = None, grams: Grams | None = None
+    ) -> NormalEquations:
         """Equations of the base with a block (None: without it) out of the moments of a block.
 
         added   (1 + k,) parts of the block's torque and columns that are put into the measured torque first
+        grams   of base and block, where they are there already
         """
         b, k = self.size, moments.shape[1] - self.size - 2
-        kept = b if block is None else b + k
-        into = np.zeros((b + k + 2, kept + 1))
-        into[range(b), range(b)] = into[-1, -1] = 1.0
+        torque = np.zeros(b + k + 2)
+        torque[-1] = 1.0
         if added is not None:
-            into[b:-1, -1] += added
-        if block is not None:
-            into[range(b + 1, b + k + 1), range(b, b + k)] = 1.0
-            into[b, -1] -= 1.0
-        lower = self.lower if block is None else np.append(self.lower, block.lower)
-        upper = self.upper if block is None else np.append(self.upper, block.upper)
-        return NormalEquations(into.T @ moments @ into, lower, upper, self.level, self.fold_sizes)
+            torque[b:-1] += added
+        kept = [*range(b)]
+        if block is None:
+            grams = self._base
+        else:
+            torque[b] -= 1.0
+            kept, grams = [*kept, *range(b + 1, b + k + 1)], grams or self.grams(moments, block)
+        against = moments @ torque
+        return NormalEquations(grams, against[:, kept], against @ torque, self.level, self.fold_sizes)
 
     def equations(self, block: CandidateBlock | None = None) -> NormalEquations:
         """Of the base with a block, or without one."""
@@ -212,8 +266,18 @@ class Ground:
         return self.posed(self.moments(block), block)
 
     @cached_property
+    def _base(self) -> Grams:
+        return Grams(self._base_grams[:, :-1, :-1], self.lower, self.upper, self._ends.setdefault(self.size, []))
+
+    @cached_property
     def _base_equations(self) -> NormalEquations:
-        return NormalEquations(self._base_grams, self.lower, self.upper, self.level, self.fold_sizes)
+        moments, squares = self._base_grams[:, :-1, -1], self._base_grams[:, -1, -1]
+        return NormalEquations(self._base, moments, squares, self.level, self.fold_sizes)
+
+    @cached_property
+    def _ends(self) -> dict[int, list[Mask]]:
+        """By number of unknowns, which of them ended on bounds."""
+        return {}
 
     def solve(self, block: CandidateBlock | None = None) -> Solution:
         """Least squares on the used rows, every coefficient within its bounds."""
@@ -274,34 +338,43 @@ class Ground:
         return left[joint][0], row.stack[:-1], projection[np.ix_(row.index, row.index)]
 
     def gain(self, block: CandidateBlock) -> float:
-        """By how much the block lowers the squared error, quickly: for grids. Its noise counts where it is given."""
+        """By how much the block lowers the squared error, quickly: for searches. Its noise counts where it is given."""
+        parts = {
+            joint: CandidateRows(part.columns[None], None if part.noise is None else part.noise[None])
+            for joint, part in block.parts.items()
+        }
+        return float(self.gains(replace(block, parts=parts))[0])
+
+    def gains(self, blocks: CandidateBlock) -> Array:
+        """(S,) `gain` of a candidate at many choices of its shape, whose parts are (S, 1 + k, M)."""
         projection, left = self._projection
-        k = len(block.lower)
-        moment, square = np.zeros(k + 1), np.zeros((k + 1, k + 1))
-        cross = np.zeros((k + 1, self.size))
-        for joint, part in block.parts.items():
+        k = len(blocks.lower)
+        count = len(next(iter(blocks.parts.values())).columns)
+        moment, square = np.zeros((count, k + 1)), np.zeros((count, k + 1, k + 1))
+        cross = np.zeros((count, k + 1, self.size))
+        for joint, part in blocks.parts.items():
             row = self.rows[joint]
             x = row.used(part.columns)
             moment += x @ left[joint][0]
-            square += x @ x.T
-            cross[:, row.index] += x @ row.stack[:-1].T
+            square += x @ x.swapaxes(1, 2)
+            cross[:, :, row.index] += x @ row.stack[:-1].T
             if part.noise is not None:
                 noise = row.used(part.noise)
                 moment -= noise @ left[joint][1]
-                square -= noise @ noise.T
-                cross[:, row.index] -= noise @ row.stack_noise[:-1].T
-        own = square - cross @ projection @ cross.T
-        seen = np.diagonal(own) > LEAST_OWN * np.diagonal(square)
-        if not seen[0]:
-            moment[0] = own[0] = own[:, 0] = 0.0
-        fall = 2 * moment[0] - own[0, 0]
-        columns = np.flatnonzero(seen[1:]) + 1
-        if len(columns):
-            target = moment[columns] - own[columns, 0]
-            inner = own[np.ix_(columns, columns)]
-            theta = bounded(inner, target, block.lower[columns - 1], block.upper[columns - 1])
-            fall += float(theta @ (2 * target - inner @ theta))
-        return float(fall)
+                square -= noise @ noise.swapaxes(1, 2)
+                cross[:, :, row.index] -= noise @ row.stack_noise[:-1].T
+        own = square - cross @ projection @ cross.swapaxes(1, 2)
+        seen = np.diagonal(own, axis1=1, axis2=2) > LEAST_OWN * np.diagonal(square, axis1=1, axis2=2)
+        moment = np.where(seen, moment, 0.0)
+        # What is not seen gets a square of its own and no moment: then it stays at zero, and the others as they are.
+        own = np.where(seen[:, :, None] & seen[:, None, :], own, np.eye(k + 1))
+        fall = np.where(seen[:, 0], 2 * moment[:, 0] - own[:, 0, 0], 0.0)
+        if k:
+            target, inner = moment[:, 1:] - own[:, 1:, 0], own[:, 1:, 1:]
+            theta = Alike(inner, blocks.lower, blocks.upper).solve(target)
+            theta = np.where(seen[:, 1:], theta, 0.0)
+            fall += np.einsum("sk,sk->s", theta, 2 * target - np.einsum("skl,sl->sk", inner, theta))
+        return fall
 
     def beyond(self, torques: Mapping[int, Array]) -> Array:
         """(count,) weighted rows of all joints: what the base cannot take over of torques (M,) by joint."""

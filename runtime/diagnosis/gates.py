@@ -34,7 +34,7 @@ from runtime.diagnosis.settings import (
     VUONG_APART,
     WORTH_A_LOOK,
 )
-from runtime.estimation.folds import NormalEquations
+from runtime.estimation.folds import Grams, NormalEquations
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
@@ -258,6 +258,11 @@ class Weighing:
     def _moments(self) -> tuple[Array, Array]:
         return self.plain.moments(self.block), self.white.moments(self.whitened)
 
+    @cached_property
+    def _grams(self) -> tuple[Grams, Grams]:
+        plain, white = self._moments
+        return self.plain.grams(plain, self.block), self.white.grams(white, self.whitened)
+
     def figures(self, added: Array | None = None) -> Figures:
         """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
         bench, (plain, white) = self.bench, self._moments
@@ -267,9 +272,9 @@ class Weighing:
         as_measured = added is None
         return Figures(
             bench.ground.equations() if as_measured else bench.ground.posed(plain, None, added),
-            self.plain.posed(plain, self.block, added),
+            self.plain.posed(plain, self.block, added, self._grams[0]),
             bench.white.equations() if as_measured else bench.white.posed(white, None, added),
-            self.white.posed(white, self.whitened, added),
+            self.white.posed(white, self.whitened, added, self._grams[1]),
             self.searched,
             self.among,
             rms[0] / float(np.sqrt(count)),
@@ -339,13 +344,16 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
     transmission that an encoder watches."""
     ground = field.excerpt[1]
-    found = [c for c in of_each("candidates", field.search, terms) if c is not None]
 
-    def held(c: Candidate) -> float:
+    def tried(term: Term) -> tuple[Candidate, float] | None:
+        c = field.search(term)
+        if c is None:
+            return None
         block = field.trial(c.term, c.shape)
-        return float(field.without(ground, field.replaced(c.term)).equations(block).held_out[0].sum())
+        return c, float(field.without(ground, field.replaced(term)).equations(block).held_out[0].sum())
 
-    errors = dict(zip((c.term for c in found), of_each("their errors", held, found), strict=True))
+    both = [one for one in of_each("candidates", tried, terms) if one is not None]
+    found, errors = [c for c, _ in both], {c.term: error for c, error in both}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
     least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.equations(None).held_out[0].sum())

@@ -15,6 +15,7 @@ from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, Ground
 from runtime.diagnosis.settings import PAIR_BEAM, PAIR_SHIFT
 from runtime.model.terms import Term
+from runtime.progress import of_each
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,8 @@ class CandidatePair:
 def search(field: CandidateField, candidates: Sequence[Candidate]) -> list[CandidatePair]:
     """The best partner for each of the best candidates, the best pair first."""
     found: dict[frozenset[Term], CandidatePair] = {}
-    for first in sorted(candidates, key=lambda c: -c.gain)[:PAIR_BEAM]:
-        pair = _partner(field, first)
+    beam = sorted(candidates, key=lambda c: -c.gain)[:PAIR_BEAM]
+    for pair in of_each("pairs", lambda first: _partner(field, first), beam):
         if pair is not None:
             key = frozenset(pair.terms)
             if key not in found or pair.gain > found[key].gain:

@@ -10,6 +10,7 @@ from runtime.model.loader import Model
 from runtime.model.signals import sensors
 from runtime.model.terms import Term, joints_of
 from runtime.motion.motion import Motion
+from runtime.recordings.columns import IN_PLANE, IN_SPACE
 
 MEANINGS = {
     "link": "an encoder on the link side",
@@ -63,7 +64,7 @@ def _telling(model: Model, motion: Motion, one: Term, other: Term) -> list[tuple
         if "temperature" in own - rest and not all(bool(p.measured[joint]) for p in motion.pieces):
             found.append(("temperature", (f"temperature{joint + 1}",)))
         if "force" in own - rest and any(p.sensors.force is None for p in motion.pieces):
-            found.append(("force", ("fx", "fy")))
+            found.append(("force", tuple(IN_SPACE if model.spatial else IN_PLANE)))
     joint = (one.joint or other.joint or 1) - 1
     if None not in sides and len(sides) > 1 and not motion.has("tau_link", joint):
         found.append(("output", (f"tau{joint + 1}_link",)))

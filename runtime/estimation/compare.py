@@ -53,6 +53,7 @@ class JointSeries:
     tau: Array
     predicted: Array
     floor: Floor
+    name: str | None = None
 
     @property
     def residual(self) -> Array:
@@ -84,6 +85,7 @@ class JointSeries:
     def to_json(self) -> dict[str, Any]:
         return {
             "joint": self.joint,
+            **({} if self.name is None else {"name": self.name}),
             "unit": self.force_unit,
             "rms": self.rms,
             "relative": self.relative,
@@ -151,6 +153,7 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
                 tau[use],
                 (tau - fit.residual[i])[use],
                 floor(motion, found, i, fit.residual[i], fit.coefficients @ noise + fixed_noise),
+                joint.name,
             )
         )
     return tuple(out)

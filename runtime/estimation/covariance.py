@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtr, stdtrit
 
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, unit_of
@@ -246,7 +246,7 @@ def interval(value: float, variance: float, degrees: int) -> tuple[float, float]
 def quantile(degrees: int) -> float:
     """Standard deviations to either end of a 95 % interval, of a variance with so many degrees of freedom (Student
     1908)."""
-    return float(stats.t.ppf(stats.norm.cdf(INTERVAL_SIGMAS), max(1, degrees)))
+    return float(stdtrit(max(1, degrees), ndtr(INTERVAL_SIGMAS)))
 
 
 def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:

@@ -2,57 +2,81 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.least_squares import bounded, bounded_each, rank
+from runtime.estimation.alike import Alike
+from runtime.estimation.least_squares import rank
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Grams:
+    """The left-hand sides of normal equations in folds: folds (FOLDS, K, K) of the unknowns' columns, compensated;
+    lower, upper (K,); ends as for `Alike`, shared with others of the same unknowns."""
+
+    folds: Array
+    lower: Array
+    upper: Array
+    ends: list[Mask] = field(default_factory=list)
+
+    @cached_property
+    def whole(self) -> Alike:
+        return Alike(self.folds.sum(axis=0)[None], self.lower, self.upper, self.ends)
+
+    @cached_property
+    def rests(self) -> Alike:
+        """Every fold left out once."""
+        return Alike(self.whole.grams - self.folds, self.lower, self.upper, self.ends)
+
+    @cached_property
+    def rank(self) -> int:
+        """Number of separate linear directions that the columns span."""
+        return rank(self.whole.grams[0])
 
 
 @dataclass(frozen=True)
 class NormalEquations:
     """Normal equations of a base, with a candidate or without, in folds.
 
-    grams (FOLDS, K + 1, K + 1) of the unknowns' columns and the torque, compensated; lower, upper (K,);
-    level (FOLDS,) and sizes (FOLDS,): of the noise and of the rows.
+    moments (FOLDS, K) of the unknowns' columns with the torque, squares (FOLDS,) of the torque; level (FOLDS,) and
+    sizes (FOLDS,): of the noise and of the rows.
     """
 
-    grams: Array
-    lower: Array
-    upper: Array
+    grams: Grams
+    moments: Array
+    squares: Array
     level: Array
     sizes: Array
 
     @cached_property
-    def _whole(self) -> Array:
-        return np.asarray(self.grams.sum(axis=0))
-
-    @cached_property
     def coefficients(self) -> Array:
         """(K,) least squares on all rows, every coefficient within its bounds."""
-        return bounded(self._whole[:-1, :-1], self._whole[:-1, -1], self.lower, self.upper)
+        found: Array = self.grams.whole.solve(self.moments.sum(axis=0)[None])[0]
+        return found
 
     @cached_property
     def sse(self) -> float:
-        direction = np.append(self.coefficients, -1.0)
-        return float(direction @ self._whole @ direction + self.level.sum())
+        theta, moment = self.coefficients[None], self.moments.sum(axis=0)[None]
+        left = _left(self.grams.whole.grams, moment, self.squares.sum()[None], theta)
+        return float(left[0] + self.level.sum())
 
-    @cached_property
+    @property
     def rank(self) -> int:
-        """Number of separate linear directions that the columns span."""
-        return rank(self._whole[:-1, :-1])
+        return self.grams.rank
 
     @cached_property
     def held_out(self) -> tuple[Array, Array]:
         """Held-out and training SSE (FOLDS,), every fold left out once."""
-        rest = self._whole - self.grams
-        theta = bounded_each(rest[:, :-1, :-1], rest[:, :-1, -1], self.lower, self.upper)
-        direction = np.column_stack([theta, np.full(len(theta), -1.0)])
-        held, trained = (np.einsum("fi,fij,fj->f", direction, gram, direction) for gram in (self.grams, rest))
+        moments, squares = self.moments.sum(axis=0) - self.moments, self.squares.sum() - self.squares
+        theta = self.grams.rests.solve(moments)
+        held = _left(self.grams.folds, self.moments, self.squares, theta)
+        trained = _left(self.grams.rests.grams, moments, squares, theta)
         return held + self.level, trained + self.level.sum() - self.level
 
     @cached_property
@@ -68,6 +92,12 @@ class NormalEquations:
     def log_likelihood(self) -> float:
         """Cross-validated."""
         return log_likelihood(*self.held_out, self.sizes)
+
+
+def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
+    """(F,) squared errors of coefficients theta (F, K)."""
+    left: Array = squares + np.einsum("fi,fi->f", theta, np.einsum("fij,fj->fi", grams, theta) - 2 * moments)
+    return left
 
 
 def bic(sse: float, count: int, parameters: int) -> float:

@@ -121,7 +121,7 @@ def solve(
         start = plain
     if prediction is not None and not _drivable(model, motion, needs, prediction):
         # What an ill-posed fit leaves without inertia cannot be simulated; what the file says of it can.
-        prediction = replace(prediction, lumps=model.lump_values)
+        prediction = replace(prediction, lumps=model.lumps_or(prediction.lumps))
     at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
     free = skew is None
     if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):

@@ -42,30 +42,6 @@ def solve(gram: Array, moment: Array, near: Array | None = None) -> Array:
     return begin + (vector[:, seen] @ ((vector[:, seen].T @ rest) / value[seen])) / size
 
 
-def bounded_each(grams: Array, moments: Array, lower: Array, upper: Array) -> Array:
-    """As `bounded`, of several problems (F, K, K), (F, K) with the same bounds: (F, K)."""
-    size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
-    loose = lower < upper
-    if np.all(size[:, loose] > 0):
-        scaled = grams[:, loose][:, :, loose] / (size[:, loose, None] * size[:, None, loose])
-        rest = moments[:, loose] - grams[:, loose][:, :, ~loose] @ lower[~loose]
-        found = np.tile(lower, (len(grams), 1))
-        if _well_posed(scaled):
-            found[:, loose] = np.linalg.solve(scaled, (rest / size[:, loose])[..., None])[..., 0] / size[:, loose]
-            if np.all((found >= lower) & (found <= upper)):
-                return found
-    return np.array([bounded(g, m, lower, upper) for g, m in zip(grams, moments, strict=True)])
-
-
-def _well_posed(scaled: Array) -> bool:
-    """Whether Gram matrices (F, K, K) of unit diagonals are positive, and so that no direction may be unseen."""
-    try:
-        factors = np.linalg.cholesky(scaled)
-    except np.linalg.LinAlgError:
-        return False
-    return bool(np.diagonal(factors, axis1=1, axis2=2).min(initial=1.0) > WELL_POSED)
-
-
 def inverse(gram: Array) -> Array:
     """(K, K) by which `solve` answers any moment."""
     return np.array([solve(gram, unit) for unit in np.eye(len(gram))]).reshape(gram.shape).T

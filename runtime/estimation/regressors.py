@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation.settings import SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
@@ -34,6 +35,7 @@ class Signals(SignalContext):
     piece: Piece
     prediction: Prediction | None
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
+    _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
 
     def signal(self, name: str, joint: int, own: int | None) -> Array | float:
         key = (name, joint, own)
@@ -75,6 +77,19 @@ class Signals(SignalContext):
                 output[joint, joint] += change
         return output
 
+    def growth(self, function: str, by: str, own: int) -> Array:
+        """(n, N), by central differences: exact to rounding for rates, in which torques are quadratic."""
+        if (function, by, own) not in self._slopes:
+            ends = [self._shifted(function, by, own, step) for step in (SLOPE_STEP, -SLOPE_STEP)]
+            self._slopes[function, by, own] = (ends[0] - ends[1]) / (2 * SLOPE_STEP)
+        return self._slopes[function, by, own]
+
+    def _shifted(self, function: str, by: str, own: int, step: float) -> Array:
+        moved = {"q": self.piece.q, "qd": self.piece.qd, "qdd": self.piece.slow}
+        moved[by] = moved[by] + step * (np.arange(self.model.n) == own)[:, None]
+        inputs = self.model.metadata["functions"][function]["inputs"]
+        return self.model.call(function, {name: moved[name] for name, _ in inputs}, self._known.lumps)
+
     def given(self, name: str) -> float | None:
         return given(self.model.library, self._known.values, name)
 
@@ -93,12 +108,14 @@ class Signals(SignalContext):
     @cached_property
     def measured(self) -> Array | None:
         """(n, N) the part of the rigid arm's torque that needs no inertial parameter: all of it where the user's own
-        model gives it, else that which holds a measured force f at the end-effector, −Jᵀ f; None without either."""
+        model gives it, else that which holds a measured force f (in space: and moment) at the end-effector, −Jᵀ f;
+        None without either."""
         sensors = self.piece.sensors
         if sensors.tau_rigid is not None:
             return sensors.tau_rigid
         if sensors.force is not None:
-            return -np.einsum("cjt,ct->jt", self.arm("tip_jacobian")[:2], sensors.force)
+            acting = sensors.force
+            return -np.einsum("cjt,ct->jt", self.arm("tip_jacobian")[: len(acting)], acting)
         return None
 
     @cached_property
@@ -261,19 +278,29 @@ class Regressors:
 
     def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
+        return self._stored(term, joint, [shape])[0]
 
-        def make() -> Array:
-            if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
-                return self._late(joint, self.ahead)
-            rows = [
-                p.in_band(self.raw_columns(s, term, joint, shape), joint)
-                for s, p in zip(self.signals, self.motion.pieces, strict=True)
-            ]
-            return np.concatenate(rows, axis=1)
+    def columns_each(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        """(S, 1 + k, M) `columns` for many shapes of a term."""
+        return np.array(self._stored(term, joint, shapes))
 
+    def _stored(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> list[Array]:
         library = self.model.library
-        of_motion = not library.needs[term.effect] & IDENTIFIED
-        return self._kept((library.directory, self.model.directory, term, joint, *shape.values()), of_motion, make)
+        store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
+        keys = [(library.directory, self.model.directory, term, joint, *shape.values()) for shape in shapes]
+        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if key not in store}
+        if absent:
+            store.update(zip(absent, self._in_band(term, joint, list(absent.values())), strict=True))
+        return [store[key] for key in keys]
+
+    def _in_band(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
+            return np.array([self._late(joint, self.ahead)] * len(shapes))
+        parts = [
+            p.columns(term.effect, s.of(term, joint), shapes, joint)
+            for s, p in zip(self.signals, self.motion.pieces, strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""

@@ -261,6 +261,9 @@ taken off, unique and moves nothing that they do see; double precision."""
 
 # memory -------------------------------------------------------------------------------------------------------------
 
+KEPT_ENDS: Final = 4
+"""number of sets; so many, of coefficients that ended on bounds, are tried on problems like these; time."""
+
 KEPT_SYSTEMS: Final = 8
 """number of equations a joint; kept for searches that come back to a shape; memory, it decides no result."""
 
@@ -286,3 +289,7 @@ up again once they are in the model; time."""
 
 ORDERS_SPREAD: Final = 12
 """number of orders; where nothing tells which, so many over the whole span stand for all; a choice."""
+
+SLOPE_STEP: Final = 1e-4
+"""rad, m and rad/s, m/s; torques so far to either side give how they grow with a position or a rate: their curvature
+adds a part of 1e-8, rounding one of 1e-11; by construction."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -69,22 +70,37 @@ class MotorAngle:
             slow = self.speed * start < 2 * np.pi * BAND_EDGE * self.cutoff
             part = replace(self, angle=self.angle[slow], speed=self.speed[slow], time=self.time[slow])
             rows = left[slow], base[:, slow], projection
-            for order, gain in lines(part.angle, *rows, (start, stop), among).items():
-                if not part.of_time(order, gain, *rows):
-                    found[order] = gain
+            found |= part.of_their_own(lines(part.angle, *rows, (start, stop), among), *rows)
         strongest = sorted(found, key=lambda order: -found[order])[:MOST_LINES_TRIED]
         return np.array(strongest), among
 
-    def of_time(self, order: float, gain: float, left: Array, base: Array, projection: Array) -> bool:
-        """Whether a wave over the time, of a frequency through which the order sweeps, explains a line and more."""
-        low, high = (order * self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
+    def of_their_own(
+        self, found: Mapping[float, float], left: Array, base: Array, projection: Array
+    ) -> dict[float, float]:
+        """Those of some lines, order and gain, that no wave over the time explains and more, of a frequency through
+        which the order sweeps."""
+        if not found:
+            return {}
         margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
-        swept = (low - margin, high + margin)
+        slow, fast = (self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
+        swept = min(found) * slow - margin, max(found) * fast + margin
         over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection, swept)
-        if over_time.gain.max(initial=0.0) < gain:
+        return {
+            order: gain
+            for order, gain in found.items()
+            if not self._taken_by(
+                over_time.strongest(order * slow - margin, order * fast + margin), order, gain, left, base, projection
+            )
+        }
+
+    def _taken_by(
+        self, wave: tuple[float, float], order: float, gain: float, left: Array, base: Array, projection: Array
+    ) -> bool:
+        """Whether a wave over the time, frequency and gain, explains a line and more, and leaves little of it."""
+        frequency, more = wave
+        if more < gain:
             return False
-        phase = 2 * np.pi * over_time.order[int(np.argmax(over_time.gain))] * self.time
-        beside = left - wave_beside(phase, left, base, projection)
+        beside = left - wave_beside(2 * np.pi * frequency * self.time, left, base, projection)
         remaining = angle_spectrum(self.angle, beside, base, projection, self._about(order))
         return bool(remaining.gain.max(initial=0.0) < OF_ITS_OWN * gain)
 

@@ -48,6 +48,21 @@ def evaluate(model: Model, name: str, struct: Any, coordinate: Callable[[str], A
     return arm_function(model, name)(struct, *(coordinate(argument) for argument, _ in inputs))
 
 
+@cache
+def _slope(path: Path, arm: str, name: str, by: str) -> ca.Function:
+    """The derivative of a function of an arm by one of its inputs."""
+    function = _function(path / f"{arm}_casadi.py", name)
+    inputs = [ca.SX.sym(function.name_in(k), function.size_in(k)) for k in range(function.n_in())]
+    place = function.name_in().index(by)
+    return ca.Function("slope", inputs, [ca.jacobian(function(*inputs), inputs[place])])
+
+
+def slope(model: Model, name: str, by: str, struct: Any, coordinate: Callable[[str], Any]) -> Any:
+    """How a function of the arm grows with `by`, one of its inputs; as `evaluate`, a column an entry of it."""
+    inputs = model.metadata["functions"][name]["inputs"]
+    return _slope(model.directory, model.name, name, by)(struct, *(coordinate(argument) for argument, _ in inputs))
+
+
 def effect_torque(
     model: Model, effect: str, read: Callable[[str], Any], values: Any, width: Any, states: Any = None
 ) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, nan, prod
 from typing import Any, cast
@@ -34,7 +34,8 @@ class SignalInfo:
     @property
     def between(self) -> bool:
         """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
-        return self.source is not None and "own" in self.source.get("index", ())
+        source = self.source
+        return source is not None and (source["kind"] == "ArmSlope" or "own" in source.get("index", ()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +64,17 @@ class EffectInfo(DescribedEffect[DescribedParameter]):
 @dataclass(frozen=True)
 class LumpInfo:
     """A base inertial parameter: value from the model file, None where it leaves a number behind it out; joint counts
-    from 1."""
+    from 1.
+
+    parts   of an arm in space: (joint, inertial parameter of its body or rotor, coefficient), whose sum it is
+    """
 
     name: str
     unit: str
     meaning: str
     joint: int
     value: float | None
+    parts: Sequence[Sequence[Any]] = ()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -65,15 +65,17 @@ def _pointer(array: Array) -> ctypes.c_void_p:
 
 
 class Model:
-    """An arm's functions. `lumps` (p,) replaces the base inertial parameters of the model file for one call; where that
-    leaves some open, the equations of motion cannot be called without, and say so (ModelError)."""
+    """An arm's functions; `spatial`: it is one in space. `lumps` (p,) replaces the base inertial parameters of the
+    model file for one call; where that leaves some open, the equations of motion cannot be called without, and say so
+    (ModelError)."""
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
         self.metadata, self._lib = _open(directory, "metadata.json")
         self.name: str = self.metadata["name"]
         self.n: int = self.metadata["n"]
-        self.gravity: tuple[float, float] = tuple(self.metadata["gravity"])
+        self.spatial: bool = self.metadata["space"]
+        self.gravity: tuple[float, ...] = tuple(self.metadata["gravity"])
         self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
         self.contact: dict[str, Any] | None = self.metadata["contact"]
         self.controller: dict[str, float] | None = self.metadata["controller"]
@@ -88,6 +90,11 @@ class Model:
         open_lumps = [lump.name for lump in self.lumps if lump.value is None]
         check_stated(self.name, open_lumps, [joint.unknown for joint in self.joints])
         return self._defaults[: len(self.lumps)]
+
+    def lumps_or(self, fitted: Array) -> Array:
+        """(p,) base inertial parameters of the model file, and those of a fit where it leaves one open."""
+        stated = self._defaults[: len(self.lumps)]
+        return np.where(np.isnan(stated), fitted, stated)
 
     @property
     def lumps_known(self) -> bool:
@@ -170,19 +177,20 @@ class Model:
         return self.call("coriolis", {"q": q, "qd": qd}, self._or_stated(lumps))
 
     def tip(self, q: ArrayLike) -> Array:
-        """End-effector's x, y and angle in the base frame, (3, N)."""
+        """End-effector's x, y and angle in the base frame, (3, N); of an arm in space its x, y and z."""
         return self.call("tip", {"q": q})
 
     def tip_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the tip by q, (3, n, N)."""
+        """Derivative of the tip by q, (3, n, N); of an arm in space (6, n, N), x, y, z and rotation about them."""
         return self.call("tip_jacobian", {"q": q})
 
     def tip_load(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torque that a unit mass at the end-effector asks of each joint, (n, N)."""
+        """Torque that a unit mass at the end-effector asks of each joint, (n, N); of an arm in space (n, 10, N), which
+        times 1, x, y, z, x², y², z², xy, xz, yz is that of one at (x, y, z) of the tip's frame."""
         return self.call("tip_load", {"q": q, "qd": qd, "qdd": qdd})
 
     def moment_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the first mass moment (base x, y) by q, (2, n, N)."""
+        """Derivative of the first mass moment (base x, y, in space z) by q, (2, n, N) or (3, n, N)."""
         return self.call("moment_jacobian", {"q": q})
 
     def contact_coordinates(self, q: ArrayLike) -> Array:
@@ -214,6 +222,7 @@ class Library:
         self.metadata, self._lib = _open(directory, "effects.json")
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
+        self._lanes: int = self.metadata["lanes"]
         self.effects: dict[str, EffectInfo] = {e["name"]: effect_info(e) for e in self.metadata["effects"]}
         # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
         self.needs: dict[str, frozenset[str]] = {
@@ -294,6 +303,44 @@ class Library:
             self._lib.tendon_decimate_f64(*sizes, _pointer(taps), _pointer(row), _pointer(result))
         return out.reshape(*x.shape[:-1], count)
 
+    def columns_in_band(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        choices: Sequence[Mapping[str, float]],
+        dt: float,
+        weights: Array,
+        kernel: Array,
+        factor: int,
+    ) -> Array:
+        """`columns` for many choices of the shape parameters, each times weights (N,) and through the filter of
+        `decimate`: (S, 1 + k, M)."""
+        info = self[effect]
+        arrays, count = self._signals(info, signals)
+        rows, lanes = 1 + len(info.coefficients), self._lanes if info.states and len(choices) > 1 else 1
+        values = np.array([self._values(info, choice, False) for choice in choices])
+        padded = np.concatenate([values, np.repeat(values[-1:], -len(values) % lanes, axis=0)])
+        out = np.empty((len(choices), rows, max(0, (count - len(kernel)) // factor + 1)))
+        taps, counted = np.ascontiguousarray(kernel), np.ascontiguousarray(weights)
+        scratch = np.empty((lanes, rows, count))
+        columns = getattr(self._lib, f"tendon_{effect}_columns_{'at_once' if lanes > 1 else 'batch'}_f64")
+        self._lib.tendon_in_band_f64(
+            columns,
+            *map(ctypes.c_size_t, (lanes, rows, values.shape[1], len(choices), count)),
+            self._pointers(arrays),
+            ctypes.c_double(dt),
+            _pointer(padded),
+            _pointer(counted),
+            *map(ctypes.c_size_t, (factor, len(kernel))),
+            *map(_pointer, (taps, scratch, out)),
+        )
+        return out
+
+    def _pointers(self, arrays: Mapping[str, Array]) -> ctypes.Array[ctypes.c_void_p]:
+        """One a signal; null for those that are not there."""
+        found = (arrays[name].ctypes.data if name in arrays else None for name in self.signals)
+        return (ctypes.c_void_p * len(self.signals))(*found)
+
     def _call(
         self,
         info: EffectInfo,
@@ -307,12 +354,9 @@ class Library:
         if info.states and not dt > 0:
             raise LoaderError(f'effect "{info.name}" has a memory and needs the step dt > 0, found {dt}')
         arrays, count = self._signals(info, signals)
-        pointers = (ctypes.c_void_p * len(self.signals))(
-            *(arrays[name].ctypes.data if name in arrays else None for name in self.signals)
-        )
         out = np.empty((rows, count))
         kernel = getattr(self._lib, f"tendon_{info.name}_{what}_batch_f64")
-        kernel(ctypes.c_size_t(count), pointers, ctypes.c_double(dt), _pointer(values), _pointer(out))
+        kernel(ctypes.c_size_t(count), self._pointers(arrays), ctypes.c_double(dt), _pointer(values), _pointer(out))
         return out
 
     def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:

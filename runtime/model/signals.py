@@ -40,6 +40,10 @@ class SignalContext(ABC):
     def given(self, name: str) -> Any | None:
         """The signal of this name that a parameter of an active effect is; None where there is none."""
 
+    def growth(self, function: str, by: str, own: int) -> Any:
+        """How the entries of the output of one of the arm's functions, one a joint, grow with q or qd of a joint."""
+        raise UnknownHere(f"how {function} grows with {by} of joint {own + 1}")
+
     def time(self) -> Any:
         """s since the run began."""
         raise UnknownHere("the time")
@@ -109,8 +113,13 @@ def _coordinate(at: SignalContext, source: Mapping[str, Any], joint: int, _: int
 
 def _output(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
     joints = {"joint": joint, "own": joint if own is None else own}
-    index = tuple(joints.get(i, i) for i in source["index"])
+    shape = at.model.metadata["functions"][source["function"]]["outputs"][0][1]
+    index = tuple(joints.get(i, i) for i in source["index"][: len(shape)])
     return at.arm(source["function"])[index if len(index) > 1 else index[0]]
+
+
+def _slope(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
+    return at.growth(source["function"], source["by"], joint if own is None else own)[joint]
 
 
 def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
@@ -120,6 +129,7 @@ def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int |
 _SOURCES: dict[str, Callable[[SignalContext, Mapping[str, Any], int, int | None], Any]] = {
     "Coordinate": _coordinate,
     "ArmOutput": _output,
+    "ArmSlope": _slope,
     "JointConstant": _constant,
 }
 

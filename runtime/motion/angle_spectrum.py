@@ -3,22 +3,24 @@
 A line over the motor's angle (cogging, commutation, wave generator) sweeps through frequencies as the speed varies, so
 that no spectrum over time shows it. Samples lie unevenly over the angle: the periodogram is that of least squares
 (Lomb 1976, Scargle 1982), a cosine and a sine of every order beside the columns of the model that is fitted anyway,
-for all orders at once: samples are spread onto an even grid of the angle (non-uniform FFT, Dutt & Rokhlin 1993), and
-the sums over residual, columns and sampling window are one FFT each.
+for all orders at once: samples are spread onto an even grid of the angle by B-splines (non-uniform FFT, Dutt & Rokhlin
+1993, Beylkin 1995), and the sums over residual, columns and sampling window are one FFT each. What the columns leave of
+the waves is computed once for all residuals that are looked at.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d
+from scipy.sparse import csc_array
 
 from runtime.motion.settings import (
     ANGLE_GRID,
-    AROUND,
     LEAST_OF_WAVE,
     LEAST_PERIODS,
     LINE_ABOVE_CHANCE,
@@ -26,6 +28,7 @@ from runtime.motion.settings import (
     MOST_PEAKS,
     NEAR_SURROUNDINGS,
     ORDERS_A_PERIOD,
+    SHARED_BY,
     WIDE_SURROUNDINGS,
 )
 
@@ -52,6 +55,14 @@ class AngleSpectrum:
         """The gain of the nearest order."""
         return float(self.gain[int(np.argmin(np.abs(self.order - order)))])
 
+    def strongest(self, low: float, high: float) -> tuple[float, float]:
+        """The order between two that gains most, and its gain; 0 where there is none."""
+        inside = np.flatnonzero((self.order >= low) & (self.order <= high))
+        if not len(inside):
+            return low, 0.0
+        best = inside[int(np.argmax(self.gain[inside]))]
+        return float(self.order[best]), float(self.gain[best])
+
     def peaks(self, span: tuple[float, float]) -> Array:
         """Orders (P,) within a span that gain most of all near them, the strongest first."""
         near = maximum_filter1d(self.gain, 2 * NEAR_SURROUNDINGS * ORDERS_A_PERIOD + 1)
@@ -72,8 +83,13 @@ class AngleSpectrum:
     def level(self, order: float) -> float:
         """Mean gain of chance about an order, from a median, which lines do not move: chance has an exponential
         distribution. Broad structure over the angle falls with the order: about a low one fewer are like it."""
-        reach = self.period * float(np.clip(order / self.period / 2, NEAR_SURROUNDINGS, WIDE_SURROUNDINGS))
+        reach = surroundings(order, self.period)
         return float(np.median(self.gain[np.abs(self.order - order) <= reach])) / float(np.log(2))
+
+
+def surroundings(order: float, period: float) -> float:
+    """How far to either side of an order chance is looked at; period: order of one period."""
+    return period * float(np.clip(order / period / 2, NEAR_SURROUNDINGS, WIDE_SURROUNDINGS))
 
 
 def lines(
@@ -85,16 +101,19 @@ def lines(
     The level of chance is that of what a line leaves: where little of the motion shows it, it is broad, and hides what
     surrounds it. At least LEAST_PERIODS of its periods must be there, in whatever pieces.
     """
-    found = {}
+    found: dict[float, float] = {}
+    period = period_of(angle)
+    low, high = (end + side * surroundings(end, period) for end, side in zip(span, (-1, 1), strict=True))
+    waves = Waves.of(angle, base, projection, (low, high))
     least = float(np.log(among)) + LINE_ABOVE_CHANCE
-    spectrum = angle_spectrum(angle, left, base, projection, (span[0] / AROUND, span[1] * AROUND))
+    spectrum = waves.spectrum(left)
     for order in spectrum.peaks(span):
         half_periods = np.unique(np.floor(order * angle / np.pi))
         if len(half_periods) < 2 * LEAST_PERIODS:
             continue
         beside = left - wave_beside(order * angle, left, base, projection)
-        reach = 2 * WIDE_SURROUNDINGS * spectrum.period
-        rest = angle_spectrum(angle, beside, base, projection, (max(order - reach, span[0] / AROUND), order + reach))
+        reach = surroundings(order, period)
+        rest = waves.about(order - reach, order + reach).spectrum(beside)
         if spectrum.at(order) > least * rest.level(order):
             found[spectrum.between(order)] = spectrum.at(order)
     return found
@@ -111,38 +130,73 @@ def wave_beside(phase: Array, left: Array, base: Array, projection: Array) -> Ar
     return taken
 
 
+def period_of(angle: Array) -> float:
+    """Order of one period over a whole stretch of an angle (M,), rad."""
+    return 2 * np.pi / max(float(np.ptp(angle)) if len(angle) else 0.0, 1e-300)
+
+
 def angle_spectrum(
     angle: Array, left: Array, base: Array, projection: Array, span: tuple[float, float]
 ) -> AngleSpectrum:
-    """What waves over an angle explain of a residual beside a model.
+    """What waves over an angle explain of a residual left (M,) beside a model; the rest as for `Waves.of`."""
+    return Waves.of(angle, base, projection, span).spectrum(left)
 
-    angle (M,) rad; left (M,) the residual; base (B, M) the model's columns and projection (B, B) the inverse of their
-    Gram matrix, over these samples and others where no wave is looked for; span: lowest and highest order, per 2 pi of
-    the angle. Fewer orders where the angle is too long.
+
+@dataclass(frozen=True)
+class Waves:
+    """Waves over an angle beside the columns of a model.
+
+    index (K,) of their orders among the grid's; own (3, K): what the columns leave of cosine and sine, their squares
+    and between these their product; grid: None where the angle is too short for a wave
     """
-    extent = float(np.ptp(angle)) if len(angle) else 0.0
-    low, high = max(span[0], LEAST_PERIODS * 2 * np.pi / max(extent, 1e-300)), span[1]
-    high = min(high, MOST_ANGLES * ANGLE_GRID / max(extent, 1e-300))
-    if not low < high or not len(angle):
-        return AngleSpectrum(np.empty(0), np.empty(0), 1.0)
-    spacing = ANGLE_GRID / high
-    size = next_fast_len(ORDERS_A_PERIOD * (int(extent / spacing) + 2), real=True)
-    step = 2 * np.pi / (size * spacing)
-    index = np.arange(int(np.ceil(low / step)), int(high / step) + 1)
-    grid = _Grid((angle - angle.min()) / spacing, spacing, size)
-    order, count = index * step, len(angle)
-    window = grid.sums(np.ones(count))[2 * index] / grid.response(2 * order)
-    response = grid.response(order)
-    moment = _cosine_sine(grid.sums(left)[index] / response)
-    cross = np.array([_cosine_sine(grid.sums(row)[index] / response) for row in base]).reshape(-1, 2, len(index))
-    own = np.array([[count + window.real, -window.imag], [-window.imag, count - window.real]]) / 2
-    own -= np.einsum("aik,ab,bjk->ijk", cross, projection, cross, optimize=True)
-    determinant = own[0, 0] * own[1, 1] - own[0, 1] ** 2
-    solved = own[1, 1] * moment[0] ** 2 - 2 * own[0, 1] * moment[0] * moment[1] + own[0, 0] * moment[1] ** 2
-    # Where the model's columns can make the wave themselves, nothing of it is left to be seen.
-    seen = (determinant > (LEAST_OF_WAVE * count) ** 2) & (own[0, 0] > 0)
-    gain = np.where(seen, solved / np.where(seen, determinant, 1.0), 0.0)
-    return AngleSpectrum(order, gain, 2 * np.pi / extent)
+
+    grid: _Grid | None
+    index: NDArray[np.intp]
+    own: Array
+    period: float
+    count: int
+
+    @classmethod
+    def of(cls, angle: Array, base: Array, projection: Array, span: tuple[float, float]) -> Waves:
+        """angle (M,) rad; base (B, M) the model's columns and projection (B, B) the inverse of their Gram matrix, over
+        these samples and others where no wave is looked for; span: lowest and highest order, per 2 pi of the angle.
+        Fewer orders where the angle is too long."""
+        extent, period = float(np.ptp(angle)) if len(angle) else 0.0, period_of(angle)
+        low, high = max(span[0], LEAST_PERIODS * period), min(span[1], MOST_ANGLES * ANGLE_GRID / max(extent, 1e-300))
+        if not low < high or not len(angle):
+            return cls(None, np.empty(0, dtype=np.intp), np.empty((3, 0)), 1.0, 0)
+        grid = _Grid.of(angle, ANGLE_GRID / high)
+        index = np.arange(int(np.ceil(low / grid.step)), int(high / grid.step) + 1)
+        count = len(angle)
+        window = grid.finer().sums(np.ones((1, count)), 2 * index)[0]
+        own: Array = np.array([count + window.real, -window.imag, count - window.real]) / 2
+        value, vector = np.linalg.eigh(projection)
+        # The projection as a square, so that what the columns take of a wave is one.
+        cross = grid.sums((vector * np.sqrt(np.maximum(value, 0.0))).T @ base, index)
+        cosine, sine = cross.real, -cross.imag
+        own -= [np.sum(x * y, axis=0) for x, y in ((cosine, cosine), (cosine, sine), (sine, sine))]
+        return cls(grid, index, own, period, count)
+
+    def about(self, low: float, high: float) -> Waves:
+        """Those between two orders."""
+        if self.grid is None:
+            return self
+        order = self.index * self.grid.step
+        part = slice(int(np.searchsorted(order, low)), int(np.searchsorted(order, high, side="right")))
+        return replace(self, index=self.index[part], own=self.own[:, part])
+
+    def spectrum(self, left: Array) -> AngleSpectrum:
+        """What they explain of a residual (M,)."""
+        if self.grid is None:
+            return AngleSpectrum(np.empty(0), np.empty(0), 1.0)
+        moment = self.grid.sums(left[None], self.index)[0]
+        cosine, sine = moment.real, -moment.imag
+        determinant = self.own[0] * self.own[2] - self.own[1] ** 2
+        solved = self.own[2] * cosine**2 - 2 * self.own[1] * cosine * sine + self.own[0] * sine**2
+        # Where the model's columns can make the wave themselves, nothing of it is left to be seen.
+        seen = (determinant > (LEAST_OF_WAVE * self.count) ** 2) & (self.own[0] > 0)
+        gain = np.where(seen, solved / np.where(seen, determinant, 1.0), 0.0)
+        return AngleSpectrum(np.asarray(self.index * self.grid.step, dtype=np.float64), gain, self.period)
 
 
 @dataclass(frozen=True)
@@ -153,19 +207,34 @@ class _Grid:
     spacing: float
     size: int
 
-    def sums(self, x: Array) -> NDArray[np.complex128]:
-        """Sum of x (M,) e^(-i order angle) at all orders of the grid: every sample shared by its two neighbours."""
+    @classmethod
+    def of(cls, angle: Array, spacing: float) -> _Grid:
+        place = (angle - angle.min()) / spacing
+        return cls(place, spacing, next_fast_len(ORDERS_A_PERIOD * (int(place.max()) + SHARED_BY), real=True))
+
+    @property
+    def step(self) -> float:
+        """From one order to the next."""
+        return 2 * np.pi / (self.size * self.spacing)
+
+    def finer(self) -> _Grid:
+        """One of the same orders and as many more."""
+        return _Grid(2 * self.place, self.spacing / 2, 2 * self.size)
+
+    @cached_property
+    def _shares(self) -> csc_array:
+        """(size, M) how every sample is shared among its SHARED_BY neighbours: by a cubic B-spline."""
         at = self.place.astype(np.intp)
-        upper = x * (self.place - at)
-        spread = np.bincount(at, x - upper, self.size) + np.bincount(at + 1, upper, self.size)
-        transformed: NDArray[np.complex128] = rfft(spread)
-        return transformed
+        x = self.place - at
+        y = 1 - x
+        shares = np.stack([y**3, 4 - 3 * x**2 * (1 + y), 4 - 3 * y**2 * (1 + x), x**3], axis=1) / 6
+        places = at[:, None] + np.arange(SHARED_BY)
+        return csc_array((shares.ravel(), places.ravel(), SHARED_BY * np.arange(len(at) + 1)), (self.size, len(at)))
 
-    def response(self, order: Array) -> Array:
-        """What sharing leaves of a wave."""
-        return np.sinc(order * self.spacing / (2 * np.pi)) ** 2
-
-
-def _cosine_sine(transformed: NDArray[np.complex128]) -> Array:
-    """(2, K): sums with the cosine and with the sine."""
-    return np.array([transformed.real, -transformed.imag])
+    def sums(self, x: Array, index: NDArray[np.intp]) -> NDArray[np.complex128]:
+        """(R, K) sums of x (R, M) e^(-i order angle) at orders of the grid, the angle from its least."""
+        transformed = rfft(self._shares @ x.T, axis=0)[index].T
+        phase = index * (2 * np.pi / self.size)
+        # A spline stands one step behind its first share, and takes of a wave what its width does.
+        found: NDArray[np.complex128] = transformed * np.exp(1j * phase) / np.sinc(phase / (2 * np.pi)) ** SHARED_BY
+        return found

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator
+from runtime.motion.fourier import welch
 from runtime.motion.rates import MeasuredRate, judged
 from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
@@ -91,7 +91,7 @@ def resolution(q: Array) -> float:
 def excitation(qdd: Array, rate: float, density: float, derivative: int) -> Array:
     """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
     the rest is white noise of this density of what they are the first or second derivative of."""
-    f, power = welch(qdd[:ENOUGH_FOR_NOISE], rate, nperseg=min(len(qdd), round(EXCITATION_WINDOW_S * rate)) // 2 * 2)
+    f, power = welch(qdd[:ENOUGH_FOR_NOISE], rate, min(len(qdd), round(EXCITATION_WINDOW_S * rate)) // 2 * 2)
     noise = density * (2 * np.pi * f) ** (2 * derivative)
     part = np.clip(1 - EXCITATION_CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
     return np.where(f < LOWEST_CUTOFF, 1.0, part)

@@ -6,14 +6,15 @@ model holds between filtered quantities exactly as between raw ones.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import firwin, kaiserord, oaconvolve
+from numpy.typing import ArrayLike, NDArray
 
 from runtime.model.loader import Library
+from runtime.motion.fourier import convolved, kaiser_window, windowed_sinc
 from runtime.motion.settings import (
     BAND_OF_SAMPLING,
     BAND_STOPBAND_DB,
@@ -45,7 +46,7 @@ class Differentiator:
         """x (N,) -> smoothed x, x', x'' (N − 2 half,) each: only samples that a whole kernel covers."""
         # Together, so that the spectra of x are computed once.
         kernels = np.array([self.position, self.rate, self.acceleration])
-        position, rate, acceleration = oaconvolve((x - x[0])[None], kernels, mode="valid", axes=1)
+        position, rate, acceleration = convolved(x - x[0], kernels)
         return position + x[0], rate, acceleration
 
 
@@ -62,9 +63,9 @@ def differentiator(cutoff: float, rate: float) -> Differentiator:
     """
     cutoff = min(cutoff, SMOOTHING_OF_SAMPLING * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
     passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, STOPBAND_OF_SAMPLING * rate)
-    taps, beta = kaiserord(SMOOTHING_STOPBAND_DB, (stopband - passband) / (rate / 2))
+    taps, beta = kaiser_window(SMOOTHING_STOPBAND_DB, (stopband - passband) / (rate / 2))
     taps |= 1
-    smoothing = firwin(taps, (passband + stopband) / rate, window=("kaiser", beta))
+    smoothing = windowed_sinc(taps, (passband + stopband) / rate, beta)
     pad, size = taps // 2, 8 * taps
     spectrum = np.fft.fft(smoothing, size)
     omega = 2 * np.pi * np.fft.fftfreq(size, 1 / rate)
@@ -93,8 +94,7 @@ class Smoother:
     def __call__(self, x: Array) -> Array:
         """x (N,) -> (N,)."""
         padded = np.pad(x, len(self.kernel) // 2, "reflect", reflect_type="odd")
-        smoothed: Array = oaconvolve(padded, self.kernel, mode="valid")
-        return smoothed
+        return convolved(padded, self.kernel[None])[0]
 
 
 def smoother(response: Array) -> Smoother:
@@ -117,6 +117,18 @@ class LowPass:
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
         return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
+
+    def columns(
+        self,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        choices: Sequence[Mapping[str, float]],
+        dt: float,
+        weights: Array,
+    ) -> Array:
+        """(S, 1 + k, M) in-band columns of an effect for many choices of its shape, times weights (N,); the rest as
+        `Library.columns`."""
+        return self.library.columns_in_band(effect, signals, choices, dt, weights, self._centred, self.factor)
 
     def noise(self, x: Array) -> Array:
         """x (..., N) -> (..., M): standard deviation of what comes out of white noise times x, over that of what comes
@@ -146,5 +158,5 @@ class LowPass:
 def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
     """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
     cutoff = min(cutoff, BAND_OF_SAMPLING * rate)
-    taps, beta = kaiserord(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
+    taps, beta = kaiser_window(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
     return LowPass(cutoff, rate, max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff))), taps // 2, beta, library)

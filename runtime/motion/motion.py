@@ -20,6 +20,7 @@ from runtime.motion.settings import (
     EXCERPT_WINDOW_KERNELS,
     EXCERPT_WINDOWS,
     HELD_RANGE,
+    KEPT_SKEWS,
     LEAST_ROWS,
     STANDSTILL_NOISE,
     STANDSTILL_OF_TOP_SPEED,
@@ -80,8 +81,17 @@ class Motion:
     def excerpt(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
         """Windows spread evenly over the motion, about `samples` long together, and the in-band rows they hold.
 
-        A motion that is no longer than that is its own excerpt.
+        A motion that is no longer than that is its own excerpt; asked for again, it is the same one.
         """
+        if samples not in self._excerpts:
+            self._excerpts[samples] = self._cut_to(samples)
+        return self._excerpts[samples]
+
+    @cached_property
+    def _excerpts(self) -> dict[int, tuple[Motion, NDArray[np.intp]]]:
+        return {}
+
+    def _cut_to(self, samples: int) -> tuple[Motion, NDArray[np.intp]]:
         total = sum(len(p.t) for p in self.pieces)
         if total <= samples:
             return self, np.arange(len(self.row_piece))
@@ -140,8 +150,19 @@ class Motion:
         return np.concatenate([getattr(p, name)[:, p.centres] for p in self.pieces], axis=1)
 
     def torque(self, joint: int, skew: float) -> Array:
-        """(M,) measured torque in the band, `skew` samples later than recorded."""
-        return np.concatenate([p.torque(joint, skew) for p in self.pieces])
+        """(M,) measured torque in the band, `skew` samples later than recorded; not to be written to."""
+        kept = self._torques.setdefault(joint, {})
+        if skew not in kept:
+            if len(kept) >= KEPT_SKEWS:
+                kept.clear()
+            kept[skew] = np.concatenate([p.torque(joint, skew) for p in self.pieces])
+            kept[skew].flags.writeable = False
+        return kept[skew]
+
+    @cached_property
+    def _torques(self) -> dict[int, dict[float, Array]]:
+        """Of each joint (0-based) the torques at the last skews: a search over shapes asks for the same again."""
+        return {}
 
     def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s later than recorded."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from runtime.motion import turns
 from runtime.motion.band import Band
@@ -123,6 +124,13 @@ class Piece:
     def in_band(self, x: Array, joint: int) -> Array:
         """x (..., N) -> (..., M): means in the band, of samples at which friction of the joint (0-based) is known."""
         return self.low_pass(x * self.known[joint]) / self._weights[0][joint]
+
+    def columns(
+        self, effect: str, signals: Mapping[str, ArrayLike], choices: Sequence[Mapping[str, float]], joint: int
+    ) -> Array:
+        """(S, 1 + k, M) of an effect at a joint (0-based) for many choices of its shape, as `in_band`."""
+        rows = self.low_pass.columns(effect, signals, choices, self.dt, self.known[joint])
+        return rows / self._weights[0][joint]
 
     def in_band_each(self, x: Array) -> Array:
         """x (n, ..., N) -> (n, ..., M): as `in_band`, of each joint its own."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from runtime.motion.clock import EvenGrid
 from runtime.motion.filters import differentiator
+from runtime.motion.fourier import welch
 from runtime.motion.settings import (
     DENSITY_SEGMENT,
     ENOUGH_FOR_NOISE,
@@ -112,7 +112,7 @@ def _density(recording: Recording, clock: EvenGrid, joint: int) -> float:
 
 def _in_band(left: Array, rate: float, cutoff: float, density: float) -> tuple[float, float]:
     """Densities near the cut-off: of what two rates differ by, and of the noise of differentiated positions."""
-    f, power = welch(left, rate, nperseg=min(DENSITY_SEGMENT, len(left)), average="median")
+    f, power = welch(left, rate, DENSITY_SEGMENT, "median")
     near = (f > cutoff / 2) & (f < cutoff)
     if not near.any():
         near = np.arange(len(f)) == int(np.argmin(np.abs(f - cutoff)))

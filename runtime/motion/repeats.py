@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
+from runtime.motion.fourier import convolved
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.motion.settings import (
@@ -106,7 +106,7 @@ def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | N
         return None
     mismatch = np.zeros(later.shape[1] - width + 1)
     for row, part in zip(later, window, strict=True):
-        cross = fftconvolve(row, part[::-1], mode="valid")
+        cross = convolved(row, part[None, ::-1])[0]
         energy = np.concatenate([[0.0], np.cumsum(row**2)])
         scale = max(float(np.ptp(coarse)), 1e-300) ** 2
         mismatch += (energy[width:] - energy[:-width] - 2 * cross + part @ part) / (width * scale)

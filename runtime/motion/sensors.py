@@ -27,7 +27,8 @@ class Sensors:
     twist_qdd     its second derivative
     tau_link      (n, N) N m at the joints' output; NaN for a joint without torque sensor
     tau_rigid     (n, N) N m, the rigid-body torque of the user's own model
-    force         (2, N) N on the end-effector along base x and y; a component that is not measured is zero
+    force         (2, N) N on the end-effector along base x and y, in space (6, N) N and N m along and about x, y and z;
+                  a component that is not measured is zero
     """
 
     twist: Array | None = None

@@ -304,17 +304,30 @@ RESIDUAL_SEGMENT: Final = 256
 BURST_STRETCHES: Final = 3
 """number of stretches of a second; with fewer, the second worst is no measure; by construction."""
 
+BLOCK_OF_KERNEL: Final = 8
+"""ratio of lengths; in blocks so much longer than its kernel a signal is convolved; time."""
+
+KAISER_TAPS: Final = (7.95, 2.285)
+"""numbers; stop-band in dB at no length, and dB a tap and radian of the transition; Kaiser 1974."""
+
+KAISER_BETA: Final = (8.7, 0.1102)
+"""numbers; stop-band in dB of no taper, and taper a dB above that, from 50 dB on; Kaiser 1974."""
+
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
-ANGLE_GRID: Final = 0.7
-"""part of a radian of the highest order's phase; the grid of the angle is as fine: sharing a sample between two
-neighbours then keeps 0.96 of a wave's amplitude, and 0.85 of that of the window at twice the order; by construction."""
+ANGLE_GRID: Final = 1.4
+"""part of a radian of the highest order's phase; the grid of the angle is as fine: what of a wave another order of the
+grid takes on is then a hundredth of its amplitude, (1.4 / (2 pi - 1.4)) to the power of SHARED_BY; by construction."""
+
+SHARED_BY: Final = 4
+"""number of neighbours of the grid; among so many a sample is shared, by a cubic B-spline, whose spectrum is that power
+of a sinc; by construction."""
 
 ORDERS_A_PERIOD: Final = 4
 """number of orders from one that is resolved to the next; a line between two of them loses a twentieth of its power; by
 construction."""
 
-MOST_ANGLES: Final = 500_000
+MOST_ANGLES: Final = 250_000
 """number of steps of the angle's grid; of a longer way only lower orders are looked at; memory."""
 
 LEAST_PERIODS: Final = 6.0
@@ -332,10 +345,6 @@ stronger one may be its shadows; about the least number of periods."""
 WIDE_SURROUNDINGS: Final = 40
 """number of resolved orders to either side; with so many at most a line is compared: noise is even over them; a
 choice."""
-
-AROUND: Final = 1.25
-"""ratio of orders; so much wider a spectrum is than the span in which lines are looked for, so that those at its ends
-have surroundings; a choice."""
 
 MOST_PEAKS: Final = 3
 """number of peaks; so many of a span may be lines: of others it is seen once the strongest are in the model; time."""
@@ -361,3 +370,7 @@ a real motor in view."""
 NOISE_OF_LINES: Final = 0.1
 """ratio of RMS; the encoder's noise as an inertial torque in the raised band to all lines above it: a hundredth of
 their power; a choice, with a real motor in view."""
+
+KEPT_SKEWS: Final = 4
+"""numbers of samples; at so many shifts a joint's torque is kept in the band: that of the fit, those half a sample to
+either side of none, and that of a delay; memory."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
+from runtime.motion.fourier import welch
 from runtime.motion.settings import (
     BURST_STRETCHES,
     LINE_CHANCE,
@@ -50,7 +50,7 @@ def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
 
 def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff: float) -> float:
     """Density of a residual (M,) at low frequencies over that in the upper part of the band; 1 for white noise."""
-    f, power = welch(residual, rate, nperseg=min(len(residual), RESIDUAL_SEGMENT))
+    f, power = welch(residual, rate, RESIDUAL_SEGMENT)
     white = power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]
     if not use.any() or not len(white) or np.median(white) <= 0:
         return 1.0
@@ -60,7 +60,7 @@ def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff
 def white_inside(x: Array, rate: float, cutoff: float) -> float:
     """One-sided density of the white noise in x (M,), in the upper part of the band, which slow physics does not
     reach; infinite where the signal is too short to tell."""
-    f, power = welch(x, rate, nperseg=min(len(x), RESIDUAL_SEGMENT))
+    f, power = welch(x, rate, RESIDUAL_SEGMENT)
     inside = power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]
     return float(np.median(inside)) if len(inside) else float("inf")
 

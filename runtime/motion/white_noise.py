@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from runtime.motion.clock import Stretch
+from runtime.motion.fourier import welch
 from runtime.motion.settings import DENSITY_SEGMENT, ENOUGH_FOR_NOISE, WHITE_FROM, WHITE_TO
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ def white_density(x: Array, rate: float) -> float:
 
     Medians over time and frequency, so that shocks and single lines do not count as noise.
     """
-    f, density = welch(x[:ENOUGH_FOR_NOISE], rate, nperseg=min(DENSITY_SEGMENT, len(x)), average="median")
+    f, density = welch(x[:ENOUGH_FOR_NOISE], rate, DENSITY_SEGMENT, "median")
     inside = (f > WHITE_FROM * rate) & (f < WHITE_TO * rate)
     return float(np.median(density[inside]))
 

@@ -24,9 +24,11 @@ class LoadedArm:
     """A model file, its equations derived and compiled; `text` is what would be written.
 
     source   the file as read, and the library of effects
+    told     what was said of it when it was made
     """
 
     source: Source
+    told: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -37,6 +39,11 @@ class LoadedArm:
     def model(self) -> Model:
         """The generated functions on NumPy arrays, samples last: `arm.model.inverse_dynamics(q, qd, qdd)`."""
         return self.source.model()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of the file beside errors, a line each."""
+        return (*self.told, *self.source.arm().notes)
 
     def with_text(self, text: str) -> LoadedArm:
         """The same arm with another model file's text; nothing is written."""
@@ -65,7 +72,7 @@ class LoadedArm:
 
 
 def load(model: PathOrText, effects: PathOrText | None = None) -> LoadedArm:
-    """The arm of a model file, or one that ships with Tendon ("drive", "vishard4", "emps") by its name.
+    """The arm of a model file, or by its name one that ships with Tendon: "drive", "vishard4", "emps", "ur10", "panda".
 
     effects   a Python file with effects of your own (`--effects`); it is run, so trust it
     Derived and compiled when it is first needed; later calls find it in the cache. Raises ValueError, OSError.

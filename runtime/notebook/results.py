@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from runtime.report.page.html_page import write_report
 from runtime.report.page.page_figures import Drawn
 from runtime.report.plots import plan_plots
 from runtime.report.summary import ResultSummary
-from runtime.report.terminal import loop_pages, pages, plan_pages
+from runtime.report.terminal import exchange_pages, loop_pages, pages, plan_pages
 
 Document = dict[str, Any]
 
@@ -172,3 +172,16 @@ class PlanResult(_Result):
     def save(self, path: PathOrText) -> None:
         """Write the trajectory, for `tendon execute`. Raises OSError."""
         self.plan.trajectory.write(Path(path))
+
+
+@dataclass(frozen=True, repr=False)
+class ExportResult(_Result):
+    """An arm that was written for simulators: its bodies, and what the format cannot say."""
+
+    json: Document = field()
+
+    _page = staticmethod(exchange_pages.exported)
+
+    def __repr__(self) -> str:
+        unsaid = "; ".join(self.json["unsaid"])
+        return f"{self.json['out']}: {self.json['name']}" + (f"\nno words for: {unsaid}" if unsaid else "")

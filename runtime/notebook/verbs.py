@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime import files
 from runtime.diagnosis import diagnose as diagnosis
 from runtime.diagnosis.credibility import judged
 from runtime.estimation import compare as comparison
@@ -19,6 +21,7 @@ from runtime.notebook.arm import LoadedArm, PathOrText, Recorded
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
+    ExportResult,
     IdentificationResult,
     ImprovementResult,
     PlanResult,
@@ -31,7 +34,8 @@ from runtime.report.follow_up import Invocation, about
 from runtime.report.summary import ResultSummary
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace import scenario_path, scenario_source
+from runtime.workspace import Source, effects_library, scenario_path, scenario_source
+from symbolic.model_file.exchange.importing import imported
 
 Recordings = Recorded | Sequence[Recorded]
 
@@ -101,6 +105,39 @@ def simulate(
     settings = SimulationSettings(seed, seconds, repeats, noise, signals)
     made, _ = simulation.simulate(arm.model, hidden, settings, path)
     return made
+
+
+def import_(
+    path: PathOrText,
+    base: str | None = None,
+    tip: str | None = None,
+    lock: Mapping[str, float] | None = None,
+    friction: bool = True,
+    effects: PathOrText | None = None,
+) -> LoadedArm:
+    """The arm of a URDF or MJCF file; `arm.notes` says what was left out of it, `arm.save(path)` writes the model file.
+
+    base, tip   links between which it lies; None: the root, and the only end
+    lock        joint -> where it is held, rad or m
+    friction    dry and viscous friction at every joint, unknown where the file states none
+    Raises ValueError.
+    """
+    own = None if effects is None else Path(effects)
+    library = effects_library(own, space=True)
+    made = imported(Path(path), library, base, tip, lock, friction)
+    return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library, True), made.notes)
+
+
+def export(
+    arm: LoadedArm, path: PathOrText, to: Literal["urdf", "mjcf"] = "urdf", onto: PathOrText | None = None
+) -> ExportResult:
+    """Write the arm as URDF or MJCF, with bodies that can be. Raises ValueError, OSError.
+
+    onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
+    """
+    data, document = arm.source.exported(to, None if onto is None else Path(onto))
+    files.replace(Path(path), data)
+    return ExportResult({"out": str(path), **document})
 
 
 def optimize(

@@ -1,6 +1,6 @@
 """A nonlinear program as a sum of small blocks: one expression, evaluated at many places of the trajectory.
 
-Each place sees z = Z x + z0 of the unknowns x, sparse and constant because Bezier polynomials are linear in
+Each place sees z = Z x of the unknowns x, sparse and constant because Bezier polynomials are linear in
 their control points. So gradient, Jacobian and Hessian of the Lagrangian are exact and cheap: those of the small
 expression, derived once, and congruences with Z. An automatic derivative of the whole sum is dense and costs
 a sweep an unknown.
@@ -21,42 +21,33 @@ from scipy import sparse
 Array = NDArray[np.float64]
 
 
+Row = tuple[ca.SX, float, float, str, str]
+"""A constraint: expression, lower and upper bound, what it is for a person, and its unit."""
+
+
 @dataclass(frozen=True)
-class ProgramBlock:
-    """cost(z, p), a scalar, the sum of squares(z, p), and rows(z, p), constraints, at several places.
+class Expression:
+    """cost(z, p), a scalar, the sum of squares(z, p), and rows(z, p), constraints with bounds, at an instant.
 
     z, p      SX symbols (nz,), (np,); p is what one solution may change from the next without a new program
     cost, squares   what is not there is zero, or has no rows; both count
-    places    (N nz, nx) sparse, place after place; offset (N nz,)
-    weights   (N,) of the cost
-    lower, upper   (N, rows)
-    where     (N,) of each place, what (rows,) each row and its unit: for people
+    lower, upper, labels   of each row; what it is and its unit: for people
     """
 
     z: ca.SX
     p: ca.SX
-    places: sparse.csr_matrix
-    offset: Array
     cost: ca.SX
     squares: ca.SX
-    weights: Array
     rows: ca.SX
-    lower: Array
-    upper: Array
-    where: tuple[str, ...]
-    what: tuple[tuple[str, str], ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    labels: tuple[tuple[str, str], ...]
 
-    @property
-    def count(self) -> int:
-        return len(self.weights)
-
-    @cached_property
-    def _map(self) -> ca.DM:
-        return _dm(self.places)
-
-    def seen(self, x: Any) -> Any:
-        """z at every place, (nz, N)."""
-        return ca.reshape(self._map @ x + ca.DM(self.offset), self.z.numel(), self.count)
+    @classmethod
+    def of(cls, z: ca.SX, p: ca.SX, cost: ca.SX, squares: ca.SX, rows: Sequence[Row]) -> Expression:
+        lower, upper = (tuple(float(row[k]) for row in rows) for k in (1, 2))
+        stacked = ca.vertcat(*(row[0] for row in rows)) if rows else ca.SX(0, 1)
+        return cls(z, p, cost, squares, stacked, lower, upper, tuple((row[3], row[4]) for row in rows))
 
     @cached_property
     def _lean(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -64,38 +55,22 @@ class ProgramBlock:
         cost, squares, rows = ca.cse([self.cost, self.squares, self.rows])
         return cost, squares, rows
 
-    def values(self, x: Any, p: Any) -> tuple[Any, Any]:
-        """Weighted cost, and all rows place after place."""
+    @cached_property
+    def value(self) -> ca.Function:
+        """(z, p) -> cost with its squares, rows."""
         cost, squares, rows = self._lean
-        function = ca.Function("values", [self.z, self.p], [cost + ca.sumsqr(squares), rows])
-        cost, rows = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
-        return ca.dot(ca.DM(self.weights).T, cost), ca.vec(rows)
-
-    def first(self, x: Any, p: Any) -> tuple[Any, Any]:
-        """Gradient of the cost (nx,), Jacobian of the rows (N rows, nx)."""
-        cost, squares, rows = self._lean
-        gradient, jacobian = ca.gradient(cost + ca.sumsqr(squares), self.z), ca.jacobian(rows, self.z)
-        function = ca.Function("first", [self.z, self.p], [gradient, jacobian])
-        slopes, jacobians = function.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
-        weighted = slopes * ca.repmat(ca.DM(self.weights).T, self.z.numel(), 1)
-        blocks = ca.horzsplit(jacobians, self.z.numel())
-        return self._map.T @ ca.vec(weighted), ca.diagcat(*blocks) @ self._map
-
-    def second(self, x: Any, p: Any, scale: Any, multipliers: Any) -> Any:
-        """Hessian of scale · cost + multipliers · rows, (nx, nx)."""
-        function = self._curvature
-        found = function.map(self.count)(
-            self.seen(x),
-            ca.repmat(p, 1, self.count),
-            scale * ca.DM(self.weights).T,
-            ca.reshape(multipliers, self.rows.numel(), self.count),
-        )
-        blocks = ca.horzsplit(found, self.z.numel())
-        return self._map.T @ (ca.diagcat(*blocks) @ self._map)
+        return ca.Function("value", [self.z, self.p], [cost + ca.sumsqr(squares), rows])
 
     @cached_property
-    def _curvature(self) -> ca.Function:
-        """Of weight · cost + y · rows at a place, (nz, nz)."""
+    def slope(self) -> ca.Function:
+        """(z, p) -> gradient of the cost (nz,), Jacobian of the rows."""
+        cost, squares, rows = self._lean
+        slopes = [ca.gradient(cost + ca.sumsqr(squares), self.z), ca.jacobian(rows, self.z)]
+        return ca.Function("slope", [self.z, self.p], slopes)
+
+    @cached_property
+    def curvature(self) -> ca.Function:
+        """(z, p, weight, y) -> Hessian of weight · cost + y · rows at a place, (nz, nz)."""
         weight, y = ca.SX.sym("weight"), ca.SX.sym("y", self.rows.numel())
         cost, squares, rows = self._lean
         # Of a square's two terms, 2 (∇r ∇rᵀ + r ∇²r), the second is derived with r in front as a number: half the work.
@@ -104,6 +79,66 @@ class ProgramBlock:
         slopes = ca.jacobian(squares, self.z)
         hessian = ca.substitute(curved, r, squares) + 2 * weight * (slopes.T @ slopes)
         return ca.Function("second", [self.z, self.p, weight, y], [hessian])
+
+
+@dataclass(frozen=True)
+class ProgramBlock:
+    """An expression at several places of the motion.
+
+    places    (N nz, nx) sparse, place after place: z of the unknowns
+    weights   (N,) of the cost
+    where     (N,) of each place: for people
+    """
+
+    expression: Expression
+    places: sparse.csr_matrix
+    weights: Array
+    where: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        return len(self.weights)
+
+    @property
+    def lower(self) -> Array:
+        """(N, rows)"""
+        return np.tile(np.array(self.expression.lower), (self.count, 1))
+
+    @property
+    def upper(self) -> Array:
+        """(N, rows)"""
+        return np.tile(np.array(self.expression.upper), (self.count, 1))
+
+    @cached_property
+    def _map(self) -> ca.DM:
+        return _dm(self.places)
+
+    def seen(self, x: Any) -> Any:
+        """z at every place, (nz, N)."""
+        return ca.reshape(self._map @ x, self.expression.z.numel(), self.count)
+
+    def values(self, x: Any, p: Any) -> tuple[Any, Any]:
+        """Weighted cost, and all rows place after place."""
+        cost, rows = self.expression.value.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
+        return ca.dot(ca.DM(self.weights).T, cost), ca.vec(rows)
+
+    def first(self, x: Any, p: Any) -> tuple[Any, Any]:
+        """Gradient of the cost (nx,), Jacobian of the rows (N rows, nx)."""
+        slopes, jacobians = self.expression.slope.map(self.count)(self.seen(x), ca.repmat(p, 1, self.count))
+        weighted = slopes * ca.repmat(ca.DM(self.weights).T, self.expression.z.numel(), 1)
+        blocks = ca.horzsplit(jacobians, self.expression.z.numel())
+        return self._map.T @ ca.vec(weighted), ca.diagcat(*blocks) @ self._map
+
+    def second(self, x: Any, p: Any, scale: Any, multipliers: Any) -> Any:
+        """Hessian of scale · cost + multipliers · rows, (nx, nx)."""
+        found = self.expression.curvature.map(self.count)(
+            self.seen(x),
+            ca.repmat(p, 1, self.count),
+            scale * ca.DM(self.weights).T,
+            ca.reshape(multipliers, self.expression.rows.numel(), self.count),
+        )
+        blocks = ca.horzsplit(found, self.expression.z.numel())
+        return self._map.T @ (ca.diagcat(*blocks) @ self._map)
 
 
 def _dm(matrix: sparse.spmatrix) -> ca.DM:
@@ -128,14 +163,14 @@ class Sum:
 
 def assemble(blocks: Sequence[ProgramBlock]) -> Sum:
     """One nonlinear program."""
-    size, p = blocks[0].places.shape[1], ca.MX.sym("p", blocks[0].p.numel())
+    size, p = blocks[0].places.shape[1], ca.MX.sym("p", blocks[0].expression.p.numel())
     x = ca.MX.sym("x", size)
     parts = [block.values(x, p) for block in blocks]
     cost, rows = sum(c for c, _ in parts), ca.vertcat(*(r for _, r in parts))
     slopes = [block.first(x, p) for block in blocks]
     gradient, jacobian = sum(s for s, _ in slopes), ca.vertcat(*(j for _, j in slopes))
     scale, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows.numel())
-    split = np.cumsum([0, *(block.rows.numel() * block.count for block in blocks)]).tolist()
+    split = np.cumsum([0, *(block.expression.rows.numel() * block.count for block in blocks)]).tolist()
     each = ca.vertsplit(multipliers, split)
     hessian = sum(block.second(x, p, scale, y) for block, y in zip(blocks, each, strict=True))
     functions = {

@@ -52,7 +52,7 @@ class Effort:
 
     @cached_property
     def tip(self) -> Array:
-        """(3, N) x, y, angle of the end-effector."""
+        """(3, N) x, y, angle of the end-effector; of a spatial arm x, y, z."""
         return self.model.tip(self.motion.q)
 
 

@@ -18,13 +18,14 @@ from runtime.planning.scenario import Scenario
 from runtime.planning.solve import Attempt, Miss, Solver
 from runtime.planning.springs import SoughtSpring, usual
 from runtime.planning.starts import random_start
+from runtime.planning.task import Task
 from runtime.planning.trajectory import Phase, Trajectory
 
 Array = NDArray[np.float64]
 
 WIDTH = 0.1
 """rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
-_WAYS = ((WIDTH,), (2 * WIDTH, WIDTH / 2))
+_WAYS = ((5 * WIDTH, 2 * WIDTH, WIDTH), (2 * WIDTH, WIDTH / 2))
 """Widths on the way from the search to the result. Where joints stick, each may end in a slightly worse place."""
 _SOFT = 1.0
 """The same while searching: so smooth that each start finds its basin in some thirty steps."""
@@ -93,7 +94,7 @@ def optimize(model: Model, scenario: Scenario, settings: PlanningSettings = Plan
 
     Raises Infeasible if no start meets all constraints, StartError if no posture meets a point.
     """
-    free = any(point.tip is not None for point in scenario.points.values())
+    free = any(point.reached for point in scenario.points.values())
     count = (_STARTS if free else 1) if settings.starts is None else settings.starts
     return Planner(model, scenario).plan(count, np.random.default_rng(settings.seed))
 
@@ -103,8 +104,8 @@ class Planner:
 
     def __init__(self, model: Model, scenario: Scenario) -> None:
         self.model, self.scenario, self._started = model, scenario, time.perf_counter()
-        self.coarse = Solver(Program(model, scenario, _few), 1e-3, 150)
-        self.fine = Solver(Program(model, scenario, _many), 1e-6, 400)
+        task = Task(model, scenario)
+        self.coarse, self.fine = Solver(Program(task, _few), 1e-3, 150), Solver(Program(task, _many), 1e-6, 400)
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
         return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
@@ -136,10 +137,11 @@ class Planner:
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The first attempt refined, and its springs chosen."""
-        free = min((self._refined(attempts[0].x, widths) for widths in _WAYS), key=self._rank)
+        ways = [(self._refined(attempts[0].x, widths), widths[-1]) for widths in _WAYS]
+        free, width = min(ways, key=lambda way: self._rank(way[0]))
         if free.missed is not None:
             raise Infeasible(self.scenario, free.missed, attempts)
-        chosen, choices = self._chosen(free)
+        chosen, choices = self._chosen(free, width)
         trajectory = self.trajectory(chosen.x)
         found = effort(self.model, trajectory)
         setup = self.coarse.setup_seconds + self.fine.setup_seconds
@@ -149,34 +151,36 @@ class Planner:
             effort=found,
             cost=objective(self.scenario, found),
             smooth_cost=chosen.cost,
-            springs=self.fine.program.springs,
-            free={s.plan.joint: size for s, size in zip(self.fine.program.springs, self._sizes(free), strict=True)},
+            springs=self.fine.program.task.springs,
+            free={
+                s.plan.joint: size for s, size in zip(self.fine.program.task.springs, self._sizes(free), strict=True)
+            },
             choices=choices,
             attempts=tuple(attempts),
             refined=free,
             setup_seconds=setup,
             seconds=time.perf_counter() - self._started,
-            left_out={str(term): why for term, why in self.fine.program.physics.left_out.items()},
+            left_out={str(term): why for term, why in self.fine.program.task.physics.left_out.items()},
         )
 
     def _refined(self, x: Array, widths: Sequence[float]) -> Attempt:
-        for width in widths:
-            found = self.fine.refine(x, width)
-            x = found.x
-        return found
+        *before, last = widths
+        for width in before:
+            x = self.fine.near(x, width)
+        return self.fine.refine(x, last)
 
     def _spring(self, k: int) -> slice:
-        return self.fine.program.unknowns.spring(k)
+        return self.fine.program.task.unknowns.spring(k)
 
     # --- springs ---
 
     def _values(self, x: Array) -> list[dict[str, float]]:
         """All parameters of each spring, SI."""
-        springs = enumerate(self.fine.program.springs)
+        springs = enumerate(self.fine.program.task.springs)
         return [{name: float(v) for name, v in s.values(x[self._spring(k)]).items()} for k, s in springs]
 
     def _sizes(self, found: Attempt) -> list[float]:
-        springs = self.fine.program.springs
+        springs = self.fine.program.task.springs
         return [values[s.size.name] for s, values in zip(springs, self._values(found.x), strict=True)]
 
     def _sprung(self, x: Array) -> list[Array]:
@@ -187,7 +191,7 @@ class Planner:
         t = np.linspace(0.0, self.scenario.cycle_time, 400, endpoint=False)
         bare = at_times(self.model, self.trajectory(x, springs=False), t)
         fitting, taut = x.copy(), x.copy()
-        for k, spring in enumerate(self.fine.program.springs):
+        for k, spring in enumerate(self.fine.program.task.springs):
             i = spring.plan.joint - 1
             fitting[self._spring(k)] = _relief(self.model.library, bare, i, spring)
             values = {spring.size.name: sum(spring.plan.sought[spring.size.name]) / 2}
@@ -197,7 +201,7 @@ class Planner:
             taut[self._spring(k)] = spring.unknowns(values)
         return [fitting, taut]
 
-    def _chosen(self, free: Attempt) -> tuple[Attempt, tuple[SpringChoice, ...]]:
+    def _chosen(self, free: Attempt, width: float) -> tuple[Attempt, tuple[SpringChoice, ...]]:
         """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
         springs = self.scenario.springs
         options = [neighbours(s.catalogue, k) for s, k in zip(springs, self._sizes(free), strict=True)]
@@ -206,8 +210,8 @@ class Planner:
         tried = []
         for combination in product(*(o or (None,) for o in options)):
             fixed = {k: value for k, value in enumerate(combination) if value is not None}
-            tried.append((fixed, self.fine.refine(free.x, WIDTH, fixed)))
-        tried.sort(key=lambda item: (not item[1].met, item[1].cost))
+            tried.append((fixed, self.fine.refine(free.x, width, fixed)))
+        tried.sort(key=lambda item: self._rank(item[1]))
         if tried[0][1].missed is not None:
             raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
         named = [
@@ -220,7 +224,7 @@ class Planner:
 
     def trajectory(self, x: Array, springs: bool = True) -> Trajectory:
         """The motion that the unknowns x describe, with its springs or with none."""
-        s, u = self.scenario, self.fine.program.unknowns
+        s, u = self.scenario, self.fine.program.task.unknowns
         phases = []
         for k, plan in enumerate(s.phases):
             points = np.tile(np.array(s.posture)[:, None], plan.degree + 1)
@@ -230,12 +234,12 @@ class Planner:
                 points[c] = x[u.points(k, row)]
             phases.append(Phase("q" if plan.kind == "free" else "w", s.cycle_time * plan.part, points))
         library = self.model.library
-        own = list(zip(self.fine.program.springs, self._values(x), strict=True)) if springs else []
+        own = list(zip(self.fine.program.task.springs, self._values(x), strict=True)) if springs else []
         mounted = {spring.plan.joint: values for spring, values in own}
         foreign = {s.plan.joint: s.info.name for s, _ in own if s.info.name != usual(library.effects)}
         contact = {
             term.effect: dict(values)
-            for term, values in self.fine.program.physics.terms.items()
+            for term, values in self.fine.program.task.physics.terms.items()
             if library[term.effect].scope == "contact"
         }
         told = self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction

@@ -96,6 +96,11 @@ class PlanInstant:
         return self._signals.arm("tip")
 
     @property
+    def tip_rotation(self) -> ca.SX:
+        """(3, 3) of the tip's frame of a spatial arm, in base axes."""
+        return self._signals.arm("tip_rotation")
+
+    @property
     def tip_rate(self) -> ca.SX:
         return self._signals.arm("tip_rate")
 

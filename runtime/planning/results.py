@@ -120,7 +120,10 @@ def _samples(model: Model, plan: Plan) -> dict[str, Any]:
     seen = at_times(model, plan.trajectory, t)
     motion = seen.motion
     series = {"q": motion.q, "qd": motion.qd, "qdd": motion.qdd, "tau": seen.tau, "spring": seen.spring}
-    return {"t": t.tolist(), **{k: v.tolist() for k, v in series.items()}, "tip": seen.tip.tolist()}
+    tip = {"tip": seen.tip}
+    if model.spatial:
+        tip["tip_rotation"] = model.call("tip_rotation", {"q": motion.q})
+    return {"t": t.tolist(), **{k: v.tolist() for k, v in {**series, **tip}.items()}}
 
 
 def _attempt(a: Attempt) -> dict[str, Any]:

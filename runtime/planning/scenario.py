@@ -16,15 +16,29 @@ class Point:
     """An instant between two phases.
 
     q          by joint (1-based): position, rad or m
-    tip        base x and y of the end-effector, m; None: not asked for
+    tip        base x and y, in space x, y and z, of the end-effector, m; None: not asked for
+    pointing   of a spatial arm: the direction, in base axes, of the z axis of the tip's frame; None: not asked for
+    orientation  likewise roll, pitch and yaw of the tip's frame, rad
     rest       all joints stand still
     tip_rest   the end-effector stands still, joints may move
     """
 
     q: Mapping[int, float] = field(default_factory=dict)
-    tip: tuple[float, float] | None = None
+    tip: tuple[float, ...] | None = None
+    pointing: tuple[float, ...] | None = None
+    orientation: tuple[float, ...] | None = None
     rest: bool = False
     tip_rest: bool = False
+
+    @property
+    def directed(self) -> bool:
+        """Whether it is asked which way the end-effector points."""
+        return self.pointing is not None or self.orientation is not None
+
+    @property
+    def reached(self) -> bool:
+        """Whether anything is asked of the end-effector, so that postures are free."""
+        return self.tip is not None or self.directed
 
 
 @dataclass(frozen=True)

@@ -19,18 +19,11 @@ from symbolic.model_file.fields import (
     Choice,
     FieldRow,
     Flag,
-    Inner,
     Interval,
     JointNumbers,
     Name,
-    Named,
     Number,
     Numbers,
-    OpenTable,
-    Others,
-    Pair,
-    PerJoint,
-    Several,
     Text,
     Whole,
     WholeNumber,
@@ -39,6 +32,7 @@ from symbolic.model_file.fields import (
 from symbolic.model_file.fields import (
     read as read_fields,
 )
+from symbolic.model_file.tables import Inner, Named, OpenTable, Others, PerJoint, Several
 
 MAX_DEGREE = 20
 _OF_A_SPRING = ("joint", "effect", "catalogue")
@@ -67,7 +61,16 @@ _MANY = 10_000
 
 POINT = (
     PerJoint("q1", "position of joint 1, likewise q2, ...; without it free", Number, unit="rad or m", default=None),
-    Pair("tip", "of the end-effector, base x and y; without it free", unit="m", default=None),
+    Numbers("tip", "of the end-effector: base x and y, in space x, y and z; without it free", unit="m", default=()),
+    Numbers(
+        "pointing", "in space: where the z axis of the tip's frame points, in base axes; without it free", default=()
+    ),
+    Numbers(
+        "orientation",
+        "in space: roll, pitch, yaw of the tip's frame, as in URDF; without it free",
+        unit="rad",
+        default=(),
+    ),
     Flag("rest", "whether all joints stand still", default=False),
     Flag("tip_rest", "whether the end-effector stands still; joints may move", default=False),
 )
@@ -144,7 +147,7 @@ def parse(table: Mapping[str, Any], top: Place) -> Scenario:
         moving=said["moving"],
         posture=said["posture"],
         objective=Objective(**{**objective, "resistance": dict(enumerate(objective["resistance"], 1))}),
-        points={name: _point(point) for name, point in said["points"].items()},
+        points={name: _point(top.inside(f"points.{name}"), p) for name, p in said["points"].items()},
         phases=tuple(_phase(top.inside(f"phase {k}"), p, said["points"]) for k, p in enumerate(said["phase"], 1)),
         springs=tuple(_spring(spring) for spring in said["spring"]),
         contact={name: _values(top.inside(f"contact.{name}"), values) for name, values in said["contact"].items()},
@@ -155,8 +158,16 @@ def parse(table: Mapping[str, Any], top: Place) -> Scenario:
     return scenario
 
 
-def _point(said: Mapping[str, Any]) -> Point:
-    return Point(said["q1"], said["tip"], said["rest"], said["tip_rest"])
+def _point(place: Place, said: Mapping[str, Any]) -> Point:
+    for key, expected in (("pointing", "x, y and z"), ("orientation", "roll, pitch and yaw")):
+        if said[key] and len(said[key]) != 3:
+            place.fail(f"{key} has {len(said[key])} numbers; expected three: {expected}")
+    if said["pointing"] and said["orientation"]:
+        place.fail("pointing and orientation say the same thing twice; leave one of them out")
+    if said["pointing"] and not any(said["pointing"]):
+        place.fail("pointing is zero; expected a direction, of any length")
+    given = {key: said[key] or None for key in ("tip", "pointing", "orientation")}
+    return Point(said["q1"], rest=said["rest"], tip_rest=said["tip_rest"], **given)
 
 
 def _phase(place: Place, said: Mapping[str, Any], points: Mapping[str, Any]) -> PhasePlan:
@@ -222,6 +233,7 @@ def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
                 f"joint {still[0]} does not move; add it to moving, or leave out q{still[0]}"
             )
         _check_range(top.inside(f"points.{name}"), point, model)
+        _check_space(top.inside(f"points.{name}"), point, model)
     _check_electrical(top, full, model)
     _check_contact(top, full, model)
     return full
@@ -269,6 +281,16 @@ def _check_range(place: Place, point: Point, model: Model) -> None:
             place.fail(f"q{which} is {q:g} {unit}; joint {which} can go from {low:g} to {high:g} {unit}")
 
 
+def _check_space(place: Place, point: Point, model: Model) -> None:
+    """What is asked of the end-effector has as many numbers as the arm has directions."""
+    kind, axes = ("spatial", "x, y and z") if model.spatial else ("planar", "x and y")
+    if point.tip is not None and len(point.tip) != (3 if model.spatial else 2):
+        place.fail(f"tip has {len(point.tip)} numbers; {model.name} is {kind}: expected {axes}")
+    for key in ("pointing", "orientation"):
+        if getattr(point, key) is not None and not model.spatial:
+            place.fail(f"{key} is for spatial arms; {model.name} is planar, leave it out")
+
+
 def _check_electrical(top: Place, scenario: Scenario, model: Model) -> None:
     if scenario.objective.goal != "electrical_energy":
         return
@@ -301,7 +323,8 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
     touched = model.contact and giver(model.library, map(Term, model.contact["effects"]), SURFACE)
     if "contact_inverse" not in model.functions or model.contact is None or not touched:
         top.inside(f"phase {touching[0][0]}").fail(
-            f"a contact phase needs an arm of four revolute joints with a [contact] and its plate; {model.name} is none"
+            "a contact phase needs a planar arm of four revolute joints with a [contact] and its plate; "
+            f"{model.name} is none"
         )
     if scenario.moving != tuple(range(1, model.n + 1)):
         top.inside("moving").fail("in a contact phase all joints move; leave moving out")

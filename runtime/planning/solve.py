@@ -1,4 +1,4 @@
-"""One program, many solutions: IPOPT with exact derivatives, and what stands in the way where there is none."""
+"""One program, many solutions, and what stands in the way where there is none."""
 
 from __future__ import annotations
 
@@ -7,25 +7,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.planning.blocks import assemble
+from runtime.planning.blocks import Sum, assemble
+from runtime.planning.interior_point import SOLVED, Bounded, Ended, Manner, minimize
+from runtime.planning.kernels import Kernels
 from runtime.planning.program import Program
 
 Array = NDArray[np.float64]
 
 MET = 1e-4
 """By which a constraint may be missed, in its own unit, and still counts as met."""
-_NEAR = {
-    "ipopt.mu_init": 1e-2,
-    "ipopt.bound_push": 1e-4,
-    "ipopt.bound_frac": 1e-4,
-    "ipopt.slack_bound_push": 1e-4,
-    "ipopt.slack_bound_frac": 1e-4,
-}
-"""From a guess that is good: the barrier does not push it out of its basin."""
+_FAR, _THERE = (0.1, 1e-2), (1e-4, 1e-5)
+"""Barrier at first and least distance from bounds, of a guess that is rough or in the right basin: there a larger
+barrier would push it over the ridge into the next, as springs and friction make many."""
+_ROUGH = 1e-3
+"""Accuracy of solutions that only show where to begin."""
 _QUIET = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 
 
@@ -59,61 +57,80 @@ class Attempt:
 
 
 class Solver:
-    """IPOPT on a program; accuracy: of the optimality conditions, relative to their scale."""
+    """Solves a program from given points: by the dense interior-point method, and where that ends without a solution by
+    IPOPT from the same point; accuracy: of the optimality conditions, relative to their scale."""
 
     def __init__(self, program: Program, accuracy: float, iterations: int) -> None:
-        self.program = program
-        options = {**_QUIET, "ipopt.tol": accuracy, "ipopt.max_iter": iterations}
+        self.program, self.accuracy, self.iterations = program, accuracy, iterations
         started = time.perf_counter()
-        whole = assemble(program.blocks)
-        self._far, self._near = whole.solver(options), whole.solver({**options, **_NEAR})
+        self._kernels = Kernels.of(program.blocks)
         self.setup_seconds = time.perf_counter() - started
-        self._rows = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
+        blocks = program.blocks
+        self._rows = (
+            np.concatenate([block.lower.ravel() for block in blocks]),
+            np.concatenate([block.upper.ravel() for block in blocks]),
+        )
 
     def run(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """A solution from the rough guess x (nx,); width of the switches in rad/s (m/s).
 
         sizes   by number of the spring (0-based): of its size, SI; fixed, not sought
         """
-        return self._run(self._far, x, width, sizes or {}, 1.0)
+        return self._run(_FAR, x, width, sizes or {}, 1.0)
 
     def relieved(self, x: Array, width: float, share: float) -> Attempt:
         """The motion for springs that are yet to be chosen, from the rough guess x: without them, but only a share of
         their joints' squared torque counts, as if the springs gave the rest."""
-        none = dict.fromkeys(range(len(self.program.scenario.springs)), 0.0)
-        return self._run(self._far, x, width, none, share)
+        none = dict.fromkeys(range(len(self.program.task.scenario.springs)), 0.0)
+        return self._run(_FAR, x, width, none, share)
 
     def refine(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """The solution in whose basin x lies."""
-        return self._run(self._near, x, width, sizes or {}, 1.0)
+        return self._run(_THERE, x, width, sizes or {}, 1.0)
 
-    def _run(self, solver: ca.Function, x: Array, width: float, sizes: Mapping[int, float], share: float) -> Attempt:
-        lower, upper = self.bounds(sizes)
-        started = time.perf_counter()
-        found = solver(
-            x0=np.clip(x, lower, upper),
-            p=self.program.p.vector(self.program.values(width, share)),
-            lbx=lower,
-            ubx=upper,
-            lbg=self._rows[0],
-            ubg=self._rows[1],
-        )
-        seconds, stats = time.perf_counter() - started, solver.stats()
-        rows = np.array(found["g"]).ravel()
-        return Attempt(
-            np.array(found["x"]).ravel(),
-            float(found["f"]),
-            str(stats["return_status"]),
-            int(stats["iter_count"]),
-            seconds,
-            self._missed(rows),
-        )
+    def near(self, x: Array, width: float) -> Array:
+        """(nx,) About where `refine` would end, for a narrower width to begin with."""
+        return self._run(_THERE, x, width, {}, 1.0, max(_ROUGH, self.accuracy)).x
+
+    def _run(
+        self,
+        start: tuple[float, float],
+        x: Array,
+        width: float,
+        sizes: Mapping[int, float],
+        share: float,
+        accuracy: float | None = None,
+    ) -> Attempt:
+        p, bounds = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes)
+        whole = Bounded(self._kernels, p, self._rows[0], self._rows[1], bounds[0], bounds[1])
+        began = time.perf_counter()
+        manner = Manner(accuracy or self.accuracy, self.iterations, *start)
+        found = minimize(whole, x, manner)
+        if found.status != SOLVED:
+            found = self._by_ipopt(manner, x, p, bounds)
+        seconds = time.perf_counter() - began
+        return Attempt(found.x, found.cost, found.status, found.iterations, seconds, self._missed(found.rows))
+
+    @cached_property
+    def _sum(self) -> Sum:
+        return assemble(self.program.blocks)
+
+    def _by_ipopt(self, manner: Manner, x: Array, p: Array, bounds: tuple[Array, Array]) -> Ended:
+        """The same problem from the same point, with a restoration phase where constraints resist."""
+        near = {f"ipopt.{slack}bound_{kind}": manner.push for slack in ("", "slack_") for kind in ("push", "frac")}
+        options = {"ipopt.tol": manner.accuracy, "ipopt.max_iter": manner.iterations, "ipopt.mu_init": manner.barrier}
+        solver = self._sum.solver({**_QUIET, **options, **near})
+        lower, upper = bounds
+        found = solver(x0=np.clip(x, lower, upper), p=p, lbx=lower, ubx=upper, lbg=self._rows[0], ubg=self._rows[1])
+        rows, stats = np.array(found["g"]).ravel(), solver.stats()
+        x = np.array(found["x"]).ravel()
+        return Ended(x, float(found["f"]), rows, str(stats["return_status"]), int(stats["iter_count"]))
 
     def bounds(self, sizes: Mapping[int, float]) -> tuple[Array, Array]:
         """Of the unknowns, (nx,) each: springs alone are bounded, the motion by its constraints."""
-        u = self.program.unknowns
+        u = self.program.task.unknowns
         lower, upper = np.full(u.size, -np.inf), np.full(u.size, np.inf)
-        for k, spring in enumerate(self.program.springs):
+        for k, spring in enumerate(self.program.task.springs):
             plan = spring.plan.within(spring.size.name, sizes[k], sizes[k]) if k in sizes else spring.plan
             lower[u.spring(k)] = spring.unknowns({name: low for name, (low, _) in plan.sought.items()})
             upper[u.spring(k)] = spring.unknowns({name: high for name, (_, high) in plan.sought.items()})
@@ -121,7 +138,7 @@ class Solver:
 
     @cached_property
     def _labels(self) -> Sequence[tuple[str, tuple[str, str]]]:
-        return [(where, what) for b in self.program.blocks for where in b.where for what in b.what]
+        return [(where, what) for b in self.program.blocks for where in b.where for what in b.expression.labels]
 
     def _missed(self, rows: Array) -> Miss | None:
         lower, upper = self._rows

@@ -25,10 +25,7 @@ from symbolic.model_file.fields import (
     Field,
     Flag,
     JointType,
-    OpenTable,
-    Others,
     Real,
-    Several,
     SingleField,
     Text,
     Whole,
@@ -36,6 +33,7 @@ from symbolic.model_file.fields import (
 from symbolic.model_file.fields import (
     read as read_fields,
 )
+from symbolic.model_file.tables import OpenTable, Others, Several
 
 Array = NDArray[np.float64]
 Values = dict[str, float]

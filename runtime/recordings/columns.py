@@ -95,7 +95,10 @@ _KINDS = {
 }
 _SIGNED = ("position", "rate", "force")
 """What a drive may count the other way round."""
-_PLAIN = {"t": "time", "fx": "force", "fy": "force", "run": "run"}
+_PLAIN = {"t": "time", "run": "run"}
+IN_PLANE = {"fx": "force", "fy": "force"}
+IN_SPACE = {**IN_PLANE, "fz": "force", "mx": "torque", "my": "torque", "mz": "torque"}
+"""What acts on a planar arm, and on one in space, at the end-effector, in the order in which a recording has it."""
 
 
 @dataclass(frozen=True)
@@ -109,21 +112,24 @@ class Column:
 
 
 def columns(
-    header: Sequence[str], joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+    header: Sequence[str], joints: Sequence[Mapping[str, Any]], space: bool, mapping: Mapping[str, str], fail: Fail
 ) -> dict[str, Column]:
     """The columns of a recording by signal name.
 
     header    the cells of the first line
     joints    "type" and "torque_constant" of each joint, as in metadata.json
+    space     whether the arm is one in space
     mapping   signal name -> header cell, as `--map` gives it
     fail      raises the error with the file's name before it
     """
+    if not space:
+        _check_planar([*mapping, *(_split(cell)[0] for cell in header)], fail)
     split = [_split(cell) for cell in header]
     found: dict[str, Column] = {}
     for raw_name, wanted in mapping.items():
         name = raw_name.strip().replace("dq", "qd", 1) if raw_name.strip().startswith("dq") else raw_name.strip()
         if _kind(name, len(joints)) is None:
-            fail(f"--map {name}: no such signal; {_signals(len(joints))}")
+            fail(f"--map {name}: no such signal; {_signals(len(joints), space)}")
         index, unit, sign = _mapped(wanted, header, split, name, fail)
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped twice")
@@ -147,6 +153,15 @@ def columns(
     return found
 
 
+def _check_planar(names: Sequence[str], fail: Fail) -> None:
+    beyond = next((name for name in names if name in IN_SPACE and name not in IN_PLANE), None)
+    if beyond is not None:
+        fail(
+            f"has a column {beyond}, but the arm is planar, and of what acts on it at the end-effector "
+            f"{' and '.join(IN_PLANE)} are known; drop the column or use the model of an arm in space"
+        )
+
+
 def _split(cell: str) -> tuple[str, str | None]:
     """`name [unit]` as (name, unit); `name (unit)` only where the brackets hold a unit that is known."""
     cell = cell.strip()
@@ -163,8 +178,8 @@ def _normal(unit: str) -> str:
 
 
 def _kind(name: str, n: int) -> str | None:
-    if name in _PLAIN:
-        return _PLAIN[name]
+    if name in _PLAIN or name in IN_SPACE:
+        return (_PLAIN | IN_SPACE)[name]
     match = _JOINT_COLUMN.fullmatch(name)
     if match is None or not 1 <= int(match[2]) <= n or str(int(match[2])) != match[2]:
         return None
@@ -259,6 +274,6 @@ def _some(header: Sequence[str]) -> str:
     return ", ".join(cells[:8]) + (f" and {len(cells) - 8} more" if len(cells) > 8 else "")
 
 
-def _signals(n: int) -> str:
-    last = f" to q{n}" if n > 1 else ""
-    return f"known are t, q1{last}, tau1, qd1, q1_desired, q1_link, tau1_link, tau1_rigid, temperature1, fx, fy, run"
+def _signals(n: int, space: bool) -> str:
+    last, acting = f" to q{n}" if n > 1 else "", ", ".join(IN_SPACE if space else IN_PLANE)
+    return f"known are t, q1{last}, tau1, qd1, q1_desired, q1_link, tau1_link, tau1_rigid, temperature1, {acting}, run"

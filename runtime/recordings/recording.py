@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from runtime import files
 from runtime.recordings import plausible
-from runtime.recordings.columns import Column, columns
+from runtime.recordings.columns import IN_PLANE, IN_SPACE, Column, columns
 from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
@@ -51,7 +51,8 @@ class Recording:
                   (n, N), or None where the file has none of them; a joint without one has a row of NaN
     tau_rigid     what the user's own model predicts of tau without friction: rotors and contact included
     temperature   °C, (N,) or None for each joint
-    force         (2, N) N along base x and y that acts on the arm at the end-effector, or None
+    force         (2, N) N along base x and y that acts on the arm at the end-effector, or None; of an arm in space
+                  (6, N) N and N m, along base x, y and z and about them, at the tip
     segments      gap-free pieces of at least MIN_SEGMENT samples, each within one run
     types         "revolute" or "prismatic" for each joint
     """
@@ -96,18 +97,21 @@ def read(
 ) -> Recording:
     """The recording at `path`, CSV, plain or gzip.
 
-    model       metadata of the arm (joints' types and torque constants), or a number of revolute joints
+    model       metadata of the arm (joints' types and torque constants, whether it is one in space), or a number of
+                revolute joints of an arm of which no more is known
     mapping     signal name -> header cell, for other headers than ours
     allow_gaps  split at gaps and drop rows with a NaN, instead of refusing them
     Raises RecordingError.
     """
-    joints = [{"type": "revolute"}] * model if isinstance(model, int) else model["joints"]
-    return _Reader(_shown(path), joints, mapping or {}, allow_gaps).read(Path(path))
+    joints, space = (
+        ([{"type": "revolute"}] * model, True) if isinstance(model, int) else (model["joints"], model["space"])
+    )
+    return _Reader(_shown(path), joints, space, mapping or {}, allow_gaps).read(Path(path))
 
 
 def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> int:
     """How many joints a recording's header, or the mapping, names: q1, q2, … Raises RecordingError."""
-    reader = _Reader(_shown(path), [], mapping or {}, False)
+    reader = _Reader(_shown(path), [], True, mapping or {}, False)
     header = reader.decode(reader.load(Path(path))).lstrip("\n").partition("\n")[0]
     named = {cell.split("[")[0].strip().lower() for cell in re.split("[,;\t]", header)} | set(mapping or {})
     numbers = itertools.takewhile(lambda k: f"q{k}" in named, itertools.count(1))
@@ -117,8 +121,11 @@ def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> 
 class _Reader:
     """One call of `read`: carries what the messages need."""
 
-    def __init__(self, shown: str, joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], allow_gaps: bool):
-        self.shown, self.joints, self.mapping, self.allow_gaps = shown, joints, mapping, allow_gaps
+    def __init__(
+        self, shown: str, joints: Sequence[Mapping[str, Any]], space: bool, mapping: Mapping[str, str], allow_gaps: bool
+    ) -> None:
+        self.shown, self.joints, self.space = shown, joints, space
+        self.mapping, self.allow_gaps = mapping, allow_gaps
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
         at = f" line {line}" if line else ""
@@ -132,7 +139,7 @@ class _Reader:
             self.fail("is empty; expected a header such as t [s],q1 [rad],tau1 [N m] and one line a sample")
         delimiter = max(",;\t", key=header_line.count)
         header = next(csv.reader([header_line], delimiter=delimiter))
-        used = columns(header, self.joints, self.mapping, lambda message: self.fail(message, start))
+        used = columns(header, self.joints, self.space, self.mapping, lambda message: self.fail(message, start))
         if not body.strip():
             self.fail("has a header but no samples")
         table, lines = self.numbers(body, len(header), used, delimiter, start + 1)
@@ -255,9 +262,9 @@ class _Reader:
         for i in range(n):
             if rigid is not None and f"tau{i + 1}_rigid" not in signals:
                 self.fail(f"has no column tau{i + 1}_rigid; give the rigid-body torque of every joint, or of none")
-        force = None
-        if "fx" in signals or "fy" in signals:
-            force = np.array([signals.get(name, np.full(len(t), np.nan)) for name in ("fx", "fy")])
+        acting, force = IN_SPACE if self.space else IN_PLANE, None
+        if any(name in signals for name in acting):
+            force = np.array([signals.get(name, np.full(len(t), np.nan)) for name in acting])
         return Recording(
             path=path,
             t=t,
@@ -373,7 +380,9 @@ def write(path: Path | str, recording: Recording) -> None:
         if celsius is not None:
             cells.append((f"temperature{i} [degC]", celsius))
     if recording.force is not None:
-        cells += [(f"{name} [N]", f) for name, f in zip(("fx", "fy"), recording.force, strict=True)]
+        acting = zip(IN_SPACE.items(), recording.force, strict=False)
+        unit_of = {"force": "N", "torque": "N m"}
+        cells += [(f"{name} [{unit_of[kind]}]", f) for (name, kind), f in acting if not np.isnan(f).all()]
     row = ",".join(["%.12g"] * len(cells))
     lines = [",".join(name for name, _ in cells)]
     lines += [row % values for values in zip(*(column.tolist() for _, column in cells), strict=True)]

@@ -12,12 +12,16 @@ from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
-from runtime.model.terms import at
+from runtime.model.terms import at, joints_of
 from runtime.motion.noise_floor import Floor
 from runtime.plain_json import plain
 from runtime.report.follow_up import Invocation, unknown
+from runtime.wording import numbered
 
 Result = Comparison | Diagnosis | Improvement
+
+MORE_THAN_NOISE = 1.5
+"""Noise floors; what is left of a joint's torque below it is shown as noise."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,29 @@ class ResultSummary:
     def findings_at(self, joint: int) -> list[Finding]:
         """Findings that act on the torque of a joint (0-based), those of the whole arm among them."""
         return [f for f in self.findings if f.term.joint in (None, joint + 1)]
+
+    def called(self, joint: int) -> str:
+        """A joint (0-based) as headings and tables call it."""
+        return numbered(joint + 1, self.first.joints[joint].name)
+
+    @cached_property
+    def telling(self) -> list[int]:
+        """Joints (0-based) in the order in which a page shows them: with findings, with more than noise, the others."""
+        joints = range(len(self.first.joints))
+        return sorted(joints, key=lambda i: (i not in self._found_at, self.at_floor(i), i))
+
+    def at_floor(self, joint: int) -> bool:
+        """Whether nothing was found at a joint (0-based) alone, and what is left there is noise."""
+        series = self.last.joints[joint]
+        quiet = not len(series.t) or series.rms < MORE_THAN_NOISE * series.floor.value
+        return quiet and joint not in self._found_at
+
+    @cached_property
+    def _found_at(self) -> set[int]:
+        """Joints (0-based) at which a finding sits."""
+        model, own = self.first.identification.model, [f.term for f in self.findings if f.term.joint is not None]
+        coupled = (t for t in own if model.library.effects[t.effect].scope == "joints")
+        return {t.joint - 1 for t in own if t.joint is not None} | {i for t in coupled for i in joints_of(model, t)}
 
     # --- floors: the better the model, the better they are known, since a wrong one leaves its error in the repeats
 

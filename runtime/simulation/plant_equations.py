@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered
+from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, slope
 from runtime.model.loader import Model
 from runtime.model.signals import OF_DRIVE, SignalContext
 from runtime.model.terms import Structure, Term, given, joints_of
@@ -249,6 +249,9 @@ class _Signals(SignalContext):
 
     def evaluate(self, function: str) -> Any:
         return evaluate(self.model, function, self.model.struct_values, self.coordinate)
+
+    def growth(self, function: str, by: str, own: int) -> Any:
+        return slope(self.model, function, by, self.model.struct_values, self.coordinate)[:, own]
 
     def given(self, name: str) -> float | None:
         return given(self.model.library, self.equations.terms, name)

@@ -8,20 +8,24 @@ from pathlib import Path
 from symbolic.effects import contact, drive, friction, loads, springs, transmission
 from symbolic.effects.declaration import Effect, check
 
-LIBRARY: dict[str, Effect] = {
+DECLARED: dict[str, Effect] = {
     effect.name: effect
     for family in (friction, springs, drive, transmission, loads, contact)
     for effect in family.EFFECTS
 }
-"""All effects by name, in the order in which they are listed and emitted."""
+"""All effects by name, in the order in which they are listed and emitted, as an arm in space has them."""
+
+LIBRARY: dict[str, Effect] = {name: effect.in_plane() for name, effect in DECLARED.items()}
+"""The same as a planar arm has them."""
 
 
 class EffectsError(ValueError):
     """A user's file of effects cannot be used; the message says why."""
 
 
-def load_user_effects(path: Path) -> tuple[Effect, ...]:
-    """The `EFFECTS = (Effect(...), ...)` of a Python file, checked.
+def load_user_effects(path: Path, space: bool = True) -> tuple[Effect, ...]:
+    """The `EFFECTS = (Effect(...), ...)` of a Python file, checked; `space`: as they are declared, for an arm in space,
+    else as a planar arm has them.
 
     The file is run: it is trusted because the user named it. Raises EffectsError where it cannot be read,
     fails, has no EFFECTS, contradicts itself or takes a name that is already in use.
@@ -37,7 +41,7 @@ def load_user_effects(path: Path) -> tuple[Effect, ...]:
         raise EffectsError(f"{path}: no EFFECTS in it; define EFFECTS = (Effect(...), ...)")
     if not isinstance(found, tuple | list):
         raise EffectsError(f"{path}: EFFECTS is a {type(found).__name__}; make it a tuple of Effect(...)")
-    seen = set(LIBRARY)
+    seen, kept = set(DECLARED), []
     for position, effect in enumerate(found, 1):
         if not isinstance(effect, Effect):
             raise EffectsError(f"{path}: EFFECTS item {position} is a {type(effect).__name__}, not an Effect(...)")
@@ -45,7 +49,8 @@ def load_user_effects(path: Path) -> tuple[Effect, ...]:
             raise EffectsError(f'{path}: the name "{effect.name}" is already in use; choose another')
         try:
             check(effect)
+            kept.append(effect if space else effect.in_plane())
         except ValueError as error:
             raise EffectsError(f"{path}: {error}") from error
         seen.add(effect.name)
-    return tuple(found)
+    return tuple(kept)

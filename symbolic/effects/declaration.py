@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import sympy as sp
@@ -90,8 +90,8 @@ def state(name: str) -> sp.Symbol:
 class LinearForm:
     """The same torque, linear in other coefficients than the declared parameters.
 
-    coefficients      as many as the effect has linear parameters, each with its own unit and bounds; what a
-                      recording can tell where a given parameter is not known
+    coefficients      each with its own unit and bounds; what a recording can tell where a given parameter is not known,
+                      or where several are multiplied: then there are more of them than linear parameters
     torque            equals the effect's torque, in `parameter(name)` of the coefficients
     from_parameters   the coefficients' values, in the effect's parameters
     recover           the linear parameters' values in declared order, in the coefficients and the others
@@ -101,6 +101,11 @@ class LinearForm:
     torque: sp.Expr
     from_parameters: tuple[sp.Expr, ...]
     recover: tuple[sp.Expr, ...]
+
+
+def _without(law: sp.Expr, parameters: Iterable[Parameter]) -> sp.Expr:
+    """The law where those of them that exist in space only are zero."""
+    return sp.sympify(law).xreplace({p.symbol: sp.S.Zero for p in parameters if p.space})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,6 +153,31 @@ class Effect(DescribedEffect[Parameter]):
     @property
     def _linear_torque(self) -> sp.Expr:
         return self.form.torque if self.form else self.torque
+
+    def in_plane(self) -> Effect:
+        """The same on a planar arm: without the parameters that exist in space only, as if they were zero.
+
+        Raises ValueError where it still reads a signal that only an arm in space has.
+        """
+        kept = tuple(p for p in self.parameters if not p.space)
+        torque = _without(self.torque, self.parameters)
+        effect = replace(self, parameters=kept, torque=torque, form=self._form_in_plane(torque))
+        if beyond := [s.name for s in effect.signals if s.space]:
+            raise ValueError(f'effect "{self.name}" reads {beyond[0]}, which only an arm in space has')
+        return effect
+
+    def _form_in_plane(self, torque: sp.Expr) -> LinearForm | None:
+        """The form where the torque is `torque`; None where that is linear in the parameters as they stand."""
+        if self.form is None or (left := _without(self.form.torque, self.form.coefficients)) == torque:
+            return None
+        there = zip(self.form.coefficients, self.form.from_parameters, strict=True)
+        back = zip(self.linear, self.form.recover, strict=True)
+        return LinearForm(
+            coefficients=tuple(c for c in self.form.coefficients if not c.space),
+            torque=left,
+            from_parameters=tuple(_without(law, self.parameters) for c, law in there if not c.space),
+            recover=tuple(_without(law, self.form.coefficients) for p, law in back if not p.space),
+        )
 
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -207,8 +237,11 @@ def _check_names(effect: Effect) -> None:
 
 
 def _check_form(effect: Effect, form: LinearForm) -> None:
-    if not len(form.coefficients) == len(form.from_parameters) == len(form.recover) == len(effect.linear):
-        raise ValueError(f'effect "{effect.name}": its form needs one coefficient for each linear parameter')
+    if len(form.coefficients) != len(form.from_parameters) or len(form.recover) != len(effect.linear):
+        raise ValueError(
+            f'effect "{effect.name}": its form needs an expression for each coefficient, and one back for each linear '
+            "parameter"
+        )
     there = dict(zip((c.symbol for c in form.coefficients), form.from_parameters, strict=True))
     if sp.simplify(form.torque.subs(there, simultaneous=True) - effect.torque) != 0:
         raise ValueError(f'effect "{effect.name}": its form is not the same torque')

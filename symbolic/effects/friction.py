@@ -27,7 +27,11 @@ COULOMB = Effect(
     scope="joint",
     family="friction",
     torque=parameter("torque") * SIGN,
-    parameters=(Parameter("torque", u.FORCE, "friction torque, the same in both directions", bounds=NOT_NEGATIVE),),
+    parameters=(
+        Parameter(
+            "torque", u.FORCE, "friction torque, the same in both directions", bounds=NOT_NEGATIVE, abroad="friction"
+        ),
+    ),
     summary="Dry friction: constant, against the motion, whatever the speed.",
     equation="F sgn(qd)",
     trace="A step of equal height up and down wherever the rate changes its sign, flat in between.",
@@ -43,8 +47,10 @@ COULOMB_ASYMMETRIC = Effect(
     family="friction",
     torque=parameter("positive") * step(QD, WIDTH_RATE) - parameter("negative") * step(-QD, WIDTH_RATE),
     parameters=(
-        Parameter("positive", u.FORCE, "friction torque while qd > 0", bounds=NOT_NEGATIVE),
-        Parameter("negative", u.FORCE, "friction torque, as a magnitude, while qd < 0", bounds=NOT_NEGATIVE),
+        Parameter("positive", u.FORCE, "friction torque while qd > 0", bounds=NOT_NEGATIVE, abroad="friction"),
+        Parameter(
+            "negative", u.FORCE, "friction torque, as a magnitude, while qd < 0", bounds=NOT_NEGATIVE, abroad="friction"
+        ),
     ),
     summary="Dry friction of a different height in each direction.",
     equation="F+ for qd > 0, -F- for qd < 0",
@@ -53,6 +59,7 @@ COULOMB_ASYMMETRIC = Effect(
     source="Equation (4) of the paper; " + SURVEY,
     dissipates=True,
     generalises=("coulomb",),
+    assumed=True,
     dry=True,
 )
 
@@ -61,13 +68,14 @@ VISCOUS = Effect(
     scope="joint",
     family="friction",
     torque=parameter("coefficient") * QD,
-    parameters=(Parameter("coefficient", u.VISCOUS, "torque per rate", bounds=NOT_NEGATIVE),),
+    parameters=(Parameter("coefficient", u.VISCOUS, "torque per rate", bounds=NOT_NEGATIVE, abroad="damping"),),
     summary="Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not compensated.",
     equation="c qd",
     trace="The residual is a straight line over the rate, through zero.",
     experiment="Several constant speeds, from a tenth of the largest to the largest.",
     source=SURVEY,
     dissipates=True,
+    assumed=True,
 )
 
 VISCOUS_ASYMMETRIC = Effect(
@@ -76,8 +84,8 @@ VISCOUS_ASYMMETRIC = Effect(
     family="friction",
     torque=parameter("positive") * ramp(QD, WIDTH_RATE) - parameter("negative") * ramp(-QD, WIDTH_RATE),
     parameters=(
-        Parameter("positive", u.VISCOUS, "torque per rate while qd > 0", bounds=NOT_NEGATIVE),
-        Parameter("negative", u.VISCOUS, "torque per rate while qd < 0", bounds=NOT_NEGATIVE),
+        Parameter("positive", u.VISCOUS, "torque per rate while qd > 0", bounds=NOT_NEGATIVE, abroad="damping"),
+        Parameter("negative", u.VISCOUS, "torque per rate while qd < 0", bounds=NOT_NEGATIVE, abroad="damping"),
     ),
     summary="Viscous friction with a different slope in each direction.",
     equation="c+ qd for qd > 0, c- qd for qd < 0",

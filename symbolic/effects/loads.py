@@ -4,42 +4,67 @@ from __future__ import annotations
 
 from math import inf
 
+import sympy as sp
+
 from symbolic import units as u
-from symbolic.effects.declaration import SIGNAL, Effect, Grid, Parameter, parameter
+from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, parameter
+from symbolic.effects.signals import OFF_TIP
 from symbolic.primitives import WIDTH_RATE, WIDTH_TIME, sgn, step
 
 QD, QDD, ELAPSED = (SIGNAL[name].symbol for name in ("qd", "qdd", "elapsed"))
 NEXT, PREVIOUS, HAS_NEXT = SIGNAL["qd_next"].symbol, SIGNAL["qd_previous"].symbol, SIGNAL["has_next"].symbol
+TIP_LOAD = SIGNAL["tip_load"].symbol
 NEXT_ACCELERATION, PREVIOUS_ACCELERATION = (SIGNAL[name].symbol for name in ("qdd_next", "qdd_previous"))
-MOMENT_X, MOMENT_Y, TIP_LOAD = SIGNAL["moment_x"].symbol, SIGNAL["moment_y"].symbol, SIGNAL["tip_load"].symbol
+MOMENT_X, MOMENT_Y, MOMENT_Z = (SIGNAL[f"moment_{axis}"].symbol for axis in "xyz")
 
 TWICE_G = (-2 * 9.81, 2 * 9.81)
+_ACCELERATION = u.METRE / u.SECOND**2
 
 GRAVITY = Effect(
     name="gravity",
     scope="arm",
     family="load",
-    torque=-(parameter("gx") * MOMENT_X + parameter("gy") * MOMENT_Y),
+    torque=-(parameter("gx") * MOMENT_X + parameter("gy") * MOMENT_Y + parameter("gz") * MOMENT_Z),
     parameters=(
         # A model file that has the whole of it in the wrong direction lacks twice as much.
-        Parameter("gx", u.METRE / u.SECOND**2, "of gravity along base x, beyond the model file's", bounds=TWICE_G),
-        Parameter("gy", u.METRE / u.SECOND**2, "of gravity along base y, beyond the model file's", bounds=TWICE_G),
+        Parameter("gx", _ACCELERATION, "of gravity along base x, beyond the model file's", bounds=TWICE_G),
+        Parameter("gy", _ACCELERATION, "of gravity along base y, beyond the model file's", bounds=TWICE_G),
+        Parameter("gz", _ACCELERATION, "of gravity along base z, beyond the model file's", bounds=TWICE_G, space=True),
     ),
     carried=True,
     summary="Gravity that the model leaves out, or a base that is not level.",
-    equation="-(g_x dm_x/dq + g_y dm_y/dq), m the arm's first mass moment",
+    equation="-(g_x dm_x/dq + g_y dm_y/dq), in space g_z dm_z/dq too, m the arm's first mass moment",
     trace="Over the postures, one direction in space explains the constant torques of all joints together.",
     experiment="Slow motion of every joint over two radians of range.",
     source="Spong & Vidyasagar 1989, Robot Dynamics and Control",
 )
 
+_MASS, _TIME = parameter("mass"), parameter("time")
+_CENTRE = {axis: parameter(axis) for axis in "xyz"}
+_THERE = step(ELAPSED - _TIME, WIDTH_TIME)
+_TIP_LOADS = {part: SIGNAL[f"tip_load_{part}"].symbol for part in OFF_TIP}
+_OFF_TIP = {part: sp.Mul(*(_CENTRE[axis] for axis in part)) for part in OFF_TIP}
+_MOMENTS = {part: parameter(f"moment_{part}") for part in OFF_TIP}
+# No mass has no centre, and none far away: far below any mass that a recording tells, in kg.
+_WEIGHTLESS = sp.Rational(1, 10**9)
+
+
+def _moment(part: str) -> Parameter:
+    """Of first or second order of the payload's mass about the tip; a rigid body's second ones are its own."""
+    bounds = (0.0, inf) if part in ("xx", "yy", "zz") else (-inf, inf)
+    meaning = f"of the payload's mass by {' '.join(part)} in the tip's frame"
+    return Parameter(f"moment_{part}", u.KILOGRAM * u.METRE ** len(part), meaning, bounds=bounds, space=True)
+
+
+_KILOGRAMS = Parameter("mass", u.KILOGRAM, "a point at the end-effector", bounds=(0.0, inf))
+
 PAYLOAD = Effect(
     name="payload",
     scope="arm",
     family="load",
-    torque=parameter("mass") * step(ELAPSED - parameter("time"), WIDTH_TIME) * TIP_LOAD,
+    torque=_MASS * _THERE * (TIP_LOAD + sum(_OFF_TIP[part] * _TIP_LOADS[part] for part in OFF_TIP)),
     parameters=(
-        Parameter("mass", u.KILOGRAM, "a point at the end-effector", bounds=(0.0, inf)),
+        _KILOGRAMS,
         Parameter(
             "time",
             u.SECOND,
@@ -48,10 +73,18 @@ PAYLOAD = Effect(
             grid=Grid(-0.05, 0.95, 26, "elapsed", "linear"),
             kind="onset",
         ),
+        *(Parameter(axis, u.METRE, f"of its centre along the tip frame's {axis}", space=True) for axis in "xyz"),
+    ),
+    form=LinearForm(
+        coefficients=(_KILOGRAMS, *map(_moment, OFF_TIP)),
+        torque=_THERE * (_MASS * TIP_LOAD + sum(_MOMENTS[part] * _TIP_LOADS[part] for part in OFF_TIP)),
+        from_parameters=(_MASS, *(_MASS * _OFF_TIP[part] for part in OFF_TIP)),
+        recover=(_MASS, *(_MASS * _MOMENTS[axis] / (_MASS**2 + _WEIGHTLESS**2) for axis in "xyz")),
     ),
     carried=True,
     summary="A mass at the end-effector that the model does not know, from a moment on.",
-    equation="m tau_tip(q, qd, qdd) for t > t_0, tau_tip the torque of a unit mass at the end-effector",
+    equation="m tau_tip(q, qd, qdd) for t > t_0, tau_tip the torque of a unit mass at the end-effector, in space at "
+    "(x, y, z) from it",
     trace="From one moment on, residuals of all joints in the proportions of a mass at the end-effector.",
     experiment="Accelerations of several joints before and after the mass is picked up.",
     source="Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial "

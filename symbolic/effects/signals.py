@@ -27,11 +27,21 @@ class Coordinate:
 class ArmOutput:
     """A component of one of the arm's generated functions.
 
-    index   of its output; "joint": of the joint whose torque is asked for, "own": of the joint where the effect sits
+    index   of its output; "joint": of the joint whose torque is asked for, "own": of the joint where the effect sits;
+            indices beyond the dimensions that a planar arm's output has are left out there
     """
 
     function: str
     index: tuple[int | Literal["joint", "own"], ...]
+
+
+@dataclass(frozen=True)
+class ArmSlope:
+    """How the entry of one of the arm's generated functions for the joint whose torque is asked for grows with the
+    position or the rate of the joint where the effect sits."""
+
+    function: str
+    by: Literal["q", "qd"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +58,7 @@ class Given:
     absent: float
 
 
-Source = Coordinate | ArmOutput | JointConstant | Given
+Source = Coordinate | ArmOutput | ArmSlope | JointConstant | Given
 
 Needs = Literal["motion", "time", "temperature", "arm", "friction", "effect", "torque", "torque_rate"]
 """What one has to know beyond the model file to know a signal:
@@ -75,6 +85,7 @@ class Signal:
     sensor      the further sensor that shows an effect which reads it; None: none does
     span        between which generated forms are tried
     switch      it is 0 or 1 and nothing between
+    space       only an arm in space has it
     """
 
     name: str
@@ -87,16 +98,36 @@ class Signal:
     sensor: Literal["link", "temperature", "force"] | None = None
     span: tuple[float, float] = (-1.0, 1.0)
     switch: bool = False
+    space: bool = False
 
     @property
     def between(self) -> bool:
         """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
-        return isinstance(self.source, ArmOutput) and "own" in self.source.index
+        source = self.source
+        return isinstance(source, ArmSlope) or (isinstance(source, ArmOutput) and "own" in source.index)
 
     @cached_property
     def symbol(self) -> sp.Symbol:
         return sp.Symbol(self.name, real=True)
 
+
+def _tip_load(column: int, part: str) -> Signal:
+    """What the coordinates of a mass in the tip's frame add to the torque that it asks for: the torque of a unit mass
+    at (x, y, z) is the sum over 1, x, y, z, x^2, y^2, z^2, x y, x z, y z."""
+    return Signal(
+        f"tip_load_{part}",
+        u.FORCE / u.KILOGRAM / u.METRE ** len(part),
+        f"torque that a unit mass off the end-effector asks of this joint, by {' '.join(part)} in the tip's frame",
+        source=ArmOutput("tip_load", ("joint", column)),
+        known_to="plan",
+        seen_over="load",
+        sensor="force",
+        space=True,
+    )
+
+
+OFF_TIP = ("x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
+"""The products of a mass's coordinates in the tip's frame, in the order of the arm's function tip_load."""
 
 SIGNALS: tuple[Signal, ...] = (
     Signal(
@@ -240,7 +271,7 @@ SIGNALS: tuple[Signal, ...] = (
         "tip_load",
         u.FORCE / u.KILOGRAM,
         "torque that a unit mass at the end-effector asks of this joint",
-        source=ArmOutput("tip_load", ("joint",)),
+        source=ArmOutput("tip_load", ("joint", 0)),
         known_to="plan",
         seen_over="load",
         sensor="force",
@@ -302,6 +333,34 @@ SIGNALS: tuple[Signal, ...] = (
         known_to="plan",
         seen_over="acceleration",
         span=(-20.0, 20.0),
+    ),
+    Signal(
+        "moment_z",
+        u.FORCE * u.SECOND**2 / u.METRE,
+        "derivative of the arm's first mass moment along base z by q",
+        source=ArmOutput("moment_jacobian", (2, "joint")),
+        known_to="controller",
+        seen_over="position",
+        space=True,
+    ),
+    *(_tip_load(column, part) for column, part in enumerate(OFF_TIP, 1)),
+    Signal(
+        "coupling_rate",
+        u.VISCOUS,
+        "how the torque that the link side asks of this joint grows with the rate of the effect's own: centrifugal, "
+        "Coriolis and gyroscopic forces",
+        "arm",
+        ArmSlope("link_load", "qd"),
+        sensor="link",
+    ),
+    Signal(
+        "coupling_slope",
+        u.STIFFNESS,
+        "how the torque that the link side asks of this joint grows with the position of the effect's own: gravity, "
+        "and inertia that changes with the posture",
+        "arm",
+        ArmSlope("link_load", "q"),
+        sensor="link",
     ),
 )
 SIGNAL = {s.name: s for s in SIGNALS}

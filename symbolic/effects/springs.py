@@ -33,8 +33,8 @@ LINEAR_SPRING = Effect(
     family="spring",
     torque=parameter("stiffness") * (Q - parameter("rest")),
     parameters=(
-        Parameter("stiffness", u.STIFFNESS, "torque per displacement", bounds=NOT_NEGATIVE),
-        Parameter("rest", u.POSITION, "position at which the spring is slack"),
+        Parameter("stiffness", u.STIFFNESS, "torque per displacement", bounds=NOT_NEGATIVE, abroad="stiffness"),
+        Parameter("rest", u.POSITION, "position at which the spring is slack", abroad="rest"),
     ),
     form=LinearForm(
         coefficients=(

@@ -11,6 +11,7 @@ from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, St
 from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, sgn, step
 
 LOAD, LINK_INERTIA, COUPLING = (SIGNAL[name].symbol for name in ("load", "link_inertia", "coupling"))
+COUPLING_RATE, COUPLING_SLOPE = (SIGNAL[name].symbol for name in ("coupling_rate", "coupling_slope"))
 
 
 def linear_step(A: sp.Matrix, x: sp.Matrix, early: sp.Matrix, late: sp.Matrix, h: sp.Expr = DT) -> sp.Matrix:
@@ -44,12 +45,18 @@ _NEXT = linear_step(
     sp.Matrix([0, _AHEAD / LINK_INERTIA]),
 )
 
+
+def _missed(acceleration: sp.Expr) -> sp.Expr:
+    """By how much less the link side asks of a joint where the own joint's link is behind its motor by the deflection,
+    of first order in it: the link is elsewhere, moves and accelerates by less, and takes the other links along."""
+    return -(COUPLING * acceleration + COUPLING_RATE * _RATE + COUPLING_SLOPE * _DEFLECTION)
+
+
 ELASTICITY = Effect(
     name="elasticity",
     scope="joint",
     family="transmission",
-    # The link accelerates by qdd - delta_dd in place of qdd, and takes the other links along.
-    torque=-COUPLING * state("acceleration"),
+    torque=_missed(state("acceleration")),
     parameters=(
         Parameter(
             "stiffness",
@@ -82,7 +89,8 @@ ELASTICITY = Effect(
         State("load", u.FORCE, "of the last sample", LOAD, initial=LOAD),
     ),
     summary="The link hangs on the motor by a spring: the transmission gives way and resonates.",
-    equation="-J delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side",
+    equation="-(J delta_dd + c delta_d + g delta),  J delta_dd + d delta_d + k delta = load,  J, c and g how the link "
+    "side's torque grows with acceleration, rate and position",
     trace="The residual follows the fourth derivative of position and peaks at the resonance sqrt(k/J).",
     experiment="Motion over two decades of frequency up to half the resonance, or steps of acceleration.",
     source="Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and "
@@ -159,7 +167,7 @@ BACKLASH = Effect(
     family="transmission",
     # The mean accelerations of the last two steps, continued by half a step to this sample: an impact shorter than
     # a sample leaves its whole momentum in them, which the acceleration at the samples would miss.
-    torque=-COUPLING * (3 * state("acceleration") - state("acceleration_before")) / 2,
+    torque=_missed((3 * state("acceleration") - state("acceleration_before")) / 2),
     parameters=(
         Parameter(
             "gap",
@@ -204,7 +212,8 @@ BACKLASH = Effect(
         State("load", u.FORCE, "of the last sample", LOAD, initial=LOAD),
     ),
     summary="The link hangs behind a gap: where the load changes its sign it is free, then it strikes the other flank.",
-    equation="-J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s = sgn(delta)",
+    equation="-(J delta_dd + c delta_d + g delta),  J delta_dd + T = load,  T = s (k x + d x_d)+ for "
+    "x = |delta| - gap/2 > 0, s = sgn(delta)",
     trace="Where the load changes its sign the residual is the missing load for a moment, then a blow against it.",
     experiment="Accelerations and decelerations without other load, some gentle, so that the gap takes ten samples.",
     # Without a gap it is the spring, but for flanks that cannot pull.

@@ -168,6 +168,7 @@ class SerialArm:
     effects    those of the whole arm
     inertial   base inertial parameters that an identification has put into the file; they override what follows from
                the links
+    notes      what the file's reader has to say to a person beside its errors, a line each; no part of the arm
     """
 
     name: str
@@ -177,6 +178,7 @@ class SerialArm:
     contact: Contact | None = None
     inertial: Values = field(default_factory=dict)
     controller: Control | None = None
+    notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import json
 import keyword
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-MAX_NAME = 40
+MAX_NAME, MAX_LABEL = 40, 60
 # A float in the controller holds 1e-38 to 1e38; products of a few parameters must stay inside.
 LARGEST, SMALLEST = 1e12, 1e-15
 
@@ -30,6 +30,7 @@ typeof typeof_unqual using virtual wchar_t xor xor_eq main NULL errno
 _WORDS = frozenset(_RESERVED.split())
 _SIGNS = "°µ·²³"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+_LABEL = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ .:/()-]*", re.ASCII)
 
 
 class ModelError(ValueError):
@@ -170,6 +171,29 @@ def pair(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
     return number(place, f"{key}[0]", value[0], unit), number(place, f"{key}[1]", value[1], unit)
 
 
+def vector(
+    place: Place, key: str, value: Any, unit: str, names: Sequence[str], one: Callable[..., float]
+) -> tuple[float, ...]:
+    """A number under each of the names, in their order; one: how each is checked, `number` or `real`."""
+    if not isinstance(value, list) or len(value) != len(names):
+        inside = f" in {unit}" if unit else ""
+        place.fail(f"{key} is {found(value)}; expected a list of {len(names)} numbers{inside}: {', '.join(names)}")
+    return tuple(one(place, f"{key}[{k}]", entry, unit) for k, entry in enumerate(value))
+
+
+def label(place: Place, key: str, value: Any) -> str:
+    """A name that people read: printable, and nothing that could end a comment or a text of C."""
+    if not isinstance(value, str):
+        place.fail(f"{key} is {found(value)}; expected a text")
+    if not _LABEL.fullmatch(value):
+        place.fail(
+            f"{key} {quote(value)}: expected letters a-z, digits, spaces and _ - . : / ( ), a letter or digit first"
+        )
+    if len(value) > MAX_LABEL:
+        place.fail(f"{key} {quote(value)} has {len(value)} letters; expected at most {MAX_LABEL}")
+    return value
+
+
 def identifier(place: Place, what: str, value: Any) -> str:
     """A name that C, C++ and Python accept, also as part of a file name."""
     if not isinstance(value, str):
@@ -183,3 +207,8 @@ def identifier(place: Place, what: str, value: Any) -> str:
     if value.startswith("__") or re.match(r"_[A-Z]", value):
         place.fail(f"{what} {quote(value)} is reserved for C compilers; do not begin with __ or _ and a capital")
     return value
+
+
+def is_taken(name: str) -> bool:
+    """Whether the generated files of the toolkit have an arm's name for themselves."""
+    return name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_")

@@ -19,7 +19,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symbolic.described import declared, number_name, numbered
-from symbolic.model_file.arm import ROTOR, Arm
+from symbolic.model_file.arm import ROTOR, SerialArm
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
@@ -155,7 +155,7 @@ def set_values(
 # --- what is asked for ---
 
 
-def _owner(place: Place, arm: Arm, library: Mapping[str, Effect], effect: str, joint: int | None) -> Owner:
+def _owner(place: Place, arm: SerialArm, library: Mapping[str, Effect], effect: str, joint: int | None) -> Owner:
     known = numbered(effect, library)[0] in library
     scope = declared(effect, library).scope if known else "joint"
     if scope in ("joint", "joints"):
@@ -175,7 +175,7 @@ def _owner(place: Place, arm: Arm, library: Mapping[str, Effect], effect: str, j
     return scope, None
 
 
-def _active(arm: Arm, owner: Owner) -> Mapping[str, Any]:
+def _active(arm: SerialArm, owner: Owner) -> Mapping[str, Any]:
     scope, joint = owner
     if joint is not None:
         return arm.joints[joint - 1].effects

@@ -7,23 +7,12 @@ an error. The same declarations are listed by `rows`, for guides. Model, scenari
 from __future__ import annotations
 
 import math
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
 
-from symbolic.model_file.checks import (
-    Place,
-    found,
-    identifier,
-    number,
-    pair,
-    quote,
-    real,
-    table_at,
-    unknown,
-)
+from symbolic.model_file.checks import Place, found, identifier, label, number, pair, real, unknown, vector
 
 JointType = Literal["revolute", "prismatic"]
 Table = Mapping[str, Any]
@@ -94,10 +83,25 @@ class SingleField(Field):
         """The value checked. Raises ModelError."""
 
 
+@dataclass(frozen=True)
+class Misplaced(Field):
+    """A key that belongs to another kind of file; meaning: what it belongs to and what to do, after its name."""
+
+    default: Any = None
+
+    def of(self, place: Place, table: Table, joint: JointType) -> None:
+        """Nothing is ever read from it."""
+
+    def rows(self, _: str) -> Iterator[FieldRow]:
+        yield from ()
+
+
 def _default(value: Any) -> str:
     """As it would stand in the file; empty for nothing."""
     if value is None or value in ({}, ()):
         return ""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(str, value))}]"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -107,15 +111,18 @@ def read(place: Place, table: Table, fields: Sequence[Field], joint: JointType =
     joint   type of the joint that the table is about, for units
     Raises ModelError: an unknown key, a missing one, or the first value that is none.
     """
-    known = tuple(field.key for field in fields)
+    own = [field for field in fields if not isinstance(field, Misplaced)]
+    for field in fields:
+        if isinstance(field, Misplaced) and field.key in table:
+            place.fail(f"{field.key} {field.meaning}")
     for key in table:
-        if not any(field.takes(key) for field in fields):
-            unknown(place, "key", key, known)
-    needed = [field.key for field in fields if field.default is REQUIRED]
+        if not any(field.takes(key) for field in own):
+            unknown(place, "key", key, tuple(field.key for field in own))
+    needed = [field.key for field in own if field.default is REQUIRED]
     for key in needed:
         if key not in table:
             place.fail(f'missing key "{key}"; needed are {", ".join(needed)}')
-    return {field.key: field.of(place, table, joint) for field in fields}
+    return {field.key: field.of(place, table, joint) for field in own}
 
 
 def rows(fields: Sequence[Field], prefix: str = "") -> list[FieldRow]:
@@ -209,6 +216,14 @@ class Name(SingleField):
         return identifier(place, self.key, value)
 
 
+@dataclass(frozen=True)
+class Label(SingleField):
+    """A name that people read, and no language."""
+
+    def read(self, place: Place, value: Any, _: JointType) -> str:
+        return label(place, self.key, value)
+
+
 # --- several numbers ---
 
 
@@ -218,6 +233,17 @@ class Pair(SingleField):
 
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
         return pair(place, self.key, value, self.unit_of(joint))
+
+
+@dataclass(frozen=True)
+class NumberRow(SingleField):
+    """As many numbers as there are names; tiny: what rounding leaves of a zero is a number, too."""
+
+    names: tuple[str, ...]
+    tiny: bool = False
+
+    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, ...]:
+        return vector(place, self.key, value, self.unit_of(joint), self.names, real if self.tiny else number)
 
 
 @dataclass(frozen=True)
@@ -255,7 +281,7 @@ class Numbers(Number):
 
     def read(self, place: Place, value: Any, joint: JointType) -> Any:
         read_one = super().read
-        return tuple(read_one(place, item, joint) for item in _list(place, self.key, value))
+        return tuple(read_one(place, item, joint) for item in list_at(place, self.key, value))
 
 
 @dataclass(frozen=True)
@@ -263,7 +289,7 @@ class JointNumbers(SingleField):
     """Joints, counted from 1, each once; sorted."""
 
     def read(self, place: Place, value: Any, _: JointType) -> tuple[int, ...]:
-        items = _list(place, self.key, value)
+        items = list_at(place, self.key, value)
         for item in items:
             if isinstance(item, bool) or not isinstance(item, int) or item < 1:
                 place.fail(f"{self.key} holds {found(item)}; expected joints, counted from 1")
@@ -272,118 +298,7 @@ class JointNumbers(SingleField):
         return tuple(sorted(items))
 
 
-def _list(place: Place, key: str, value: Any) -> list[Any]:
+def list_at(place: Place, key: str, value: Any) -> list[Any]:
     if not isinstance(value, list):
         place.fail(f"{key} is {found(value)}; expected a list")
     return value
-
-
-# --- tables ---
-
-
-@dataclass(frozen=True)
-class OpenTable(SingleField):
-    """A table into which its reader looks; inside: what a guide calls its keys; example: for messages."""
-
-    inside: str
-    example: str
-
-    def read(self, place: Place, value: Any, _: JointType) -> dict[str, Any]:
-        return table_at(place.inside(self.key), value, self.example)
-
-    def rows(self, prefix: str) -> Iterator[FieldRow]:
-        yield self._row(f"{prefix}{self.key}.{self.inside}")
-
-
-@dataclass(frozen=True)
-class NamedNumbers(SingleField):
-    """A table of numbers under names that are not known here; each a C identifier."""
-
-    def read(self, place: Place, value: Any, joint: JointType) -> dict[str, float]:
-        place, unit = place.inside(self.key), self.unit_of(joint)
-        table = table_at(place, value, f"[{self.key}] of numbers")
-        return {identifier(place, "key", key): number(place, key, entry, unit) for key, entry in table.items()}
-
-    def rows(self, prefix: str) -> Iterator[FieldRow]:
-        yield self._row(f"{prefix}{self.key}.NAME")
-
-
-@dataclass(frozen=True)
-class PerJoint(Field):
-    """Keys of joints, `q1`, `q2`, ...: what each says, read as a field of that kind, by joint, counted from 1."""
-
-    kind: type[Field]
-
-    def takes(self, key: str) -> bool:
-        return re.fullmatch(r"q[1-9]\d?", key) is not None
-
-    def of(self, place: Place, table: Table, joint: JointType) -> dict[int, Any]:
-        own = [self.kind(key, self.meaning, unit=self.unit) for key in table if self.takes(key)]
-        return {int(field.key[1:]): field.of(place, table, joint) for field in own}
-
-
-@dataclass(frozen=True)
-class Others(Field):
-    """All keys beside the declared ones, parameters whose names a library gives: what each says, read as a field of
-    that kind, by its name."""
-
-    kind: type[Field]
-    besides: tuple[str, ...]
-
-    def takes(self, key: str) -> bool:
-        return key not in self.besides
-
-    def of(self, place: Place, table: Table, joint: JointType) -> dict[str, Any]:
-        own = [self.kind(key, self.meaning, unit=self.unit) for key in table if self.takes(key)]
-        return {field.key: field.of(place, table, joint) for field in own}
-
-
-@dataclass(frozen=True)
-class Inner(SingleField):
-    """A table within this one; where it is left out and the default is {}, as if it were there and empty."""
-
-    fields: tuple[Field, ...]
-
-    def of(self, place: Place, table: Table, joint: JointType) -> Any:
-        return super().of(place, {self.key: {}, **table} if self.default == {} else table, joint)
-
-    def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        place = place.inside(self.key)
-        return read(place, table_at(place, value, _with(self.key, self.fields)), self.fields, joint)
-
-    def rows(self, prefix: str) -> Iterator[FieldRow]:
-        yield from rows(self.fields, f"{prefix}{self.key}.")
-
-
-@dataclass(frozen=True)
-class Named(Inner):
-    """Tables within this one under names of the user's, each a C identifier."""
-
-    def read(self, place: Place, value: Any, joint: JointType) -> dict[str, Any]:
-        made = {}
-        for name, item in table_at(place.inside(self.key), value, f"[{self.key}.NAME], one each").items():
-            identifier(place.inside(self.key), "name", name)
-            here = place.inside(f"{self.key}.{name}")
-            made[name] = read(here, table_at(here, item, _with(name, self.fields)), self.fields, joint)
-        return made
-
-    def rows(self, prefix: str) -> Iterator[FieldRow]:
-        yield from rows(self.fields, f"{prefix}{self.key}.NAME.")
-
-
-@dataclass(frozen=True)
-class Several(Inner):
-    """[[key]] tables, one after another; one: what each is called in messages, the key if not said."""
-
-    one: str = ""
-
-    def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        made = []
-        for k, item in enumerate(_list(place, self.key, value), 1):
-            here = place.inside(f"{self.one or self.key} {k}")
-            made.append(read(here, table_at(here, item, _with(self.key, self.fields)), self.fields, joint))
-        return tuple(made)
-
-
-def _with(key: str, fields: Sequence[Field]) -> str:
-    return f"{quote(key)} with {', '.join(field.key for field in fields)}"

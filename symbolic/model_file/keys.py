@@ -1,29 +1,34 @@
-"""Every key of the model file: what it means, its unit and range, and what holds where it is left out."""
+"""Every key of the model file: what it means, its unit and range, and what holds where it is left out.
+
+A planar and a spatial arm share most of them; what one has and the other has not is said where it is misplaced.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from symbolic.model_file.checks import Place, found
 from symbolic.model_file.fields import (
     Choice,
+    Field,
     FieldRow,
-    Inner,
     Interval,
     JointType,
+    Label,
+    Misplaced,
     Name,
-    NamedNumbers,
     Number,
-    OpenTable,
+    NumberRow,
     Pair,
-    Several,
     Table,
     Whole,
     WholeNumber,
     read,
     rows,
 )
+from symbolic.model_file.tables import Inner, NamedNumbers, OpenTable, Several
 
 MAX_JOINTS = 7
 MAX_NODE = 126
@@ -51,12 +56,58 @@ def _joint_type(table: Table) -> JointType:
 
 UNKNOWN = "if left out, unknown"
 
+MASS = Number("mass", f"of the link; {UNKNOWN}", unit="kg", low=0.0, default=None)
+MOVED = "the body that the joint moves"
+ABOUT_COM = "about the centre of mass"
 LINK = (
     Number("length", "to the next joint, or to the tip", unit="m", low=0.0),
-    Number("mass", f"of the link; {UNKNOWN}", unit="kg", low=0.0, default=None),
+    MASS,
     Pair("com", f"centre of mass, along and across the link; {UNKNOWN}", unit="m", default=None),
-    Number("inertia", f"about the centre of mass; {UNKNOWN}", unit="kg m^2", low=0.0, default=None),
+    Number("inertia", f"{ABOUT_COM}; {UNKNOWN}", unit="kg m^2", low=0.0, default=None),
 )
+SPATIAL_LINK = (
+    MASS,
+    NumberRow("com", f"centre of mass in the joint's frame; {UNKNOWN}", ("x", "y", "z"), unit="m", default=None),
+    NumberRow(
+        "inertia",
+        f"{ABOUT_COM}, along the axes of the joint's frame: ixx, ixy, ixz, iyy, iyz, izz; {UNKNOWN}",
+        ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+        unit="kg m^2",
+        default=None,
+    ),
+    Misplaced(
+        "length",
+        "belongs to planar arms; in space, the origin of the next joint says where it is, and [tip] where the arm ends",
+    ),
+)
+
+
+def _frame(of: str) -> Inner:
+    zero = (0.0, 0.0, 0.0)
+    turned = "turned about x, then y, then z of the frame before: R = Rz(yaw) Ry(pitch) Rx(roll)"
+    return Inner(
+        "origin",
+        "where a frame stands in the one before",
+        (
+            NumberRow("xyz", f"of {of}", ("x", "y", "z"), unit="m", default=zero),
+            NumberRow("rpy", turned, ("roll", "pitch", "yaw"), unit="rad", default=zero, tiny=True),
+        ),
+        default={},
+    )
+
+
+PLACE = (
+    _frame("the joint's frame in that of the joint before, of the first in the base's, where q = 0"),
+    NumberRow(
+        "axis",
+        "in the joint's frame, of any length: the joint turns about it, or slides along it",
+        ("x", "y", "z"),
+        default=(0.0, 0.0, 1.0),
+        tiny=True,
+    ),
+)
+IN_SPACE = "belongs to an arm in space, whose gravity has three numbers; in the plane, {} says where the next joint is"
+NOT_IN_THE_PLANE = tuple(Misplaced(key, IN_SPACE.format("length in [joint.link]")) for key in ("origin", "axis"))
 LIMITS = (
     Interval("position", "range, the smaller end first", unit=("rad", "m"), default=None),
     Number("speed", "largest, either way", unit=("rad/s", "m/s"), positive=True, default=None),
@@ -103,30 +154,35 @@ DRIVE = (
 )
 EFFECTS = "the effects that are there and their parameters; empty: its values are not known (tendon effects)"
 
-JOINT = (
-    Choice("type", "revolute, or prismatic", ("revolute", "prismatic"), '"revolute" or "prismatic"'),
-    Number(
-        "rotor_inertia",
-        f"motor and gear at the joint's output: that of the motor times gear_ratio squared; {UNKNOWN}",
-        unit=("kg m^2", "kg"),
-        low=0.0,
-        default=None,
-    ),
-    Number("gear_ratio", "turns of the motor a turn of the joint (rad of the motor a metre)", positive=True),
-    Inner("link", "the body that the joint moves", LINK),
-    OpenTable("effects", EFFECTS, "EFFECT", "[joint.effects.…], one an effect", default={}),
-    Number(
-        "torque_constant",
-        "torque at the joint's output by the motor's current: that of the motor times gear_ratio",
-        unit=("N m/A at the joint's output", "N/A at the joint's output"),
-        positive=True,
-        default=None,
-    ),
-    Inner("limits", "what motions keep", LIMITS, default={}),
-    Inner("controller", "gains of the joint's controller", GAINS, default=None),
-    Inner("encoder", "of the motor", ENCODER, default=None),
-    Inner("drive", "servo drive on a CAN bus", DRIVE, default=None),
-)
+
+def _joint(*body: Field) -> tuple[Field, ...]:
+    return (
+        Label("name", "shown beside its number", default=None),
+        Choice("type", "revolute, or prismatic", ("revolute", "prismatic"), '"revolute" or "prismatic"'),
+        Number(
+            "rotor_inertia",
+            f"motor and gear at the joint's output: that of the motor times gear_ratio squared; {UNKNOWN}",
+            unit=("kg m^2", "kg"),
+            low=0.0,
+            default=None,
+        ),
+        Number("gear_ratio", "turns of the motor a turn of the joint (rad of the motor a metre)", positive=True),
+        *body,
+        OpenTable("effects", EFFECTS, "EFFECT", "[joint.effects.…], one an effect", default={}),
+        Number(
+            "torque_constant",
+            "torque at the joint's output by the motor's current: that of the motor times gear_ratio",
+            unit=("N m/A at the joint's output", "N/A at the joint's output"),
+            positive=True,
+            default=None,
+        ),
+        Inner("limits", "what motions keep", LIMITS, default={}),
+        Inner("controller", "gains of the joint's controller", GAINS, default=None),
+        Inner("encoder", "of the motor", ENCODER, default=None),
+        Inner("drive", "servo drive on a CAN bus", DRIVE, default=None),
+    )
+
+
 CONTROLLER = (
     Number("rate", "of the control step", unit="Hz", positive=True),
     Number("velocity_cutoff", "of the low-pass on the differentiated encoder, up to rate/2", unit="Hz", positive=True),
@@ -138,22 +194,58 @@ CONTACT = (
     OpenTable("effects", EFFECTS, "EFFECT", "[contact.effects.…], one an effect", default={}),
 )
 
-MODEL = (
-    Name("name", "of the arm: a C identifier"),
+
+def _model(gravity: Field, joint: Sequence[Field], *end: Field) -> tuple[Field, ...]:
+    return (
+        Name("name", "of the arm: a C identifier"),
+        gravity,
+        Joints("joint", "one a joint, from the base outwards", tuple(joint)),
+        OpenTable("effects", f"of the whole arm: {EFFECTS}", "EFFECT", "[effects.…], one an effect", default={}),
+        *end,
+        NamedNumbers(
+            "inertial",
+            "base inertial parameters as tendon identify --write puts them there, over what follows from the links",
+            unit="SI units",
+            default={},
+        ),
+        Inner("controller", "what the joints' controllers share", CONTROLLER, default=None),
+    )
+
+
+PLANAR = _model(
     Pair("gravity", "acceleration vector in the plane of motion", unit="m/s^2"),
-    Joints("joint", "one a joint, from the base outwards", JOINT),
-    OpenTable("effects", f"of the whole arm: {EFFECTS}", "EFFECT", "[effects.…], one an effect", default={}),
+    _joint(Inner("link", MOVED, LINK), *NOT_IN_THE_PLANE),
     Inner("contact", "a plate at the end-effector", CONTACT, default=None),
-    NamedNumbers(
-        "inertial",
-        "base inertial parameters as tendon identify --write puts them there, over what follows from the links",
-        unit="SI units",
-        default={},
+    Misplaced("tip", IN_SPACE.format("the length of the last link").replace("next joint", "tip")),
+)
+SPATIAL = _model(
+    NumberRow("gravity", "acceleration vector", ("x", "y", "z"), unit="m/s^2"),
+    _joint(*PLACE, Inner("link", MOVED, SPATIAL_LINK, default={})),
+    Inner(
+        "tip", "flange or tool", (_frame("the tip's frame, of flange or tool, in that of the last joint"),), default={}
     ),
-    Inner("controller", "what the joints' controllers share", CONTROLLER, default=None),
+    Misplaced("contact", "belongs to planar arms: the plate of [contact] moves in the plane; leave it out"),
 )
 
 
+def fields_of(place: Place, table: Table) -> tuple[Field, ...]:
+    """The keys that a model file may have: SPATIAL if its gravity has three numbers. Raises ModelError for another
+    number of them."""
+    gravity = table.get("gravity", [])
+    if "gravity" in table and (not isinstance(gravity, list) or len(gravity) not in (2, 3)):
+        place.fail(
+            f"gravity is {found(gravity)}; expected a list of two numbers in m/s^2 for a planar arm, of three for one "
+            "in space"
+        )
+    return SPATIAL if len(gravity) == 3 else PLANAR
+
+
 def model_file_rows() -> list[FieldRow]:
-    """Every key of the model file, with unit, meaning and default, for a guide."""
-    return rows(MODEL)
+    """Every key of the model file of a planar arm, with unit, meaning and default, for a guide."""
+    return rows(PLANAR)
+
+
+def spatial_file_rows() -> list[FieldRow]:
+    """Those keys of an arm in space that a planar one has not, or that say something else there."""
+    planar = rows(PLANAR)
+    return [row for row in rows(SPATIAL) if row not in planar]

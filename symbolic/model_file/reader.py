@@ -1,4 +1,4 @@
-"""The model file: TOML in, a checked Arm out.
+"""The model file: TOML in, a checked Arm or SpatialArm out.
 
 Every error is one line that says where it is, what was found and what was expected. Names end up in C
 and in file names: they are checked against the languages' rules here, and never evaluated.
@@ -8,25 +8,41 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from symbolic.described import declared, numbered
 from symbolic.model_file import fields
-from symbolic.model_file.arm import Arm, Contact, Control, Drive, Gains, Joint, Limits, Link, Values
-from symbolic.model_file.checks import ModelError, Place, nearest, number, printable, quote, table_at, unknown
-from symbolic.model_file.keys import MODEL
+from symbolic.model_file.arm import (
+    Arm,
+    Contact,
+    Control,
+    Drive,
+    Frame,
+    Gains,
+    Joint,
+    Limits,
+    Link,
+    SpatialArm,
+    SpatialJoint,
+    SpatialLink,
+    Values,
+)
+from symbolic.model_file.checks import ModelError, Place, is_taken, nearest, number, printable, quote, table_at, unknown
+from symbolic.model_file.keys import SPATIAL, fields_of
+from symbolic.model_file.physics import body_notes, check_distinct, check_inertia_seen
+from symbolic.model_file.snapping import Snapping
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
 
-__all__ = ["ModelError", "check_effect", "load", "parse", "read_text"]
+__all__ = ["ModelError", "check_effect", "is_spatial", "load", "parse", "read_text"]
 
 MAX_BYTES = 1_000_000
 
 
-def load(path: Path | str, effects: Mapping[str, Effect] | None = None) -> Arm:
+def load(path: Path | str, effects: Mapping[str, Effect] | None = None) -> Arm | SpatialArm:
     """The arm in the TOML file at `path`; `effects`: the library by name (None: the built-in one).
 
     Raises ModelError.
@@ -57,29 +73,52 @@ def read_text(path: Path | str) -> str:
         ) from None
 
 
-def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) -> Arm:
+def is_spatial(text: str) -> bool:
+    """Whether a model file is one of an arm in space: its gravity has three components."""
+    try:
+        return fields_of(Place(""), tomllib.loads(text.removeprefix("\ufeff"))) is SPATIAL
+    except (ValueError, RecursionError):
+        return False
+
+
+def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) -> Arm | SpatialArm:
     """The arm described by `text`; `where` names the file in messages.
 
     effects   the library by name (None: the built-in one)
     Raises ModelError for the first thing that is wrong.
     """
     if effects is None:
-        from symbolic.effects import LIBRARY
+        from symbolic.effects import DECLARED, LIBRARY
 
-        effects = LIBRARY
+        effects = DECLARED if is_spatial(text) else LIBRARY
     top = Place(printable(where))
-    said = fields.read(top, _toml(text, top), MODEL)
-    arm = Arm(
-        name=_name(top, said["name"]),
-        gravity=said["gravity"],
-        joints=_joints(top, said["joint"], effects),
-        effects=_effects(top, said["effects"], "arm", effects),
-        contact=_contact(top, said["contact"], effects),
-        inertial=said["inertial"],
-        controller=_control(top, said["controller"]),
-    )
-    _check_inertia_seen(top, arm)
+    table = _toml(text, top)
+    kind = fields_of(top, table)
+    arm = (_spatial_arm if kind is SPATIAL else _planar_arm)(top, fields.read(top, table, kind), effects)
+    check_distinct(top, arm.joints)
+    check_inertia_seen(top, arm)
     return arm
+
+
+def _planar_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) -> Arm:
+    made = [Joint(**common, link=Link(**one["link"])) for one, common in _joints(top, said["joint"], effects)]
+    contact = _contact(top, said["contact"], effects)
+    return Arm(**_common(top, said, effects), joints=tuple(made), contact=contact)
+
+
+def _spatial_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) -> SpatialArm:
+    """Its angles and axes snapped to quarter turns, its bodies checked; what was found is in its notes."""
+    made, snapping, notes = [], Snapping(), []
+    for k, (one, common) in enumerate(_joints(top, said["joint"], effects), 1):
+        place = top.inside(f"joint {k}")
+        link = SpatialLink(**one["link"])
+        notes += body_notes(place, link)
+        origin = snapping.frame(f"joint {k}", Frame(**one["origin"]))
+        axis = snapping.axis(place, f"joint {k}", one["axis"])
+        made.append(SpatialJoint(**common, axis=axis, origin=origin, link=link))
+    tip = snapping.frame("the tip", Frame(**said["tip"]["origin"]))
+    notes += [f"{top.file}: {note}" for note in snapping.notes()]
+    return SpatialArm(**_common(top, said, effects), joints=tuple(made), tip=tip, notes=tuple(notes))
 
 
 # --- structure ---
@@ -103,46 +142,47 @@ def _toml(text: str, top: Place) -> dict[str, Any]:
 
 
 def _name(top: Place, name: str) -> str:
-    if name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_"):
+    if is_taken(name):
         top.fail(f"name {quote(name)} is taken by the generated files of the toolkit; choose another name")
     return name
 
 
-# --- the arm ---
+# --- what all arms have ---
 
 
-def _joints(top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, Effect]) -> tuple[Joint, ...]:
-    joints = tuple(_joint(top.inside(f"joint {k}"), one, effects, k == len(said)) for k, one in enumerate(said, 1))
-    _check_nodes(top, joints)
-    return joints
+def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) -> dict[str, Any]:
+    return {
+        "name": _name(top, said["name"]),
+        "gravity": said["gravity"],
+        "effects": _effects(top, said["effects"], "arm", effects),
+        "inertial": said["inertial"],
+        "controller": _control(top, said["controller"]),
+    }
 
 
-def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, Effect], last: bool) -> Joint:
+def _joints(
+    top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, Effect]
+) -> Iterator[tuple[Mapping[str, Any], dict[str, Any]]]:
+    """Of each joint, what its table says, and of that what every joint has."""
+    for k, one in enumerate(said, 1):
+        yield one, _joint(top.inside(f"joint {k}"), one, effects, k == len(said))
+
+
+def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, Effect], last: bool) -> dict[str, Any]:
     encoder = said["encoder"] or {"counts": None, "zero": 0}
-    return Joint(
-        type=said["type"],
-        rotor_inertia=said["rotor_inertia"],
-        gear_ratio=said["gear_ratio"],
-        link=Link(**said["link"]),
-        effects=_effects(place, said["effects"], "joint", effects, said["type"], last),
-        torque_constant=said["torque_constant"],
-        limits=Limits(**said["limits"]),
-        gains=said["controller"] and Gains(**said["controller"]),
-        encoder_counts=encoder["counts"],
-        encoder_zero=encoder["zero"],
-        drive=said["drive"] and Drive(**said["drive"]),
-    )
-
-
-def _check_nodes(top: Place, joints: tuple[Joint, ...]) -> None:
-    """Every drive answers to an id of its own."""
-    seen: dict[int, int] = {}
-    for i, joint in enumerate(joints, 1):
-        if joint.drive is not None and seen.setdefault(joint.drive.node, i) != i:
-            first, node = seen[joint.drive.node], joint.drive.node
-            top.inside(f"joint {i}").inside("drive").fail(
-                f"node {node} is the drive of joint {first} already; expected an id of its own"
-            )
+    return {
+        "type": said["type"],
+        "rotor_inertia": said["rotor_inertia"],
+        "gear_ratio": said["gear_ratio"],
+        "effects": _effects(place, said["effects"], "joint", effects, said["type"], last),
+        "torque_constant": said["torque_constant"],
+        "limits": Limits(**said["limits"]),
+        "gains": said["controller"] and Gains(**said["controller"]),
+        "encoder_counts": encoder["counts"],
+        "encoder_zero": encoder["zero"],
+        "drive": said["drive"] and Drive(**said["drive"]),
+        "name": said["name"],
+    }
 
 
 def _control(top: Place, said: Mapping[str, float] | None) -> Control | None:
@@ -212,26 +252,3 @@ def check_effect(place: Place, name: str, scope: str, library: Mapping[str, Effe
         place.fail(f'effect "{name}" {_HOME[home].format(name)}')
     if home == "joints" and last:
         place.fail(f'effect "{name}" names the first of two joints, and there is none after this one')
-
-
-# --- physics ---
-
-
-def _check_inertia_seen(top: Place, arm: Arm) -> None:
-    """Every joint must move some inertia, or D is singular and the arm cannot be simulated or identified; what is not
-    known may be there."""
-    for i, joint in enumerate(arm.joints):
-        seen, offset = [joint.rotor_inertia], False
-        for k, outer in enumerate(arm.joints[i:]):
-            if joint.type == "prismatic":
-                seen.append(outer.link.mass)
-                continue
-            slides = k > 0 and outer.type == "prismatic"
-            if offset or slides or outer.link.com != (0.0, 0.0):
-                seen.append(outer.link.mass)
-            seen.append(outer.link.inertia)
-            offset = offset or slides or outer.link.length > 0
-        if not any(value is None or value > 0 for value in seen):
-            top.inside(f"joint {i + 1}").fail(
-                "moves no inertia at all; expected a rotor_inertia, or a mass or inertia on this link or further out"
-            )

@@ -2,45 +2,34 @@
 
 Every link has the elementary parameters of newton_euler.Lumps. Their columns in the regressor are not
 independent: mass at a joint may be counted to either link, the first joint's rotor turns with its link,
-and so on. The columns are evaluated at random points modulo a large prime, and those that depend on
-earlier ones (in an order of preference that makes the recursion short) are merged into them with exact
-rational coefficients. What is left are base parameters: tau = Y lumps holds exactly, Y has full rank.
+and so on. Those that depend on earlier ones, in an order of preference that makes the recursion short,
+are merged into them (exact_rank.py). What is left are base parameters: tau = Y lumps holds exactly, Y has
+full rank.
 
-Source: Gautier & Khalil 1990 (minimum inertial parameters), by exact instead of numerical rank.
+Source: Gautier & Khalil 1990 (minimum inertial parameters).
 """
 
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from fractions import Fraction
-from math import isqrt
 
 from symbolic.model_file.arm import Arm, Link
+from symbolic.rigid_body.exact_rank import (
+    PRIME,
+    BaseParameters,
+    Column,
+    dependencies,
+    exact,
+    known_sum,
+    random_turn,
+    residue,
+)
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, motion, torques
 from symbolic.straightline import Residues, Turn
 
 KINDS = ("J", "I", "mu", "h", "hy")
-PRIME = 2**521 - 1
-"""Large enough to recover a coefficient of 75 digits over 75 from its residue."""
-
-Column = tuple[str, int]
-"""Kind and index (0-based) of an elementary parameter."""
-
-
-@dataclass(frozen=True)
-class BaseParameters:
-    """values: the base parameters in order, None where a number behind one is not known; merged: what went into each,
-    (column, coefficient) pairs."""
-
-    values: dict[Column, Fraction | None]
-    merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
-
-
-def exact(value: float) -> Fraction:
-    """The decimal number that a person wrote, as a fraction."""
-    return Fraction(repr(float(value)))
 
 
 def exact_chain(arm: Arm) -> Chain:
@@ -86,7 +75,8 @@ def elementary(arm: Arm) -> dict[Column, Fraction | None]:
 def base_parameters(arm: Arm) -> BaseParameters:
     """Merge the dependent columns; the result is in the order J, I, mu, h, hy and then by joint."""
     values = elementary(arm)
-    coefficients = _dependencies(arm, tuple(values))
+    points = -(-len(values) // len(arm.joints)) + 4
+    coefficients = dependencies(_regressor(arm, tuple(values), points))
     merged: dict[Column, list[tuple[Column, Fraction]]] = {
         c: [(c, Fraction(1))] for c in values if c not in coefficients
     }
@@ -94,46 +84,7 @@ def base_parameters(arm: Arm) -> BaseParameters:
         for target, factor in combination.items():
             merged[target].append((column, factor))
     order = sorted(merged, key=lambda c: (KINDS.index(c[0]), c[1]))
-    return BaseParameters({c: _sum(values, merged[c]) for c in order}, {c: tuple(merged[c]) for c in order})
-
-
-def _sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Column, Fraction]]) -> Fraction | None:
-    """What the parts of a base parameter come to; None if one of them is not known."""
-    total = Fraction(0)
-    for column, factor in parts:
-        value = values[column]
-        if value is None:
-            return None
-        total += factor * value
-    return total
-
-
-def _dependencies(arm: Arm, columns: tuple[Column, ...]) -> dict[Column, dict[Column, Fraction]]:
-    """For every column that depends on earlier independent ones: its combination of them."""
-    n = len(arm.joints)
-    points = -(-len(columns) // n) + 4
-    rows = _regressor(arm, columns, points)
-    independent: list[Column] = []
-    reduced: list[tuple[int, list[int], list[int]]] = []  # pivot row, column, its combination of independent ones
-    dependent: dict[Column, dict[Column, Fraction]] = {}
-    for column in columns:
-        vector, combination = rows[column][:], [0] * len(independent)
-        for pivot, other, used in reduced:
-            factor = vector[pivot]
-            if factor:
-                vector = [(a - factor * b) % PRIME for a, b in zip(vector, other, strict=True)]
-                for j, c in enumerate(used):
-                    combination[j] = (combination[j] + factor * c) % PRIME
-        pivot_row = next((r for r, v in enumerate(vector) if v), None)
-        if pivot_row is None:
-            fractions = zip(independent, map(_fraction, combination), strict=True)
-            dependent[column] = {c: f for c, f in fractions if f}
-            continue
-        inverse = pow(vector[pivot_row], -1, PRIME)
-        own = [-c * inverse % PRIME for c in combination] + [inverse]
-        independent.append(column)
-        reduced.append((pivot_row, [v * inverse % PRIME for v in vector], own))
-    return dependent
+    return BaseParameters({c: known_sum(values, merged[c]) for c in order}, {c: tuple(merged[c]) for c in order})
 
 
 def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Column, list[int]]:
@@ -142,7 +93,7 @@ def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Colum
     chain = _modular(exact_chain(arm))
     result: dict[Column, list[int]] = {c: [] for c in columns}
     for _ in range(points):
-        q = [_random_turn(rng) if r else rng.randrange(PRIME) for r in chain.revolute]
+        q = [random_turn(rng) if r else rng.randrange(PRIME) for r in chain.revolute]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, 0, q, qd, qdd, notes)
         for column in columns:
@@ -159,30 +110,8 @@ def unit_lumps(n: int, column: Column) -> Lumps:
 
 
 def _modular(chain: Chain) -> Chain:
-    def residue(x: Fraction | int) -> int:
-        x = Fraction(x)
-        return x.numerator * pow(x.denominator, -1, PRIME) % PRIME
-
     g = chain.gravity
     if g is not None:
         angle = Turn(residue(g.angle.cos), residue(g.angle.sin))
         g = Gravity(residue(g.x), residue(g.y), residue(g.strength), angle)
     return Chain(chain.revolute, tuple(residue(l) for l in chain.lengths), g)
-
-
-def _random_turn(rng: random.Random) -> Turn:
-    t = rng.randrange(PRIME)
-    inverse = pow(1 + t * t, -1, PRIME)
-    return Turn((1 - t * t) * inverse % PRIME, 2 * t * inverse % PRIME)
-
-
-def _fraction(residue: int) -> Fraction:
-    """The fraction of small numerator and denominator with this residue (Wang 1981)."""
-    bound = isqrt(PRIME // 2)
-    (r0, r1), (s0, s1) = (PRIME, residue), (0, 1)
-    while r1 > bound:
-        quotient = r0 // r1
-        r0, r1, s0, s1 = r1, r0 - quotient * r1, s1, s0 - quotient * s1
-    if abs(s1) > bound:
-        raise ArithmeticError("a coefficient of the base parameters has more digits than the prime can hold")
-    return Fraction(r1, s1)

@@ -8,7 +8,8 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import SymbolicFunction
-from symbolic.rigid_body.base_parameters import KINDS, Column, unit_lumps
+from symbolic.rigid_body.base_parameters import KINDS, unit_lumps
+from symbolic.rigid_body.exact_rank import Column
 from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques

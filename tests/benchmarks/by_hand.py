@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from runtime.model.terms import Term, structure
-from runtime.planning.program import CLEAR_OF_SINGULAR, Program, bernstein
+from runtime.planning.program import Program, bernstein
 from runtime.planning.scenario import PhasePlan
+from runtime.planning.task import CLEAR_OF_SINGULAR
 
 Array = NDArray[np.float64]
 
@@ -49,15 +50,15 @@ class Laws:
 
     @cached_property
     def _terms(self) -> dict[Term, dict[str, float]]:
-        own = self.program.scenario.contact
-        return {t: {**v, **own.get(t.effect, {})} for t, v in structure(self.program.model).items()}
+        own = self.program.task.scenario.contact
+        return {t: {**v, **own.get(t.effect, {})} for t, v in structure(self.program.task.model).items()}
 
     @cached_property
     def _dry(self) -> tuple[Array, Array, Array, Array]:
         """(n, 1) each: c_1 to c_4 of Table I."""
         names = ("coulomb_asymmetric", "positive"), ("coulomb_asymmetric", "negative")
         names += ("viscous", "coefficient"), ("viscous_cubic", "coefficient")
-        joints = range(1, self.program.model.n + 1)
+        joints = range(1, self.program.task.model.n + 1)
         return tuple(np.array([[self._terms[Term(effect, j)][key]] for j in joints]) for effect, key in names)
 
     def friction(self, qd: Any) -> Any:
@@ -68,7 +69,7 @@ class Laws:
 
     def spring(self, k: int, q: Any, stiffness: Any, offset: Any) -> Any:
         """stiffness in kN/m."""
-        plan, width = self.program.scenario.springs[k], self.width / 50.0
+        plan, width = self.program.task.scenario.springs[k], self.width / 50.0
         radius, pretension = plan.stated["radius"], plan.stated["pretension"]
         pull = radius**2 * STIFFNESS_UNIT * stiffness * self._ramp(offset - q, width)
         return -pull - radius * pretension * self._step(offset - q, width)
@@ -86,16 +87,22 @@ class Laws:
 
 def rates(program: Program, plan: PhasePlan, i: int) -> tuple[float, float]:
     """Bounds of a joint's (0-based) rate in a free phase or in contact."""
-    limit = program.model.joints[i].speed_limit or np.inf
-    ends = [program.scenario.points[name].q.get(i + 1) for name in (plan.start, plan.end)]
+    limit = program.task.model.joints[i].speed_limit or np.inf
+    ends = [program.task.scenario.points[name].q.get(i + 1) for name in (plan.start, plan.end)]
     if plan.monotone and plan.kind == "free" and None not in ends:
         return (0.0, limit) if ends[1] > ends[0] else (-limit, 0.0)
     return -limit, limit
 
 
+def places(program: Program, plan: PhasePlan) -> dict[int, tuple[float, float]]:
+    """Where the scenario keeps joints (0-based) in a phase: those that move there."""
+    moved = program.task.scenario.moving if plan.kind == "free" else range(1, program.task.model.n + 1)
+    return {j - 1: program.task.scenario.ranges[j] for j in moved if j in program.task.scenario.ranges}
+
+
 def downwards(program: Program, plan: PhasePlan) -> float:
     """1 or -1: which way along y a contact phase goes."""
-    start, end = (program.scenario.points[name].tip for name in (plan.start, plan.end))
+    start, end = (program.task.scenario.points[name].tip for name in (plan.start, plan.end))
     return float(np.sign(end[1] - start[1]))
 
 
@@ -114,7 +121,7 @@ class ByHand:
     """Cost and constraints of a periodic scenario from the unknowns x (nx,), all in NumPy and compiled kernels."""
 
     def __init__(self, program: Program, width: float) -> None:
-        self.program, self.model, self.scenario = program, program.model, program.scenario
+        self.program, self.model, self.scenario = program, program.task.model, program.task.scenario
         self.laws = Laws(np, program, width)
         self._sampling = [self._sampled(plan.degree) for plan in self.scenario.phases]
         self._touches = any(plan.kind == "contact" for plan in self.scenario.phases)
@@ -158,7 +165,7 @@ class ByHand:
         if self.scenario.friction:
             tau += self.laws.friction(qd)
         for k, spring in enumerate(self.scenario.springs):
-            own = x[self.program.unknowns.spring(k)]
+            own = x[self.program.task.unknowns.spring(k)]
             tau[spring.joint - 1] += self.laws.spring(k, q[spring.joint - 1], *own)
         if self._touches:
             row = self.model.tip_jacobian(q)[1]
@@ -180,7 +187,7 @@ class ByHand:
         return np.concatenate([w * self.scenario.cycle_time * part for (_, w), part in sampled])
 
     def _phase(self, k: int, x: Array) -> _Sampled:
-        plan, u = self.scenario.phases[k], self.program.unknowns
+        plan, u = self.scenario.phases[k], self.program.task.unknowns
         T = self.scenario.cycle_time * plan.part
         points = np.array([x[u.points(k, row)] for row in range(len(u.free[k]))])
         c, cd, cdd = (points @ basis / T**d for d, basis in enumerate(self._sampling[k][0]))
@@ -230,6 +237,8 @@ class ByHand:
             for i in [j - 1 for j in self.scenario.moving]:
                 low, high = rates(self.program, plan, i)
                 rows += [qd[i] - low, high - qd[i]]
+            for i, (low, high) in places(self.program, plan).items():
+                rows += [q[i] - low, high - q[i]]
             if plan.kind == "contact":
                 rows.append(self.scenario.elbow * np.sin(q[1]) - CLEAR_OF_SINGULAR)
                 yd = np.sum(self.model.tip_jacobian(q)[1] * qd, axis=0)

@@ -13,11 +13,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from by_hand import STIFFNESS_UNIT, Laws, Solved, downwards, rates
+from by_hand import STIFFNESS_UNIT, Laws, Solved, downwards, places, rates
 from numpy.typing import NDArray
 
-from runtime.planning.program import CLEAR_OF_SINGULAR, Program, bernstein
+from runtime.planning.program import Program, bernstein
 from runtime.planning.scenario import PhasePlan, Point
+from runtime.planning.task import CLEAR_OF_SINGULAR
 from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
@@ -33,19 +34,17 @@ class OptiByHand:
     """
 
     def __init__(self, program: Program, arm: Arm, rnea: ca.Function, width: float) -> None:
-        self.program, self.scenario, self.rnea = program, program.scenario, rnea
+        self.program, self.scenario, self.rnea = program, program.task.scenario, rnea
         self.lengths = [joint.link.length for joint in arm.joints]
         self.laws = Laws(ca, program, width)
         self._contact = any(plan.kind == "contact" for plan in self.scenario.phases)
         opti = self.opti = ca.Opti()
-        free = program.unknowns.free
+        free = program.task.unknowns.free
         self._points = [opti.variable(len(f), p.degree + 1) for f, p in zip(free, self.scenario.phases, strict=True)]
-        self._springs = opti.variable(max(2 * len(self.scenario.springs), 1))
+        self._springs = opti.variable(2 * len(self.scenario.springs)) if self.scenario.springs else ca.MX(0, 1)
         opti.minimize(sum(self._along(k) for k in range(len(self.scenario.phases))))
         for k in range(len(self.scenario.phases)):
             self._between(k - 1, k)
-        if not self.scenario.springs:
-            opti.subject_to(self._springs == 0)
         for k, spring in enumerate(self.scenario.springs):
             low, high = np.array(spring.sought["stiffness"]) / STIFFNESS_UNIT
             opti.subject_to(opti.bounded(low, self._springs[2 * k], high))
@@ -57,7 +56,7 @@ class OptiByHand:
 
     def _joints(self, phase: int, c: ca.SX, cd: ca.SX, cdd: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """q, qd, qdd from the free coordinates and their derivatives by time."""
-        own, n = self.program.unknowns.free[phase], self.program.model.n
+        own, n = self.program.task.unknowns.free[phase], self.program.task.model.n
         x = [c[own.index(i)] if i in own else self.scenario.posture[i] for i in range(n)]
         q = ca.vertcat(*x) if self.scenario.phases[phase].kind == "free" else self._inverse(x[1:])
         qd = ca.jtimes(q, c, cd)
@@ -67,7 +66,7 @@ class OptiByHand:
         """The joints of (13) from w_2 to w_4; w_1 is the plate's place."""
         a, b, third, fourth = self.lengths
         y, angle, last = w
-        x = float(self.program.model.contact["x"]) - third * ca.cos(angle) - fourth * ca.cos(angle + last)
+        x = float(self.program.task.model.contact["x"]) - third * ca.cos(angle) - fourth * ca.cos(angle + last)
         q2 = self.scenario.elbow * ca.acos((x**2 + y**2 - a**2 - b**2) / (2 * a * b))
         q1 = ca.atan2(y, x) - ca.atan2(b * ca.sin(q2), a + b * ca.cos(q2))
         return ca.vertcat(q1, q2, angle - q1 - q2, last)
@@ -99,6 +98,7 @@ class OptiByHand:
         plan = self.scenario.phases[phase]
         tip, J = self._tip(q)
         rows = [(qd[j - 1], *rates(self.program, plan, j - 1)) for j in self.scenario.moving]
+        rows += [(q[i], *span) for i, span in places(self.program, plan).items()]
         if plan.kind == "contact":
             rows.append((self.scenario.elbow * ca.sin(q[1]), CLEAR_OF_SINGULAR, np.inf))
             if plan.monotone:
@@ -168,13 +168,25 @@ class OptiByHand:
         elif point.tip_rest:
             self.opti.subject_to(tip_rate[axes] == 0)
 
-    def solve(self, x: Array, cap: float) -> Solved:
-        """From unknowns x (nx,), in the order of the program's."""
-        u = self.program.unknowns
+    def _begin(self, x: Array) -> None:
+        u = self.program.task.unknowns
         for k, points in enumerate(self._points):
             self.opti.set_initial(points, np.array([x[u.points(k, row)] for row in range(points.shape[0])]))
         for k in range(len(self.scenario.springs)):
             self.opti.set_initial(self._springs[2 * k : 2 * k + 2], x[u.spring(k)])
+
+    def rows(self, x: Array) -> tuple[float, Array, Array, Array]:
+        """Cost, constraints, and their lower and upper bounds at unknowns x (nx,), in the order of the program's."""
+        self._begin(x)
+        here = self.opti.initial()
+        f, g, lower, upper = (
+            self.opti.debug.value(e, here) for e in (self.opti.f, self.opti.g, self.opti.lbg, self.opti.ubg)
+        )
+        return float(f), *(np.asarray(part, dtype=float).ravel() for part in (g, lower, upper))
+
+    def solve(self, x: Array, cap: float) -> Solved:
+        """From unknowns x (nx,), in the order of the program's."""
+        self._begin(x)
         self.opti.solver("ipopt", {"print_time": False, "show_eval_warnings": False}, {**IPOPT, "max_cpu_time": cap})
         wall, cpu = time.perf_counter(), time.process_time()
         # Opti says in this way that IPOPT gave up; what it had then counts.
@@ -187,7 +199,7 @@ class OptiByHand:
         return Solved(self._found(x), wall, cpu, int(stats["iter_count"]), stopped, says)
 
     def _found(self, x: Array) -> Array:
-        u, found = self.program.unknowns, np.zeros(len(x))
+        u, found = self.program.task.unknowns, np.zeros(len(x))
         for k, points in enumerate(self._points):
             for row, values in enumerate(np.atleast_2d(self.opti.debug.value(points))):
                 found[u.points(k, row)] = values

@@ -1,4 +1,4 @@
-"""Pinocchio's inverse dynamics of a planar arm of revolute joints: its C++ in a C++ loop, and as C by CasADi.
+"""Pinocchio's inverse dynamics of an arm of revolute joints: its C++ in a C++ loop, and as C by CasADi.
 
 Needs the packages `pin` and `cmeel-eigen` (the extra "benchmark") and a C++ compiler. The wheel of Pinocchio
 has no pinocchio.casadi, but it has the headers: rnea<casadi::SX> is instantiated from them. What is compiled
@@ -22,7 +22,8 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import Arm, SpatialArm, SpatialJoint
+from symbolic.rigid_body.spatial.frames import rotation
 
 Array = NDArray[np.float64]
 
@@ -32,33 +33,41 @@ _DEFINES = (
     *("-DBOOST_FUSION_INVOKE_MAX_ARITY=12", "-DNDEBUG"),
 )
 
-# links: n rows of length, mass, com along, com across, inertia about the centre of mass, rotor inertia.
+# links: gravity (3), then n rows: the joint's place in the frame before, R (9) and p (3); mass, centre of mass (3),
+# inertia about it (9), rotor inertia. All joints turn about z.
 _MODEL = """
 #include <string>
 namespace pin = pinocchio;
 
-template <typename S> static pin::ModelTpl<S> planar_arm(int n, const double *links)
+template <typename S> static pin::ModelTpl<S> arm(int n, const double *links)
 {
     typedef Eigen::Matrix<S, 3, 1> Vector;
+    typedef Eigen::Matrix<S, 3, 3> Matrix;
     pin::ModelTpl<S> model;
-    model.gravity.linear().setZero();
+    for (int k = 0; k < 3; ++k) {
+        model.gravity.linear()[k] = S(links[k]);
+    }
     pin::JointIndex parent = 0;
     for (int i = 0; i < n; ++i) {
-        const double *link = links + 6 * i;
-        pin::SE3Tpl<S> place = pin::SE3Tpl<S>::Identity();
-        place.translation()[0] = S(i ? link[-6] : 0.0);
-        parent = model.addJoint(parent, pin::JointModelRevoluteTpl<S, 0, 2>(), place, "q" + std::to_string(i + 1));
-        Eigen::Matrix<S, 3, 3> inertia;
+        const double *link = links + 3 + 26 * i;
+        Matrix turn, inertia;
+        Vector at, centre;
         for (int k = 0; k < 9; ++k) {
-            inertia(k / 3, k % 3) = S(k % 4 ? 0.0 : link[4]);
+            turn(k / 3, k % 3) = S(link[k]);
+            inertia(k / 3, k % 3) = S(link[16 + k]);
         }
-        const S mass = link[1];
-        const Vector centre = {S(link[2]), S(link[3]), S(0.0)};
+        for (int k = 0; k < 3; ++k) {
+            at[k] = S(link[9 + k]);
+            centre[k] = S(link[13 + k]);
+        }
+        const pin::SE3Tpl<S> place(turn, at);
+        parent = model.addJoint(parent, pin::JointModelRevoluteTpl<S, 0, 2>(), place, "q" + std::to_string(i + 1));
+        const S mass = link[12];
         const pin::InertiaTpl<S> body(mass, centre, inertia);
         model.appendBodyToJoint(parent, body, pin::SE3Tpl<S>::Identity());
     }
     for (int i = 0; i < n; ++i) {
-        model.armature[i] = S(links[6 * i + 5]);
+        model.armature[i] = S(links[3 + 26 * i + 25]);
     }
     return model;
 }
@@ -75,8 +84,8 @@ extern "C" void pinocchio_loop(
     int n, const double *links, size_t rounds, size_t count,
     const double *q, const double *qd, const double *qdd, double *tau)
 {
-    static pin::Model model = planar_arm<double>(n, links);
-    static pin::Data data(model);
+    const pin::Model model = arm<double>(n, links);
+    pin::Data data(model);
     Eigen::VectorXd position(n), velocity(n), acceleration(n);
     for (size_t r = 0; r < rounds; ++r) {
         for (size_t k = 0; k < count; ++k) {
@@ -102,7 +111,7 @@ _EMIT = (
 extern "C" int pinocchio_emit(int n, const double *links, char *text, size_t room)
 {
     typedef casadi::SX S;
-    pin::ModelTpl<S> model = planar_arm<S>(n, links);
+    pin::ModelTpl<S> model = arm<S>(n, links);
     pin::DataTpl<S> data(model);
     const S q = S::sym("q", n), qd = S::sym("qd", n), qdd = S::sym("qdd", n);
     Eigen::Matrix<S, Eigen::Dynamic, 1> position(n), velocity(n), acceleration(n);
@@ -131,13 +140,33 @@ class Missing(RuntimeError):
     """What is not installed, in one line."""
 
 
+def _numbers(arm: Arm | SpatialArm) -> list[float]:
+    """An arm of revolute joints about z, as _MODEL reads it."""
+    if isinstance(arm, SpatialArm):
+        return [*arm.gravity, *(x for joint in arm.joints for x in _body(joint))]
+    found, before = [*arm.gravity, 0.0], 0.0
+    for joint in arm.joints:
+        link = joint.link
+        found += [*np.eye(3).ravel(), before, 0.0, 0.0, link.mass, *link.com, 0.0]
+        found += [*np.diag([0.0, 0.0, link.inertia]).ravel(), joint.rotor_inertia]
+        before = link.length
+    return found
+
+
+def _body(joint: SpatialJoint) -> list[float]:
+    assert joint.type == "revolute"
+    assert joint.axis == (0.0, 0.0, 1.0)
+    xx, xy, xz, yy, yz, zz = joint.link.inertia
+    place = [*np.array(rotation(joint.origin.rpy)).ravel(), *joint.origin.xyz]
+    return [*place, joint.link.mass, *joint.link.com, xx, xy, xz, xy, yy, yz, xz, yz, zz, joint.rotor_inertia]
+
+
 class Reference:
     """Both libraries compiled and loaded. Raises Missing."""
 
-    def __init__(self, arm: Arm) -> None:
-        self.links: Array = np.array(
-            [[j.link.length, j.link.mass, *j.link.com, j.link.inertia, j.rotor_inertia] for j in arm.joints]
-        )
+    def __init__(self, arm: Arm | SpatialArm) -> None:
+        self.n = len(arm.joints)
+        self.links: Array = np.array(_numbers(arm), dtype=float)
         with ThreadPoolExecutor() as pool:
             loop, emit = pool.map(lambda build: build(), (_loop_library, _emit_library))
         self._loop, self._emit = ctypes.CDLL(str(loop)), ctypes.CDLL(str(emit))
@@ -151,9 +180,9 @@ class Reference:
 
     def function(self) -> casadi.Function:
         """rnea<casadi::SX>: tau of q, qd, qdd, parameters folded in."""
-        text = ctypes.create_string_buffer(1 << 20)
+        text = ctypes.create_string_buffer(1 << 22)
         links = ctypes.c_void_p(self.links.ctypes.data)
-        if self._emit.pinocchio_emit(len(self.links), links, text, ctypes.c_size_t(len(text))):
+        if self._emit.pinocchio_emit(self.n, links, text, ctypes.c_size_t(len(text))):
             raise Missing("Pinocchio's model as a CasADi function is longer than expected")
         return casadi.Function.deserialize(text.value.decode())
 

@@ -68,7 +68,7 @@ def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
     path = tmp_path / f"{name}.csv"
     recording.write(path, simulated)
-    joints = {"joints": [{"type": joint.type} for joint in model.joints]}
+    joints = {"joints": [{"type": joint.type} for joint in model.joints], "space": model.spatial}
 
     data = recording.read(path, joints)
     motion = identify.prepared(model, [data])

@@ -67,6 +67,27 @@ def test_states_along_the_samples(name: str, library: Library) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.max(np.abs(expected)))
 
 
+@pytest.mark.parametrize("choices", [1, 3, 9])
+@pytest.mark.parametrize("name", [*(name for name, effect in LIBRARY.items() if effect.states), "stribeck", "offset"])
+def test_many_choices_in_the_band(name: str, choices: int, library: Library) -> None:
+    """Through the filter at once as one after another, bit for bit; more than lanes, and fewer."""
+    effect, rng = LIBRARY[name], random.Random(name)
+    points = [sampling.effect_values(rng, effect) for _ in range(4 * SAMPLES)]
+    signals = {s.name: np.array([v[s.symbol] for v in points]) for s in effect.signals} | {
+        "t": np.arange(4.0 * SAMPLES)
+    }
+    shapes = [
+        {p.name: sampling.effect_values(rng, effect)[p.symbol] for p in effect.parameters if p.role == "shape"}
+        for _ in range(choices)
+    ]
+    kernel, weights = np.random.default_rng(0).standard_normal(21), np.random.default_rng(1).random(4 * SAMPLES)
+    found = library.columns_in_band(name, signals, shapes, 1e-3, weights, kernel, 5)
+    alone = [library.decimate(kernel, 5, library.columns(name, signals, shape, 1e-3) * weights) for shape in shapes]
+    assert np.array_equal(found, alone, equal_nan=True)
+    few = {n: x[:20] for n, x in signals.items()}
+    assert library.columns_in_band(name, few, shapes, 1e-3, weights[:20], kernel, 5).size == 0
+
+
 @pytest.mark.parametrize("suffix", ["f64", "f32"])
 def test_the_struct_starts_as_the_model_file_says(vishard4: Arm, suffix: str) -> None:
     derived = derive(vishard4)

@@ -62,8 +62,9 @@ def test_the_same_bytes_whatever_the_hash_seed(effects: dict[str, str]) -> None:
 
 def test_names_of_the_files(paper: dict[str, str], effects: dict[str, str]) -> None:
     maths = {"tendon_math_f32.h", "tendon_math_f64.h"}
+    lanes = {"tendon_lanes_f64.h"}
     c = {f"_{s}.{ext}" for s in ("f32", "f64") for ext in ("h", "c")}
-    assert set(paper) == maths | {f"vishard4{end}" for end in c} | {"vishard4_casadi.py", "metadata.json"}
+    assert set(paper) == maths | lanes | {f"vishard4{end}" for end in c} | {"vishard4_casadi.py", "metadata.json"}
     batch = {"effects_batch_f64.c", "effects_batch_f64.h"}
     assert set(effects) == maths | batch | {f"effects{end}" for end in c} | {"effects_casadi.py", "effects.json"}
 

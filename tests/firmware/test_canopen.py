@@ -229,6 +229,7 @@ def model(*joints: dict[str, Any]) -> Any:
             "encoder_zero": 0,
             "drive": {"node": k + 10, "direction": 1, "rated_torque": None},
             "effects": {},
+            "name": None,
             "units": {"force": "N m", "position": "rad"},
         }
         made.append(joint_info(plain | given_))

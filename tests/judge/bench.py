@@ -12,7 +12,7 @@ from scipy import signal
 from runtime.recordings.recording import Recording
 
 from . import recorder
-from .bodies import ARMS, Body, torque
+from .bodies import ARMS, Bodies, in_space, torque
 from .hidden import Hidden, Rows
 from .plant import COUNT, PERIOD, Run, simulate
 from .recorder import Logger
@@ -43,7 +43,7 @@ class Setting:
     fine_control: bool = False  # the controller sees a fine encoder where the recording has a coarse one
     level: float = LEVEL  # N m, of the torque's noise
     gear_ratio: float = 100.0
-    gravity: tuple[float, float] = (0.0, 0.0)  # m/s^2, in the plant; the model file has it, too, unless it is hidden
+    gravity: tuple[float, ...] = (0.0, 0.0)  # m/s^2, in the plant; the model file has it, too, unless it is hidden
     logger: Logger = field(default_factory=Logger)
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ class Setting:
         parts += [] if self.temperature else ["no T"]
         parts += [f"noise {self.level:g}"] if self.level != LEVEL else []
         parts += [f"N {self.gear_ratio:g}"] if self.gear_ratio != 100.0 else []
-        parts += [f"g {self.gravity[0]:g},{self.gravity[1]:g}"] if any(self.gravity) else []
+        parts += [f"g {','.join(f'{x:g}' for x in self.gravity)}"] if any(self.gravity) else []
         return " ".join([*parts, str(self.logger)]).strip()
 
     @property
@@ -66,7 +66,7 @@ class Setting:
 class Bench:
     """An arm with its controller, driven along one motion with one set of noises."""
 
-    bodies: tuple[Body, ...]
+    bodies: Bodies
     setting: Setting
     motion: Array
     forward: Array
@@ -100,7 +100,8 @@ class Bench:
     def plant(self, hidden: Sequence[Hiding]) -> tuple[Rows, dict[str, float]]:
         """Parameters of the joints and of the arm with effects hidden in them."""
         rows, arm = [dict(row) for row in self.rows], {"COUNT": COUNT}
-        arm.update(GRAVITY_X=self.setting.gravity[0], GRAVITY_Y=self.setting.gravity[1])
+        arm.update({f"GRAVITY_{axis}": x for axis, x in zip("XYZ", self.setting.gravity, strict=False)})
+        arm.update(SPATIAL=float(in_space(self.bodies)))
         for what, _, amount in hidden:
             if what.put is not None:
                 what.put(rows, arm, amount)
@@ -165,9 +166,10 @@ def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool
         period = period * recorder.clock(setting.logger, rng)
     slow = signal.butter(1, 5.0, fs=1 / PERIOD, output="sos")
     background = signal.sosfilt(slow, rng.standard_normal((n, count)), axis=1)
-    background *= DISTURBANCE * setting.level / LEVEL / background.std(axis=1, keepdims=True)
+    level = setting.level * np.array([[body.noise] for body in bodies])
+    background *= DISTURBANCE * level / LEVEL / background.std(axis=1, keepdims=True)
     part = NOISE[setting.noise]
-    noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], setting.level * rng.standard_normal((n, count)), axis=1)
+    noise = signal.lfilter([np.sqrt(1 - part**2)], [1, -part], level * rng.standard_normal((n, count)), axis=1)
     time = np.cumsum(period)
     warm = np.tile(1 - np.exp(-time / (0.35 * time[-1])), (n, 1))
     rise = rng.uniform(8.0, 18.0) if warms or rng.random() < 0.5 else 0.0
@@ -176,7 +178,7 @@ def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool
     return Bench(bodies, setting, wanted, forward, warm, background, noise, degrees, period, controlled, logged)
 
 
-def specimen(bodies: Sequence[Body], believed: Sequence[str], rng: np.random.Generator) -> Rows:
+def specimen(bodies: Bodies, believed: Sequence[str], rng: np.random.Generator) -> Rows:
     """The bodies as the user knows them, with frictions of their own, but no other kinds than are believed in."""
     rows = []
     for body in bodies:

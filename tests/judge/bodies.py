@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from . import space
+from .space import SPATIAL, SpatialBody
 
 Array = NDArray[np.float64]
 
@@ -25,6 +28,7 @@ class Body:
     dry: tuple[float, float]
     viscous: float
     cubic: float
+    noise: float = 1.0
 
     def parameters(self) -> dict[str, float]:
         """By laws.h's names."""
@@ -43,7 +47,10 @@ class Body:
         }
 
 
-ARMS: dict[int, tuple[Body, ...]] = {
+Bodies = Sequence[Body] | Sequence[SpatialBody]
+
+ARMS: dict[int, tuple[Body, ...] | tuple[SpatialBody, ...]] = {
+    **SPATIAL,
     1: (Body(0.10, 0.30, 2.0, (0.20, 0.0), 0.0565, (1.72, 1.05), 1.14, -0.015),),
     2: (
         Body(0.10, 0.25, 2.0, (0.12, 0.0), 0.020, (1.60, 1.20), 1.10, -0.015),
@@ -63,13 +70,19 @@ ARMS: dict[int, tuple[Body, ...]] = {
 }
 
 
+def in_space(bodies: Bodies) -> bool:
+    return isinstance(bodies[0], SpatialBody)
+
+
 def model_text(
-    bodies: Sequence[Body], believed: Sequence[str], gravity: tuple[float, float] = (0.0, 0.0), ratio: float = 100.0
+    bodies: Bodies, believed: Sequence[str], gravity: Sequence[float] = (0.0, 0.0), ratio: float = 100.0
 ) -> str:
     """The model file of a user who knows the bodies and believes in some effects of unknown values."""
     label = "_".join("".join(word[0] for word in name.split("_")) for name in believed)
     arm = f"judge{len(bodies)}_{label}" + (f"_n{ratio:g}" if ratio != 100.0 else "") + ("_g" if any(gravity) else "")
-    lines = [f'name = "{arm}"', f"gravity = [{gravity[0]}, {gravity[1]}]"]
+    lines = [f'name = "{arm}"', f"gravity = [{', '.join(map(str, gravity))}]"]
+    if in_space(bodies):
+        return "\n".join([*lines, *space.file_joints(bodies, believed, ratio)]) + "\n"
     for body in bodies:
         lines += [
             "",
@@ -87,7 +100,7 @@ def model_text(
     return "\n".join(lines) + "\n"
 
 
-def inertial_columns(bodies: Sequence[Body], q: Array, qd: Array, qdd: Array, gravity: tuple[float, float]) -> Array:
+def inertial_columns(bodies: Sequence[Body], q: Array, qd: Array, qdd: Array, gravity: Sequence[float]) -> Array:
     """Torque per unit of every inertial parameter, (n, 5 n, N): of each link the mass, the first moments along and
     across, the inertia about its joint, and the rotor's inertia. Forces and moments of each body, summed at the joints.
     """
@@ -96,7 +109,7 @@ def inertial_columns(bodies: Sequence[Body], q: Array, qd: Array, qdd: Array, gr
     angle, rate, turn = np.cumsum(q, 0), np.cumsum(qd, 0), np.cumsum(qdd, 0)
     place = np.zeros((n, 2, count))
     fall = np.zeros((n, 2, count))  # acceleration of the joint, less gravity's
-    fall[0] -= np.array(gravity)[:, None]
+    fall[0] -= np.array(gravity)[:2, None]
     for k in range(n):
         along = np.array([np.cos(angle[k]), np.sin(angle[k])])
         across = np.array([-along[1], along[0]])
@@ -129,8 +142,33 @@ def _cross(a: Array, b: Array) -> Array:
     return crossed
 
 
-def torque(bodies: Sequence[Body], motion: Array, gravity: tuple[float, float] = (0.0, 0.0)) -> Array:
+def joint_rows(bodies: Bodies, q: Array, qd: Array, qdd: Array, gravity: Sequence[float]) -> Iterator[Array]:
+    """Joint by joint the torque per unit of every inertial parameter, (p, N) each."""
+    if in_space(bodies):
+        at = space.moving(bodies, q, qd, qdd, gravity)
+        return (space.joint_columns(bodies, at, qdd, joint) for joint in range(len(bodies)))
+    return iter(inertial_columns(bodies, q, qd, qdd, gravity))
+
+
+def link_inertia(bodies: Bodies, joint: int, q: Array) -> float:
+    """kg m² behind a joint's transmission: of a planar arm stretched out, of one in space at the angles q (n,)."""
+    if in_space(bodies):
+        still, push = np.zeros((len(bodies), 1)), np.zeros((len(bodies), 1))
+        push[joint] = 1.0
+        whole = torque(bodies, np.array([q[:, None], still, push]), (0.0, 0.0, 0.0))
+        return float(whole[joint, 0] - bodies[joint].rotor)
+    place, total = 0.0, 0.0
+    for body in bodies[joint:]:
+        total += body.inertia + body.mass * (place + body.com[0]) ** 2
+        place += body.length
+    return total
+
+
+def torque(bodies: Bodies, motion: Array, gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
     """Rigid-body torque (n, N) along motion (3, n, N)."""
+    if in_space(bodies):
+        values = space.values(bodies)
+        return np.array([values @ rows for rows in joint_rows(bodies, motion[0], motion[1], motion[2], gravity)])
     columns = inertial_columns(bodies, motion[0], motion[1], motion[2], gravity)
     forces: Array = np.einsum("ikt,k->it", columns, inertial_values(bodies))
     return forces

@@ -12,12 +12,13 @@ from runtime.recordings.recording import Recording
 
 from . import forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
 from .bench import NOISE, Bench, Setting, bench, specimen
-from .bodies import ARMS, BELIEVED, model_text
-from .hidden import ENTRIES, PAIRS, Hidden, Rows, Setup
+from .bodies import ARMS, BELIEVED, in_space, model_text
+from .hidden import ENTRIES, PAIRS, Entry, Hidden, Rows, Setup
 from .limits import AMOUNTS
 from .plant import PERIOD, RanAwayError
 from .situations import SITUATIONS
 from .size import orthogonal
+from .space import DOWN, HOME
 from .truth import Parameters, true_parameters
 
 __all__ = [
@@ -59,7 +60,7 @@ class Made:
     """A case made. joints: 1-based, of each hidden effect, None for one of the arm; sizes in units of the floor."""
 
     case: Case
-    gravity: tuple[float, float]  # m/s^2, as the model file has it
+    gravity: tuple[float, ...]  # m/s^2, as the model file has it
     model: str
     recording: Recording
     held_out: Recording
@@ -123,7 +124,7 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
         else:
             found.append(_sized(main, what, joint, case.size, believed) if case.size else (what.amount, 0.0))
     inside_it = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
-    elsewhere = motion.desired(other_rng, len(bodies), setting.excitation)
+    elsewhere = _wanted(other_rng, setting)
     other = bench(setting, elsewhere, other_rng, warms, rows)
     together, apart = main.run(inside_it), other.run(inside_it)
     known = _known_gravity(setting, hidden)
@@ -150,7 +151,7 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
     )
 
 
-def _known_gravity(setting: Setting, hidden: Sequence[Hidden]) -> tuple[float, float]:
+def _known_gravity(setting: Setting, hidden: Sequence[Hidden]) -> tuple[float, ...]:
     """m/s^2, as the model file has it."""
     return (0.0, 0.0) if any(what.left_out for what in hidden) else setting.gravity
 
@@ -167,10 +168,16 @@ def _drawn(case: Case) -> tuple[list[np.random.Generator], Array, list[Hidden], 
     bodies = ARMS[case.setting.joints]
     *others, shape_rng = rng.spawn(4)
     joints = [_place(name, len(bodies), shape_rng) for name in case.names]
-    wanted = motion.desired(others[1], len(bodies), case.setting.excitation)
+    wanted = _wanted(others[1], case.setting)
     step = PERIOD * case.setting.logger.every
     setups = [Setup(bodies, joint, wanted, shape_rng, case.setting.gear_ratio, step) for joint in joints]
     return others, wanted, [ENTRIES[name].draw(s) for name, s in zip(case.names, setups, strict=True)], joints
+
+
+def _wanted(rng: np.random.Generator, setting: Setting) -> Array:
+    """The motion (3, n, N), of an arm in space about its home and gentler, as long links need."""
+    found = motion.desired(rng, setting.joints, setting.excitation)
+    return motion.gentle(found[0], np.array(HOME[setting.joints])) if setting.joints in HOME else found
 
 
 def _sized(main: Bench, what: Hidden, joint: int, size: float, believed: Sequence[str]) -> tuple[float, float]:
@@ -218,7 +225,7 @@ def cases(
 ) -> Iterator[Case]:
     """Cases by class (KINDS) or by name, for arms of these numbers of joints. ValueError for an unknown name."""
     for n in joints:
-        base = replace(setting, joints=n)
+        base = replace(setting, joints=n, gravity=DOWN if in_space(ARMS[n]) else setting.gravity)
         for word in wanted:
             names = _named(word, n)
             for seed in seeds:
@@ -232,19 +239,26 @@ def _named(word: str, n: int) -> list[str]:
     if word == "limits":
         return [_LIMIT + name for name in AMOUNTS if ENTRIES[name].least_joints <= n]
     if word == "pairs":
-        return list(PAIR_NAMES)
+        return [x for x in PAIR_NAMES if all(_fits(ENTRIES[part], n) for part in x.split("+"))]
     if word in KINDS:
-        return [k for k, e in ENTRIES.items() if e.kind == word and e.least_joints <= n]
+        return [k for k, e in ENTRIES.items() if e.kind == word and e.least_joints <= n and _fits(e, n)]
     if word in CLEAN or word.removeprefix(_LIMIT) in AMOUNTS or all(part in ENTRIES for part in word.split("+")):
         return [word]
     raise ValueError(f"unknown case {word}; expected one of {', '.join((*KINDS, *CLEAN, *ENTRIES))}")
+
+
+def _fits(entry: Entry, n: int) -> bool:
+    """Whether an arm of n joints can have it: one in space has its gravity always."""
+    return not (in_space(ARMS[n]) and "gravity" in entry.needs)
 
 
 def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator[Case]:
     if name in CLEAN:
         setting, expected = CLEAN[name]
         excitation = base.excitation if setting.excitation == "full" else setting.excitation
-        yield Case(name, "clean", (), replace(setting, joints=base.joints, excitation=excitation), 0.0, seed, expected)
+        gravity = base.gravity if in_space(ARMS[base.joints]) else setting.gravity
+        setting = replace(setting, joints=base.joints, excitation=excitation, gravity=gravity)
+        yield Case(name, "clean", (), setting, 0.0, seed, expected)
         return
     if name.startswith(_LIMIT):
         yield Case(name, "limits", (name.removeprefix(_LIMIT),), base, 0.0, seed)

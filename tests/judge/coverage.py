@@ -155,7 +155,7 @@ def _true(
         hold, step = 0.5 * PERIOD * held(logger), PERIOD * logger.every
         return "drive", {} if skew["estimated"] else {"time": row["DELAY"] + hold - skew["value"] * step}
     if name == "gravity":
-        gx, gy = made.gravity
+        gx, gy = made.gravity[:2]
         return "springs", {"gx": made.arm["GRAVITY_X"] - gx, "gy": made.arm["GRAVITY_Y"] - gy}
     if name == "payload":
         return "inertia", {"mass": made.arm["PAYLOAD"], "time": made.arm["PAYLOAD_TIME"]}

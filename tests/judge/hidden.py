@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import BELIEVED, Body
+from .bodies import BELIEVED, Bodies, link_inertia
 
 Array = NDArray[np.float64]
 Rows = list[dict[str, float]]
@@ -25,7 +25,7 @@ POSITION = ("linear_spring", "gravity", "cable", "parallel_spring")
 class Setup:
     """What an entry may know when it draws: the arm, the joint (0-based), the motion (3, n, N)."""
 
-    bodies: Sequence[Body]
+    bodies: Bodies
     joint: int
     motion: Array
     rng: np.random.Generator
@@ -49,12 +49,8 @@ class Setup:
 
     @property
     def link_inertia(self) -> float:
-        """What hangs on the joint's transmission when the arm is stretched, kg m^2."""
-        place, total = 0.0, 0.0
-        for body in self.bodies[self.joint :]:
-            total += body.inertia + body.mass * (place + body.com[0]) ** 2
-            place += body.length
-        return total
+        """What hangs on the joint's transmission, kg m^2."""
+        return link_inertia(self.bodies, self.joint, np.median(self.motion[0], axis=1))
 
 
 @dataclass(frozen=True)

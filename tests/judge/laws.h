@@ -43,11 +43,17 @@ enum parameter {
     SWING, /* inertia a cos 2q */
     WAVE, WAVE_ORDER, WAVE_PHASE, /* dry friction that waves over the angle */
     ACROSS, /* viscous torque from the next joint's rate (the one before, at the last) */
+    AXIS_X, AXIS_Y, AXIS_Z, POINT_X, POINT_Y, POINT_Z, /* in space: of the joint, in base axes where q = 0 */
+    CENTRE_X, CENTRE_Y, CENTRE_Z, XX, XY, XZ, YY, YZ, ZZ, /* of the body that it turns; inertia about the centre */
     PARAMETERS
 };
 
-/* One row for the arm. A payload's centre is AHEAD of the end-effector, its radius of gyration RADIUS. */
-enum arm_parameter { GRAVITY_X, GRAVITY_Y, PAYLOAD, PAYLOAD_TIME, PAYLOAD_AHEAD, PAYLOAD_RADIUS, COUNT, SUBSTEPS, ARM_PARAMETERS };
+/* One row for the arm. A payload's centre is AHEAD of the end-effector, its radius of gyration RADIUS; in space it is at
+ * X, Y, Z, in base axes where q = 0. */
+enum arm_parameter {
+    GRAVITY_X, GRAVITY_Y, PAYLOAD, PAYLOAD_TIME, PAYLOAD_AHEAD, PAYLOAD_RADIUS, COUNT, SUBSTEPS,
+    SPATIAL, GRAVITY_Z, PAYLOAD_X, PAYLOAD_Y, PAYLOAD_Z, ARM_PARAMETERS
+};
 
 /* Slower than this a bristle is taken to hold, rad/s: no model of sliding friction speaks of it. */
 #define STILL 1e-3

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from . import space
+from .bodies import in_space
 from .hidden import POSITION, Hidden, Rows, Setup, at, entry, more, same
 
+Array = NDArray[np.float64]
 UPRIGHT = (0.0, -9.81)  # m/s^2
 
 # friction ------------------------------------------------------------------------------------------------------------
@@ -322,11 +326,20 @@ def _(_s: Setup) -> Hidden:
     return Hidden("gravity", 9.81, (9.81, 9.81), put, rivals=POSITION, of_arm=True, left_out=True)
 
 
+def _centre(s: Setup) -> list[float]:
+    """Of a payload in space, some cm off the tip, in base axes where q = 0; nothing in the plane."""
+    if not in_space(s.bodies):
+        return []
+    off: Array = s.bodies[-1].axes @ (s.rng.uniform(-0.08, 0.08, 3) + np.array([0.0, 0.0, 0.06]))
+    return [float(x) for x in space.tip(s.bodies) + off]
+
+
 def carried(s: Setup, ahead: float, radius: float) -> Hidden:
     time = s.rng.uniform(0.4, 0.65) * s.seconds
+    place = dict(zip(("PAYLOAD_X", "PAYLOAD_Y", "PAYLOAD_Z"), _centre(s), strict=False))
 
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
-        arm.update(PAYLOAD=amount, PAYLOAD_TIME=time, PAYLOAD_AHEAD=ahead, PAYLOAD_RADIUS=radius)
+        arm.update(PAYLOAD=amount, PAYLOAD_TIME=time, PAYLOAD_AHEAD=ahead, PAYLOAD_RADIUS=radius, **place)
 
     return Hidden("payload", 0.1, (1e-3, 3.0), put, of_arm=True)
 

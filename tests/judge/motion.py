@@ -30,7 +30,17 @@ def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
     angle = np.concatenate([np.zeros((n, 300)), *pieces, np.zeros((n, 300))], axis=1)
     if kind == "small":
         angle *= 0.13
-    angle = _smooth(_smooth(angle, 30), 30)
+    return _derived(_smooth(_smooth(angle, 30), 30))
+
+
+def gentle(angle: Array, home: Array) -> Array:
+    """A motion's angles (n, N) about others (n,), as (3, n, N): up to some 3 Hz and some 20 rad/s^2."""
+    for _ in range(3):
+        angle = _smooth(angle, 80)
+    return _derived(angle + home[:, None])
+
+
+def _derived(angle: Array) -> Array:
     rate = np.gradient(angle, PERIOD, axis=1)
     return np.stack([angle, rate, np.gradient(rate, PERIOD, axis=1)])
 

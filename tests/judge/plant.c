@@ -1,8 +1,8 @@
-/* A planar serial arm with harmonic drives under position control, to judge a diagnosis by.
+/* A serial arm with harmonic drives under position control, to judge a diagnosis by; planar, or in space by space.h.
  *
  * Set-valued dry friction by Moreau's time stepping: positions at the middle of a substep, smooth forces
  * there, the impulses of friction from the velocities at its end by projected Gauss-Seidel. Second order
- * in the smooth forces, and a joint at rest is exactly at rest. The equations of motion are those of the
+ * in the smooth forces, and a joint at rest is exactly at rest. The equations of motion in the plane are those of the
  * absolute angles of the links. Units are SI; angles of motors are behind the gear, at the joint.
  *
  * Sources: Moreau 1988 (time stepping); Spong 1987 (flexible joints); laws.h has what acts in the joints.
@@ -10,9 +10,11 @@
 #include <math.h>
 #include <string.h>
 
-#include "laws.h"
+#define MOST 7
 
-#define MOST 4
+#include "laws.h"
+#include "space.h"
+
 #define HISTORY 64 /* commands kept, for delays up to this many periods */
 
 int plant_parameters(void) { return PARAMETERS; }
@@ -24,10 +26,12 @@ typedef struct {
     const double *arm;
     double first[MOST][2]; /* first moment of link k and all behind it, in link k's frame */
     double own[MOST];      /* inertia of link k and all behind it about joint k, if they moved as points */
+    double payload;
 } body;
 
 static void masses(body *b, double payload)
 {
+    b->payload = payload;
     double behind = payload, ahead = b->arm[PAYLOAD_AHEAD], radius = b->arm[PAYLOAD_RADIUS];
     for (int k = b->n - 1; k >= 0; k--) {
         const double *p = b->p[k];
@@ -136,7 +140,10 @@ static void step(const body *b, state *x, const double *torque, const double *ou
         v[i] = x->v[i] + 0.5 * h * x->dv[i];
         w[i] = x->w[i] + 0.5 * h * x->dw[i];
     }
-    links(b, q, v, D, bias);
+    if (b->arm[SPATIAL] != 0.0)
+        kane(n, b->p, b->arm, b->payload, q, v, D, bias);
+    else
+        links(b, q, v, D, bias);
     for (int i = 0; i < n; i++) {
         const double *p = b->p[i];
         int flexible = p[STIFFNESS] > 0.0, next = i + 1 < n ? i + 1 : i - 1;

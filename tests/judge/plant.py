@@ -1,4 +1,4 @@
-"""The plant of plant.c and laws.h, compiled once and called through ctypes."""
+"""The plant of plant.c, space.h and laws.h, compiled once and called through ctypes."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from codegen.toolchain.build import compiler
 Array = NDArray[np.float64]
 SOURCE = Path(__file__).with_name("plant.c")
 LAWS = Path(__file__).with_name("laws.h")
+SPACE = Path(__file__).with_name("space.h")
 PERIOD = 1e-3
 COUNT = 2 * np.pi / 200_000  # rad at the joint
 
@@ -65,7 +66,8 @@ def names(enum: str) -> tuple[str, ...]:
 def library() -> ctypes.CDLL:
     """plant.c as a shared library, in a directory of the system's for temporary files, by content."""
     command = [*compiler(), "-O2", "-std=c99", "-fPIC", "-shared"]
-    digest = hashlib.sha256(SOURCE.read_bytes() + LAWS.read_bytes() + repr(command).encode()).hexdigest()[:16]
+    content = b"".join(path.read_bytes() for path in (SOURCE, LAWS, SPACE)) + repr(command).encode()
+    digest = hashlib.sha256(content).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"tendon-plant-{os.getuid()}-{digest}.so"
     if not path.exists():
         fresh = path.with_suffix(f".{os.getpid()}")

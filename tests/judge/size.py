@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from .bodies import Body, friction_columns, inertial_columns
+from .bodies import Bodies, friction_columns, joint_rows
 from .plant import PERIOD, Run
 
 Array = NDArray[np.float64]
@@ -34,10 +34,10 @@ def in_band(x: Array, band: float = BAND) -> Array:
 
 def orthogonal(
     run: Run,
-    bodies: Sequence[Body],
+    bodies: Bodies,
     believed: Sequence[str],
     outside: Array,
-    gravity: tuple[float, float] = (0.0, 0.0),
+    gravity: Sequence[float] = (0.0, 0.0),
     free_delay: bool = False,
     band: float = BAND,
 ) -> Array:
@@ -48,20 +48,21 @@ def orthogonal(
     torque and motion, common to all joints; standstill is left out.
     """
     middle = run.q + 0.5 * PERIOD * run.rate
-    inertial = inertial_columns(bodies, middle, run.rate, run.acceleration, gravity)
     kept = ~_standing(run.rate)
-    if free_delay:
-        slope = np.gradient(run.tau, PERIOD, axis=1)
-        inertial = np.concatenate([inertial, slope[:, None]], axis=1)
-    n, shared = inertial.shape[:2]
+    inertial = []
+    for i, of_joint in enumerate(joint_rows(bodies, middle, run.rate, run.acceleration, gravity)):
+        also = [np.gradient(run.tau[i], PERIOD)[None]] if free_delay else []
+        inertial.append(_in_band_where_there(np.concatenate([of_joint, *also]), band))
+    n, shared = len(inertial), len(inertial[0])
     own = [len(friction_columns_of(believed, run, i)) for i in range(n)]
     places = [np.r_[0:shared, shared + sum(own[:i]) : shared + sum(own[: i + 1])] for i in range(n)]
     gram, blocks, left = np.zeros((shared + sum(own),) * 2), [], []
     for i in range(n):
-        rows = np.concatenate([inertial[i], friction_columns_of(believed, run, i)])
+        friction = in_band(np.array(friction_columns_of(believed, run, i)), band)
+        rows = np.concatenate([inertial[i], friction])
         used = np.any(rows != 0.0, axis=1)
         places[i] = places[i][used]
-        blocks.append(in_band(rows[used], band)[:, kept[i]])
+        blocks.append(rows[used][:, kept[i]])
         left.append(in_band(run.tau[i] + outside[i], band)[kept[i]])
         gram[np.ix_(places[i], places[i])] += blocks[i] @ blocks[i].T
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
@@ -73,6 +74,15 @@ def orthogonal(
         values = inverse @ (moment / scale) / scale
         left = [e - values[place] @ block for place, block, e in zip(places, blocks, left, strict=True)]
     return np.array([np.sqrt(np.mean(e**2)) for e in left])
+
+
+def _in_band_where_there(rows: Array, band: float) -> Array:
+    """As in_band, of rows many of which are zero."""
+    there = np.any(rows != 0.0, axis=1)
+    found = in_band(rows[there], band)
+    out = np.zeros((len(rows), found.shape[1]))
+    out[there] = found
+    return out
 
 
 def friction_columns_of(believed: Sequence[str], run: Run, joint: int) -> list[Array]:

@@ -420,7 +420,7 @@ def test_a_reader_that_goes_away_is_no_error(here):  # noqa: ARG001
 
 def test_an_arm_of_tendon_is_known_by_its_name(run, here):
     assert run("identify", "drives", "absent.csv")[2] == (
-        '"drives" is no model file here and no arm of the toolkit, which has drive, emps, vishard4\n'
+        '"drives" is no model file here and no arm of the toolkit, which has drive, emps, panda, ur10, vishard4\n'
     )
     (here / "drive").mkdir()  # a folder is no model file
     assert run("simulate", "drive", "--out", "run.csv", "--seconds", "2")[0] == 0

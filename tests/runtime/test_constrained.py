@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from runtime.estimation.alike import Alike
 from runtime.estimation.least_squares import bounded, minimise, solve
 
 
@@ -62,6 +63,28 @@ def test_bounded_is_optimal(problem: tuple[NDArray, NDArray, NDArray, NDArray]) 
     assert np.all(np.abs(fall[(theta > lower) & (theta < upper)]) < 1e-6)
     assert np.all(fall[theta == lower] < 1e-6)
     assert np.all(fall[theta == upper] > -1e-6)
+
+
+@given(bounded_problems(), st.lists(st.booleans(), min_size=7, max_size=7), st.booleans())
+@settings(max_examples=100, deadline=None)
+def test_folds_together_are_as_each_alone(
+    problem: tuple[NDArray, NDArray, NDArray, NDArray], guess: list[bool], silent: bool
+) -> None:
+    """Whatever coefficients are thought to end on a bound, and where one of them has no column."""
+    x, y, lower, upper = problem
+    if silent:
+        x[:, 0] = 0.0
+    folds = np.array_split(np.arange(len(y)), 4)
+    rest = [np.setdiff1d(np.arange(len(y)), fold) for fold in folds]
+    grams, moments = np.array([x[r].T @ x[r] for r in rest]), np.array([x[r].T @ y[r] for r in rest])
+    ends = [np.array(guess[: len(lower)])]
+    alike = Alike(grams, lower, upper, ends)
+    found = alike.solve(moments)
+    assert np.array_equal(found, alike.solve(moments))
+    for theta, gram, moment in zip(found, grams, moments, strict=True):
+        alone = bounded(gram, moment, lower, upper)
+        scale = np.sqrt(np.maximum(np.diag(gram), np.diag(gram).max() * 1e-12))
+        assert np.allclose(theta * scale, alone * scale, atol=1e-7 * np.abs(alone * scale).max())
 
 
 @given(st.integers(0, 10_000), st.integers(1, 6))

@@ -43,6 +43,21 @@ def test_quick_and_full_errors_agree() -> None:
     assert np.isclose(found.solve(block(column, fixed=fixed)).sse, free)
 
 
+def test_many_choices_gain_what_each_does() -> None:
+    """Free, on a bound, without a column of its own, and with noise in it."""
+    rng = np.random.default_rng(5)
+    base = rng.standard_normal((3, 500))
+    found = ground(rows(rng.standard_normal(500), base))
+    columns = rng.standard_normal((6, 3, 500))
+    columns[2, 1] = base[0] + base[1]
+    columns[3] = 0.0
+    noise = 0.2 * rng.standard_normal((6, 3, 500))
+    bounds = np.array([0.0, -np.inf]), np.full(2, np.inf)
+    gains = found.gains(CandidateBlock({0: CandidateRows(columns, noise)}, *bounds))
+    for k, gain in enumerate(gains):
+        assert np.isclose(gain, found.gain(CandidateBlock({0: CandidateRows(columns[k], noise[k])}, *bounds)))
+
+
 def test_what_joints_share_counts_once() -> None:
     """A factor on one joint's torque is hidden by that joint's own inertia, but not by one that another shares."""
     rng = np.random.default_rng(6)

@@ -25,12 +25,18 @@ def library() -> Library:
         # Gap, both flanks and bounces: all branches of the step.
         (
             "backlash",
-            {"load": LOAD, "link_inertia": 0.2 + 0.05 * np.sin(9 * T), "coupling": 0.1},
+            {
+                "load": LOAD,
+                "link_inertia": 0.2 + 0.05 * np.sin(9 * T),
+                "coupling": 0.1,
+                "coupling_rate": 0.3,
+                "coupling_slope": 2.0,
+            },
             {"gap": 2e-3, "stiffness": 3000.0, "damping": 4.0},
         ),
         (
             "backlash",
-            {"load": LOAD, "link_inertia": 0.2, "coupling": 0.2},
+            {"load": LOAD, "link_inertia": 0.2, "coupling": 0.2, "coupling_rate": 0.0, "coupling_slope": 0.0},
             {"gap": 0.0, "stiffness": 1e9, "damping": 4.0},
         ),
     ],

@@ -51,8 +51,8 @@ def at_random(program: Program, seed: int) -> tuple[np.ndarray, np.ndarray, floa
     """x, p, and multipliers of the cost and of the rows."""
     rng = np.random.default_rng(seed)
     x = random_start(program, rng)
-    rows = sum(block.rows.numel() * block.count for block in program.blocks)
-    return x, program.p.vector(program.values(0.3)), rng.uniform(0.5, 2.0), rng.standard_normal(rows)
+    rows = sum(block.expression.rows.numel() * block.count for block in program.blocks)
+    return x, program.task.p.vector(program.task.values(0.3)), rng.uniform(0.5, 2.0), rng.standard_normal(rows)
 
 
 def assert_derivatives(program: Program, seed: int = 0) -> None:
@@ -80,16 +80,16 @@ def assert_derivatives(program: Program, seed: int = 0) -> None:
 @pytest.mark.parametrize("goal", GOALS)
 def test_derivatives_of_every_objective(sliding: Model, reaching: Scenario, goal: str) -> None:
     objective = Objective(goal, resistance={1: 0.5, 2: 0.6, 3: 0.7} if goal == "electrical_energy" else {})
-    assert_derivatives(Program(sliding, replace(reaching, objective=objective), few))
+    assert_derivatives(Program.of(sliding, replace(reaching, objective=objective), few))
 
 
 def test_derivatives_in_contact(model: Model, pressing: Scenario) -> None:
-    assert_derivatives(Program(model, pressing, few), seed=3)
+    assert_derivatives(Program.of(model, pressing, few), seed=3)
 
 
 def test_derivatives_are_slopes(model: Model, pressing: Scenario) -> None:
     """Central differences along a random direction: a route without automatic derivatives."""
-    program = Program(model, pressing, few)
+    program = Program.of(model, pressing, few)
     x, p, scale, y = at_random(program, seed=4)
     whole = assemble(program.blocks)
     values = ca.Function("values", [whole.problem["x"], whole.problem["p"]], [whole.problem["f"], whole.problem["g"]])

@@ -216,7 +216,7 @@ def test_a_file_that_is_no_scenario(tmp_path: Path, text: bytes | None, message:
 
 def test_a_contact_phase_needs_four_joints_and_a_plate(two: Model) -> None:
     document = table("scenario2") | {"moving": [], "spring": [], "contact": {}, "ranges": {}}
-    with pytest.raises(ModelError, match="phase 2: a contact phase needs an arm of four revolute joints"):
+    with pytest.raises(ModelError, match="phase 2: a contact phase needs a planar arm of four revolute joints"):
         parsed(two, document)
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import time
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.progress import Progress, heard_by, of_each
+from runtime.progress import Progress, heard_by, of_each, on_cores
 
 
 @given(st.lists(st.integers(0, 5), max_size=30))
@@ -33,3 +37,70 @@ def test_an_exception_ends_the_work() -> None:
 
     with pytest.raises(ValueError, match="two"):
         of_each("parts", fails, range(5))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+def test_the_rest_is_done_elsewhere_in_order_and_told() -> None:
+    """The first part takes so long that the others are given to two processes."""
+    told: list[Progress] = []
+
+    def work(part: int) -> tuple[int, int]:
+        time.sleep(0.2)
+        return part * part, os.getpid()
+
+    began = time.monotonic()
+    with on_cores(2), heard_by(told.append):
+        found = of_each("squares", work, range(12))
+    assert [square for square, _ in found] == [part * part for part in range(12)]
+    assert len({process for _, process in found}) == 3
+    assert [p.done for p in told] == list(range(1, 13))
+    assert time.monotonic() - began < 2.2
+    with on_cores(1):
+        assert {process for _, process in of_each("here", work, range(7))} == {os.getpid()}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+@pytest.mark.parametrize("ended", ["raises", "dies"])
+def test_a_part_elsewhere_that_raises_ends_the_work_and_one_that_dies_is_done_here(ended: str) -> None:
+    def work(part: int) -> int:
+        time.sleep(0.2)
+        if part == 5 and ended == "raises":
+            raise ValueError("five")
+        if part == 5 and os.getpid() != here:
+            os._exit(9)
+        return part
+
+    here = os.getpid()
+    with on_cores(2):
+        if ended == "raises":
+            with pytest.raises(ValueError, match="five"):
+                of_each("parts", work, range(9))
+        else:
+            assert of_each("parts", work, range(9)) == list(range(9))
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+def test_an_interrupt_ends_all_processes_within_a_second() -> None:
+    code = (
+        "import os, time\n"
+        "from runtime.progress import of_each, on_cores\n"
+        "def work(part):\n"
+        "    os.write(1, b'%d\\n' % part)\n"
+        "    time.sleep(0.3 if part == 0 else 60)\n"
+        "with on_cores(2):\n"
+        "    of_each('waits', work, range(9))\n"
+    )
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        assert sorted(process.stdout.readline() for _ in range(3)) == [b"0\n", b"1\n", b"2\n"]
+        began = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(5) == -signal.SIGINT
+        assert time.monotonic() - began < 1.0
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)

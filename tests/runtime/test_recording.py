@@ -16,8 +16,8 @@ from runtime.recordings import recording
 from runtime.recordings.recording import Recording, RecordingError, read
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
-DRIVE = {"joints": [{"type": "revolute", "torque_constant": 2.0}]}
-AXIS = {"joints": [{"type": "prismatic", "torque_constant": None}]}
+DRIVE = {"joints": [{"type": "revolute", "torque_constant": 2.0}], "space": False}
+AXIS = {"joints": [{"type": "prismatic", "torque_constant": None}], "space": False}
 N = 300
 
 
@@ -106,6 +106,25 @@ def test_rates_temperatures_and_the_other_signals(write):
     assert [a[0, 0] for a in (r.q_link, r.tau_link, r.tau_rigid) if a is not None] == [1, 2, 3]
 
 
+def test_the_force_and_moment_at_the_tip_of_an_arm_in_space(write, tmp_path):
+    table = [[*row, "1", "2", "3000", "4"] for row in rows()]
+    r = read(write(text("t,q1,tau1,fz [kN],mx [N m],my [mNm],mz", table)), {**DRIVE, "space": True})
+    assert r.force is not None
+    assert np.isnan(r.force[:2]).all()
+    assert r.force[2:, 0] == pytest.approx([1000, 2, 3, 4])
+    r.save(tmp_path / "again.csv")
+    assert np.array_equal(read(tmp_path / "again.csv", {**DRIVE, "space": True}).force, r.force, True)
+
+
+def test_a_planar_arm_is_not_given_what_acts_out_of_its_plane(write):
+    table = [[*row, "1"] for row in rows()]
+    for header, mapping, name in (("t,q1,tau1,mz", {}, "mz"), ("t,q1,tau1,F", {"fz": "F"}, "fz")):
+        assert said(write(text(header, table)), mapping=mapping).startswith(
+            f"run3.csv line 1: has a column {name}, but the arm is planar, and of what acts on it at the end-effector "
+            "fx and fy are known"
+        )
+
+
 def test_a_prismatic_joint_takes_lengths_and_forces(write):
     r = read(write(text("t,q1 [mm],tau1 [kN]")), AXIS)
     assert r.q[0, 10] == pytest.approx(1e-3 * float(rows()[10][1]))
@@ -179,7 +198,7 @@ def test_one_joint_may_be_held_while_another_moves(write):
 def test_write_and_read_give_the_same(tmp_path, write):
     header = "run,t,q1,q2,tau1,tau2,temperature2,fx,fy,q1_link"
     table = [["1", *row, "25", "1", "2", "0.1"] for row in rows(joints=2)]
-    model = {"joints": [{"type": "revolute"}, {"type": "prismatic"}]}
+    model = {"joints": [{"type": "revolute"}, {"type": "prismatic"}], "space": False}
     first = read(write(text(header, table)), model)
     for name in ("out.csv", "out.csv.gz"):
         recording.write(tmp_path / name, first)

@@ -411,6 +411,23 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
     assert len(out.splitlines()) < 40
 
 
+def test_joints_are_called_by_their_names_too(improvement, capsys):
+    def named(diagnosis: Diagnosis) -> Diagnosis:
+        steps = [replace(step, joints=tuple(replace(s, name="elbow") for s in step.joints)) for step in diagnosis.steps]
+        return replace(diagnosis, steps=tuple(steps))
+
+    whole = Improvement(improvement.model_text, named(improvement.found), named(improvement.left))
+    summary = ResultSummary(whole, ORIGIN)
+    assert [j["name"] for j in summary.document["joints"]] == ["elbow"]
+    page = html_page.render(summary)
+    assert "Joint 1 elbow: stribeck added" in page
+    assert "stribeck at joint 1 elbow" in page
+    loop_pages.improvement(summary.document)
+    printed = capsys.readouterr().out
+    assert "stribeck at joint 1 (elbow): residual" in printed
+    assert "1 elbow" in printed
+
+
 def test_text_of_the_user_stays_text(improvement):
     model = improvement.found.model
     steps = tuple(

@@ -21,7 +21,7 @@ from runtime.simulation import plant_equations, simulate
 from symbolic.controller_law import Site
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Signal, parameter
-from symbolic.effects.signals import ArmOutput
+from symbolic.effects.signals import ArmOutput, ArmSlope
 from tests.random_arms import MIXED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,6 +60,11 @@ def places(model: Model) -> list[tuple[int, int]]:
     return [(joint, own) for joint in range(model.n) for own in range(model.n)]
 
 
+def there(model: Model) -> list[Signal]:
+    """The signals that an arm has."""
+    return [s for s in SIGNALS if model.spatial or not s.space]
+
+
 def test_a_signal_has_a_source_or_a_row() -> None:
     assert {s.name for s in SIGNALS if s.source is None} == set(signals._ROWS)
 
@@ -75,14 +80,15 @@ def test_numbers_and_expressions_are_the_same(arm: Model) -> None:
     slope = ca.SX.sym("slope")
     for joint, own in places(arm):
         here = plant_equations._Driven(plant_equations._Signals(equations, at), torque[joint], slope)
-        read = [here.signal(s.name, joint, own) for s in SIGNALS]
+        read = [here.signal(s.name, joint, own) for s in there(arm)]
         whole = ca.Function("read", [q, qd, qdd, t, slope], [ca.vertcat(*read)])
         p = seen.piece
         rate = np.asarray(seen.signal("predicted_rate", joint, own))
         found = np.array(whole.map(SAMPLES)(p.q, p.qd, p.qdd, p.t[None], rate[None]))
-        for s, values in zip(SIGNALS, found, strict=True):
+        for s, values in zip(there(arm), found, strict=True):
             expected = np.broadcast_to(seen.signal(s.name, joint, own), SAMPLES)
-            np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9, err_msg=s.name)
+            close = 1e-7 if isinstance(s.source, ArmSlope) else 1e-9  # which recordings take from differences
+            np.testing.assert_allclose(values, expected, rtol=close, atol=close, err_msg=s.name)
 
 
 def test_a_plan_reads_the_same(arm: Model) -> None:
@@ -92,7 +98,7 @@ def test_a_plan_reads_the_same(arm: Model) -> None:
     q, qd, qdd = (ca.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
     instant = physics.PlanInstant(plan, q, qd, qdd, {}, lambda name: ca.SX(values[name]), apart=False)
     summed = instant.torque
-    known = [s for s in SIGNALS if s.known_to != "recording"]
+    known = [s for s in there(arm) if s.known_to != "recording"]
     for joint, own in places(arm):
         read = [instant._signals.signal(s.name, joint, own) for s in known]
         whole = ca.Function("read", [q, qd, qdd], [ca.vertcat(*read, summed[joint])])
@@ -124,7 +130,7 @@ def test_without_a_model_only_the_motion_is_known(arm: Model) -> None:
     """A signal that does not need an identified model is there before there is one, the same as afterwards."""
     after = along(arm)
     before = Signals(arm, after.piece, None)
-    for s in SIGNALS:
+    for s in there(arm):
         if s.needs in signals.IDENTIFIED:
             with pytest.raises(RuntimeError, match=f"{s.name} needs an identified model"):
                 before.at(s.name, 0)
@@ -151,7 +157,7 @@ def test_who_can_use_an_effect_follows_from_what_it_reads(signal: Signal) -> Non
     """A controller compensates what it can read at the measured motion; a plan knows that, too, and accelerations."""
     effect = reading(signal.name)
     assert (Site(effect, 1).obstacle is None) == (signal.known_to == "controller")
-    assert effect.gives_way == (signal.name == "coupling")
+    assert effect.gives_way == signal.name.startswith("coupling")
 
 
 @pytest.mark.parametrize("signal", [s for s in SIGNALS if isinstance(s.source, ArmOutput)], ids=lambda s: s.name)

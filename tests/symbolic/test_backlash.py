@@ -27,7 +27,8 @@ def values(resonance: float, ratio: float, gap: float = GAP) -> dict[str, float]
 
 
 def under(load: list[float]) -> list[dict[str, float]]:
-    return [{"load": x, "link_inertia": INERTIA, "coupling": INERTIA} for x in load]
+    beside = {"link_inertia": INERTIA, "coupling": INERTIA, "coupling_rate": 0.0, "coupling_slope": 0.0}
+    return [{"load": x, **beside} for x in load]
 
 
 def reference(p: dict[str, float], load: Callable[[float], float], t: Array) -> Array:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 import sympy as sp
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from symbolic import units as u
-from symbolic.effects import LIBRARY
+from symbolic.effects import DECLARED, LIBRARY
 from symbolic.effects.declaration import DT, SIGNAL, SIGNALS, Effect, check, parameter, prefix
 from symbolic.primitives import WIDTHS, ramp, sgn, smooth, step
 from tests.effect_values import Values, evaluate, torque
@@ -48,7 +50,9 @@ TABLE = {
     "plate": "stiffness pretension friction position",
     "plate_damping": "coefficient",
 }
-EFFECTS = pytest.mark.parametrize("effect", LIBRARY.values(), ids=LIBRARY)
+IN_SPACE = {name: effect for name, effect in DECLARED.items() if effect != LIBRARY[name]}
+EVERY = LIBRARY | {f"{name} in space": effect for name, effect in IN_SPACE.items()}
+EFFECTS = pytest.mark.parametrize("effect", EVERY.values(), ids=EVERY)
 # Sums of a handful of terms of order 1 to 1e3, and exponentials of arguments up to 1e2.
 CLOSE = {"rel_tol": 1e-9, "abs_tol": 1e-12}
 
@@ -84,6 +88,52 @@ def situations(draw: st.DrawFn, effect: Effect) -> dict[sp.Symbol, float]:
 def test_the_library_has_the_names_that_other_programs_use() -> None:
     assert {name: " ".join(p.name for p in e.parameters) for name, e in LIBRARY.items()} == TABLE
     assert list(LIBRARY) == list(TABLE)
+
+
+def test_an_arm_in_space_has_more_parameters_and_a_planar_one_the_same_torque_where_they_are_zero() -> None:
+    names = {n: " ".join(p.name for p in e.parameters if p.space) for n, e in DECLARED.items()}
+    assert {name: more for name, more in names.items() if more} == {"gravity": "gz", "payload": "x y z"}
+    assert set(IN_SPACE) == {"gravity", "payload"}
+    for name, effect in IN_SPACE.items():
+        zero = {p.symbol: 0 for p in effect.parameters if p.space}
+        assert sp.expand(effect.torque.subs(zero) - LIBRARY[name].torque) == 0
+        assert LIBRARY[name].form is None
+
+
+def test_what_reads_a_signal_of_space_is_no_effect_of_a_planar_arm() -> None:
+    lost = replace(LIBRARY["gravity"], torque=parameter("gx") * SIGNAL["moment_z"].symbol)
+    with pytest.raises(ValueError, match='"gravity" reads moment_z, which only an arm in space has'):
+        lost.in_plane()
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.floats(0.1, 5.0),
+    st.tuples(*3 * [st.floats(-0.5, 0.5)]),
+    st.tuples(*3 * [st.floats(-3.0, 3.0)]),
+    st.tuples(*3 * [st.floats(-3.0, 3.0)]),
+)
+def test_a_payload_in_space_is_a_point_at_its_centre(
+    mass: float, centre: tuple[float, ...], there: tuple[float, ...], turned: tuple[float, ...]
+) -> None:
+    """The work on a velocity v + w x c of its own frame: two routes to one number."""
+    rate = [v + w for v, w in zip(there, np.cross(turned, centre), strict=True)]
+    # Of a unit mass at c the kinetic energy is a quadratic form of c: its coefficients stand for the torques.
+    wx, wy, wz = turned
+    loads = {
+        "": sum(v * v for v in there),
+        **{axis: 2 * s for axis, s in zip("xyz", np.cross(there, turned), strict=True)},
+        "xx": wy**2 + wz**2,
+        "yy": wx**2 + wz**2,
+        "zz": wx**2 + wy**2,
+        "xy": -2 * wx * wy,
+        "xz": -2 * wx * wz,
+        "yz": -2 * wy * wz,
+    }
+    read = {f"tip_load{'_' if part else ''}{part}": float(value) for part, value in loads.items()}
+    values = {"mass": mass, "time": 0.0, **dict(zip("xyz", centre, strict=True))}
+    found = torque("payload", values, DECLARED, elapsed=1.0, **read)
+    assert found == pytest.approx(mass * sum(v * v for v in rate), abs=1e-9)
 
 
 @EFFECTS

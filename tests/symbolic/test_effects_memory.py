@@ -47,12 +47,15 @@ def test_bristle_is_a_spring_before_it_slides() -> None:
     assert expected == pytest.approx(stiffness * travelled, rel=1e-3)
 
 
+JOINT = {"link_inertia": 0.2, "coupling": 0.2, "coupling_rate": 0.0, "coupling_slope": 0.0}
+"""Of a joint whose link asks for the same torque at any rate and place."""
+
+
 def vibration(stiffness: float, damping: float, frequency: float, seconds: float) -> list[float]:
     """Torque of the elasticity of a 0.2 kg m² link under a load of 3 N m at a frequency, at 1 kHz."""
     dt = 1e-3
     omega = 2 * math.pi * frequency
-    fixed = {"link_inertia": 0.2, "coupling": 0.2}
-    samples = [{"load": 3 * math.sin(omega * k * dt), **fixed} for k in range(round(seconds / dt))]
+    samples = [{"load": 3 * math.sin(omega * k * dt), **JOINT} for k in range(round(seconds / dt))]
     return simulate("elasticity", {"stiffness": stiffness, "damping": damping}, dt, samples)
 
 
@@ -75,7 +78,7 @@ def test_elasticity_has_the_frequency_response_of_its_equation(frequency: float)
 
 def test_elasticity_starts_in_equilibrium() -> None:
     """A constant load, gravity for one, has deflected the spring before the recording begins."""
-    samples = [{"load": 7.0, "link_inertia": 0.2, "coupling": 0.2}] * 20
+    samples = [{"load": 7.0, **JOINT}] * 20
     torques = simulate("elasticity", {"stiffness": 2000.0, "damping": 0.5}, 1e-3, samples)
     assert max(map(abs, torques)) < 1e-9
     assert {s.symbol for s in LIBRARY["elasticity"].states} == {

@@ -76,7 +76,7 @@ def shape(of: str) -> Parameter:
         (replace(OFFSET, parameters=OFFSET.parameters * 2), "names a parameter twice"),
         (replace(RIPPLE, form=None), "is not linear in all"),
         (replace(RIPPLE, torque=2 * RIPPLE.torque), "its form is not the same torque"),
-        (replace(OFFSET, form=LinearForm((), sp.Integer(0), (), ())), "one coefficient for each linear parameter"),
+        (replace(OFFSET, form=LinearForm((), sp.Integer(0), (), ())), "an expression for each coefficient"),
         (replace(OFFSET, has_gap=True), "has a gap, and reads no signal by which a transmission gives way"),
         (replace(OFFSET, brought=True), "exactly one parameter must be its planned="),
         (replace(OFFSET, parameters=(*OFFSET.parameters, shape("critical"))), 'needs a parameter of kind "stiffness"'),

@@ -16,11 +16,12 @@ from runtime.notebook.arm import load, recording
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
+    ExportResult,
     IdentificationResult,
     ImprovementResult,
     PlanResult,
 )
-from runtime.notebook.verbs import add, compare, diagnose, identify, improve, optimize, simulate
+from runtime.notebook.verbs import add, compare, diagnose, export, identify, import_, improve, optimize, simulate
 from runtime.planning.optimize import Infeasible
 from runtime.recordings.recording import Recording
 
@@ -28,6 +29,7 @@ __all__ = [
     "Arm",
     "ComparisonResult",
     "DiagnosisResult",
+    "ExportResult",
     "IdentificationResult",
     "ImprovementResult",
     "Infeasible",
@@ -36,7 +38,9 @@ __all__ = [
     "add",
     "compare",
     "diagnose",
+    "export",
     "identify",
+    "import_",
     "improve",
     "load",
     "optimize",

@@ -16,14 +16,12 @@ from runtime.loop.improve import Improvement
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
-from runtime.report.summary import Result, ResultSummary
-from runtime.wording import number, percent, quantity, sentence
+from runtime.report.summary import MORE_THAN_NOISE, Result, ResultSummary
+from runtime.wording import number, numbered, percent, quantity, sentence
 
 Row = dict[str, Any]
 
 NAME = "report.html"
-
-_MORE_THAN_NOISE = 1.5
 
 
 def write_report(directory: Path, result: Result | ResultSummary) -> Path:
@@ -58,8 +56,8 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "verdict": _verdict(summary),
         "short": _short(summary),
         "held_out": first.held_out is not None,
-        "errors": [_error_block(summary, i) for i in joints],
-        "joints": [_joint(summary, i) for i in joints],
+        "errors": [_error_block(summary, i) for i in summary.telling],
+        "joints": [_joint(summary, i) for i in summary.telling],
         "findings": found.findings(summary),
         "ruled_out": found.ruled_out(summary),
         "left_over": found.left_over(summary),
@@ -108,7 +106,7 @@ def _compared(summary: ResultSummary) -> str:
         shares = structure_shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
-            f"joint {s.joint}: the fitted model misses {percent(s.relative)} of the torque, "
+            f"joint {numbered(s.joint, s.name)}: the fitted model misses {percent(s.relative)} of the torque, "
             f"{number(s.rms / s.floor.value, 2)} times the noise floor"
         )
         if strongest and shares[strongest] > 0.1:
@@ -138,7 +136,7 @@ def _short_row(summary: ResultSummary, joint: int) -> Row:
             "floor": None if floor is None else percent(floor),
         }
     return {
-        "joint": joint + 1,
+        "joint": summary.called(joint),
         "before": percent(first.fitted.relative[joint]),
         "after": percent(last.fitted.relative[joint]),
         "floor": percent(summary.floor(joint)),
@@ -151,7 +149,7 @@ def _instruments(summary: ResultSummary, joint: int) -> str | None:
     """The instruments' own noise relative to the torque, where an unexplained floor holds more than that."""
     floor = summary.last.joints[joint].floor
     explained = summary.left is None or summary.left.verdict != "unexplained"
-    if explained or floor.value < _MORE_THAN_NOISE * floor.spectrum:
+    if explained or floor.value < MORE_THAN_NOISE * floor.spectrum:
         return None
     return percent(summary.floor(joint) * floor.spectrum / floor.value)
 
@@ -169,7 +167,8 @@ def _error_block(summary: ResultSummary, joint: int) -> Row:
     rows += [_error_row(summary, step, joint) for step in summary.steps]
     caption = f"Error of joint {joint + 1} after each step; the marks across the bars are the noise floor."
     return {
-        "joint": joint + 1,
+        "joint": summary.called(joint),
+        "quiet": _quiet(summary, joint),
         "rows": rows,
         "floor": f"{quantity(series.floor.value, series.force_unit)} "
         f"({percent(summary.floor(joint))} of the torque), from {_SOURCES[series.floor.source]}; "
@@ -216,11 +215,20 @@ def _error_row(summary: ResultSummary, step: Step, joint: int) -> Row:
     }
 
 
+def _quiet(summary: ResultSummary, joint: int) -> str | None:
+    """What is said of one of several joints in place of showing it, where nothing is to be seen; None: it is shown."""
+    if len(summary.first.joints) == 1 or not summary.at_floor(joint):
+        return None
+    return f"at its noise floor, error {percent(summary.last.fitted.relative[joint])}"
+
+
 def _joint(summary: ResultSummary, joint: int) -> Row:
     first, last = summary.first, summary.last
     findings = summary.findings_at(joint)
     return {
         "number": joint + 1,
+        "called": summary.called(joint),
+        "quiet": _quiet(summary, joint),
         "improved": last is not first,
         "added": " and ".join(dict.fromkeys(f.term.effect for f in findings)),
         "figures": figures.of_joint(first, last, joint, findings),
@@ -245,7 +253,7 @@ def _recorded(summary: ResultSummary, joint: int) -> Row:
     unit = series.position_unit
     some = len(series.t) > 0
     return {
-        "joint": joint + 1,
+        "joint": summary.called(joint),
         "moving": f"{number(seconds_moving(motion, joint), 3)} s",
         "position": f"{number(series.q.min(), 3)} … {number(series.q.max(), 3)} {unit}" if some else "–",
         "speed": f"{number(float(np.abs(series.qd).max()), 3)} {unit}/s" if some else "–",

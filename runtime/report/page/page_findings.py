@@ -42,7 +42,7 @@ def _finding(summary: ResultSummary, number_: int) -> Row:
     if finding.before.held_out is not None and finding.after.held_out is not None:
         held = _arrow(finding.before.held_out.relative[i], finding.after.held_out.relative[i])
     return {
-        "title": name(finding.term),
+        "title": f"{finding.term.effect} at joint {summary.called(i)}" if finding.term.joint else name(finding.term),
         "summary": info.summary,
         "equation": info.equation,
         "source": info.source,
@@ -164,7 +164,8 @@ def limits(summary: ResultSummary) -> list[Row]:
     places = sorted({limit.term.joint for limit in seen}, key=lambda joint: joint or math.inf)
     return [
         {
-            "place": "whole arm" if place is None else f"joint {place}",
+            "place": "Whole arm" if place is None else f"Joint {summary.called(place - 1)}",
+            "open": place is not None and not summary.at_floor(place - 1),
             "rows": [_limit(limit, summary.left.model) for limit in seen if limit.term.joint == place],
         }
         for place in places
@@ -196,6 +197,7 @@ def left_over(summary: ResultSummary) -> list[Row]:
         rows.append(
             {
                 "joint": series.joint,
+                "called": summary.called(i),
                 "what": what,
                 "follows": follows(structure_shares(series)),
                 "line": None if line is None else f"{line.frequency:.2f} Hz",

@@ -10,7 +10,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from runtime.wording import numbered
+from symbolic.model_file.checks import at_joint
+
 Document = Mapping[str, Any]
+Names = Mapping[int, str | None]
 
 
 def say(*lines: str) -> None:
@@ -19,17 +23,21 @@ def say(*lines: str) -> None:
         console().print(line, soft_wrap=True)
 
 
-def fit_table(document: Document) -> None:
+def fit_table(document: Document, names: Names) -> None:
     """Parameters of an identification with their 95 % intervals."""
     table = empty_table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in document["inertial"]:
-        table.add_row(joint_cell(p["joint"]), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p))
+        table.add_row(
+            joint_cell(p["joint"], names), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p)
+        )
     for p in document["rotors"]:
-        table.add_row(joint_cell(p["joint"]), f"{p['name']}, further", "", figure(p["fit"]), interval(p, ""), unit(p))
+        table.add_row(
+            joint_cell(p["joint"], names), f"{p['name']}, further", "", figure(p["fit"]), interval(p, ""), unit(p)
+        )
     for entry in document["effects"]:
         for name, p in entry["parameters"].items():
             label = f"{entry['name']}: {name}"
-            table.add_row(joint_cell(entry["joint"]), label, "", figure(p["value"]), interval(p, ""), unit(p))
+            table.add_row(joint_cell(entry["joint"], names), label, "", figure(p["value"]), interval(p, ""), unit(p))
     console().print(table)
 
 
@@ -39,7 +47,7 @@ def joints_table(document: Document) -> None:
     for j in document["joints"]:
         repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")]
         table.add_row(
-            joint_cell(j["joint"]),
+            numbered(j["joint"], j.get("name")),
             figure(j["rms"]),
             percent(j["relative"]),
             figure(j["floor"]),
@@ -102,11 +110,22 @@ def several(values: Sequence[float] | None, show: Any) -> str:
     return "–" if values is None else ", ".join(show(v) for v in values)
 
 
-def joint_cell(joint: int | None) -> str:
+def names_of(document: Document) -> Names:
+    """The names that the model file gives its joints, by their numbers."""
+    return {j["joint"]: j.get("name") for j in document["joints"]}
+
+
+def joint_cell(joint: int | None, names: Names) -> str:
     """In a column of joints."""
-    return "arm" if joint is None else str(joint)
+    return "arm" if joint is None else numbered(joint, names.get(joint))
 
 
 def place(joint: int | None) -> str:
     """As a heading."""
     return "arm" if joint is None else f"joint {joint}"
+
+
+def at_named(joint: int | None, names: Names) -> str:
+    """Where an effect acts, after its name."""
+    name = None if joint is None else names.get(joint)
+    return at_joint(joint) if name is None else f"{at_joint(joint)} ({name})"

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from runtime.report.terminal.cells import (
     Document,
+    Names,
+    at_named,
     console,
     delay_lines,
     empty_table,
@@ -14,12 +16,14 @@ from runtime.report.terminal.cells import (
     interval,
     joint_cell,
     joints_table,
+    names_of,
     percent,
     place,
     say,
     several,
     unit,
 )
+from runtime.wording import numbered
 from symbolic.model_file.checks import at_joint
 
 _MOST_CLOSE = 3
@@ -38,7 +42,8 @@ def _structure(document: Document) -> None:
     for joint in document["joints"]:
         follows = [f"{s['signal']} {percent(s['share'])}" for s in joint.get("structure", []) if s["share"] > 0.005]
         if follows:
-            say(f"Joint {joint['joint']}: of the residual's power, explained by " + ", ".join(follows) + ".")
+            where = numbered(joint["joint"], joint.get("name"))
+            say(f"Joint {where}: of the residual's power, explained by {', '.join(follows)}.")
 
 
 def diagnosis(document: Document) -> None:
@@ -54,7 +59,7 @@ def diagnosis(document: Document) -> None:
     _encoders(document)
     delay_lines(document)
     say("Base inertial parameters:")
-    fit_table({"inertial": document["parameters"], "rotors": document["rotors"], "effects": []})
+    fit_table({"inertial": document["parameters"], "rotors": document["rotors"], "effects": []}, names_of(document))
     _recordings(document)
     _seen(document)
     _warnings(document)
@@ -152,8 +157,9 @@ def _finding(finding: Document, document: Document) -> None:
     shown = evidence.get("twist")
     before, after = (shown or finding)["rms_before"], (shown or finding)["rms_after"]
     what = f"twist by the link-side encoder, {shown['unit']}," if shown else "residual"
+    where = at_named(finding["joint"], names_of(document))
     say(
-        f"{finding['effect']}{at_joint(finding['joint'])}: {what} {figure(before)} -> {figure(after)}, "
+        f"{finding['effect']}{where}: {what} {figure(before)} -> {figure(after)}, "
         f"{percent(finding['share'])} of what was missing."
     )
     if finding["held_out_before"] is not None:
@@ -234,7 +240,7 @@ def improvement(document: Document) -> None:
         _finding(finding, document)
     _encoders(document)
     delay_lines(document)
-    _refit(document["identification"]["before"], document["identification"]["after"])
+    _refit(document["identification"]["before"], document["identification"]["after"], names_of(document))
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)
     _seen(document)
@@ -246,14 +252,14 @@ def _floors(joints: Sequence[Document]) -> str:
     return ", ".join(f"joint {j['joint']} {figure(j['floor'])} ({j['floor_source']})" for j in joints)
 
 
-def _refit(before: Document, after: Document) -> None:
+def _refit(before: Document, after: Document, names: Names) -> None:
     """Every parameter as the file has it, fitted without and with what was added."""
     table = empty_table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
     earlier = {(p["joint"], p["name"]): p["fit"] for p in before["inertial"]}
     for new in after["inertial"]:
         old = earlier.get((new["joint"], new["name"]))
         cells = [figure(new["model"]), figure(old), figure(new["fit"]), interval(new, ""), unit(new)]
-        table.add_row(joint_cell(new["joint"]), new["name"], *cells)
+        table.add_row(joint_cell(new["joint"], names), new["name"], *cells)
     fits = [
         {(e["name"], e["joint"]): e["parameters"] for e in identification["effects"]}
         for identification in (before, after)
@@ -264,5 +270,5 @@ def _refit(before: Document, after: Document) -> None:
             p = new.get(name) or old[name]
             values = [figure(fit[name]["value"]) if name in fit else "–" for fit in (old, new)]
             cells = ["–", *values, interval(p, "") if name in new else "–", unit(p)]
-            table.add_row(joint_cell(joint), f"{effect}: {name}", *cells)
+            table.add_row(joint_cell(joint, names), f"{effect}: {name}", *cells)
     console().print(table)

@@ -20,6 +20,7 @@ from runtime.report.terminal.cells import (
     fit_table,
     interval,
     joints_table,
+    names_of,
     percent,
     say,
 )
@@ -59,7 +60,7 @@ def effects(document: Document) -> None:
     """The library, one line an effect."""
     table = empty_table("effect", "scope", "parameters", "what it is")
     for effect in document["effects"]:
-        parameters = ", ".join(p["name"] for p in effect["parameters"])
+        parameters = ", ".join(f"{p['name']}{' (in space)' if p['space'] else ''}" for p in effect["parameters"])
         table.add_row(effect["name"], effect["scope"], parameters, effect["summary"])
     console().print(table)
 
@@ -72,7 +73,8 @@ def effect(document: Document) -> None:
         units = dict.fromkeys(p["unit"].values())
         low, high = p["bounds"]
         bounds = f"{'-∞' if low is None else f'{low:g}'} … {'∞' if high is None else f'{high:g}'}"
-        table.add_row(p["name"], " or ".join(units), p["role"], bounds, p["meaning"])
+        meaning = f"{p['meaning']}; of an arm in space only" if p["space"] else p["meaning"]
+        table.add_row(p["name"], " or ".join(units), p["role"], bounds, meaning)
     console().print(table)
     facts = {
         "acts on": document["scope"],
@@ -93,10 +95,11 @@ def identify(document: Document) -> None:
     say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
     say(f"Skew between torque and motion: {figure(skew['value'])} {skew['unit']} ({origin}){interval(skew)}.")
     delay_lines(document)
-    fit_table(document)
+    names = names_of(document)
+    fit_table(document, names)
     if document.get("uncorrected"):
         say("Without skew correction:")
-        fit_table(document["uncorrected"])
+        fit_table(document["uncorrected"], names)
     joints_table(document)
     say(*(f"Warning: {warning}" for warning in document["warnings"]))
     if document["verdict"] == "refused":
@@ -125,6 +128,12 @@ def verify(document: Document) -> None:
             at,
         )
     console().print(table)
+    proofs: Sequence[Document] = document["proofs"]
+    for proof in proofs:
+        if not proof["equal"]:
+            say(f"NOT the Lagrangian's: {proof['function']}, {proof['differs']}.")
+    if proofs and all(proof["equal"] for proof in proofs):
+        say(f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {proofs[-1]['points']} random points.")
     vectors = f"{len(document['vectors'])} test vectors with --json"
     if wrong:
         say(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}.")

@@ -1,0 +1,122 @@
+"""C99 of an arm's functions for many samples, several at once: double precision in explicit vectors.
+
+Compilers do not vectorise loops of hundreds of operations by themselves. What a function computes from the parameters
+alone stands before the loop; the samples that are left over, and all of them where the compiler knows no vectors, go
+through the function of one call. Both give the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from codegen.c.c_code import F64, Routine, comment, declaration, indent, row, struct_argument, struct_leaves, taken
+from codegen.c.language import C_DOUBLE
+from codegen.tape.printers import Printer, Text
+from codegen.tape.tape import ARITHMETIC, Tape
+from symbolic.functions import SymbolicFunction
+
+OPERATIONS = frozenset((*ARITHMETIC, "const", "leaf", "sin", "cos"))
+"""What tendon_lanes_f64.h has."""
+_KIND = "tendon_lanes_f64"
+
+
+def _pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
+    if cosine is None:
+        return [f"const {_KIND} {sine} = tendon_sin_lanes_f64({angle});"]
+    if sine is None:
+        return [f"const {_KIND} {cosine} = tendon_cos_lanes_f64({angle});"]
+    return [f"{_KIND} {sine};", f"{_KIND} {cosine};", f"tendon_sincos_lanes_f64({angle}, &{sine}, &{cosine});"]
+
+
+_LANES = replace(C_DOUBLE, pair=_pair, assign=lambda name, text: f"const {_KIND} {name} = {text};")
+
+
+class _LanePrinter(Printer):
+    """Prints a tape in vectors; `before`: the statements on parameters alone, which are plain numbers."""
+
+    def __init__(self, function: SymbolicFunction, tape: Tape) -> None:
+        struct = struct_leaves(function)
+        leaves = {s: s.name for a in function.inputs for s in a.symbols}
+        names = taken(function) | set(leaves.values())
+        super().__init__(_LANES, tape, leaves | struct, names)
+        self.before: list[str] = []
+        self.uniform: list[bool] = []
+        for node in tape.nodes:
+            self.uniform.append(node.value in struct if node.op == "leaf" else all(self.uniform[a] for a in node.args))
+
+    def _statement(self, i: int, text: Text) -> Text:
+        if not self.uniform[i]:
+            return super()._statement(i, text)
+        self.language, self.lines, lines = C_DOUBLE, self.before, self.lines
+        found = super()._statement(i, text)
+        self.language, self.lines = _LANES, lines
+        return found
+
+    def _pair(self, angle: int) -> list[int]:
+        if not self.uniform[angle]:
+            return super()._pair(angle)
+        self.language, self.lines, lines = C_DOUBLE, self.before, self.lines
+        found = super()._pair(angle)
+        self.language, self.lines = _LANES, lines
+        return found
+
+    def value(self, output: int, text: str) -> str:
+        """An output as a vector."""
+        return f"tendon_spread_f64({text})" if self.uniform[output] else text
+
+
+def batch(prefix: str, function: SymbolicFunction, tape: Tape) -> Routine:
+    """Structure of arrays: element j of sample k stands at [j * count + k]. Outputs may not overlap inputs."""
+    kind, name = F64.kind, f"{prefix}_{function.name}"
+    inputs = [f"const {kind} *restrict {a.name}" for a in function.inputs]
+    outputs = [f"{kind} *restrict {o.name}" for o in function.outputs]
+    arguments = ["size_t count", *struct_argument(prefix, function, F64), *inputs, *outputs]
+    body = ["size_t k = 0U;", "#if defined(TENDON_LANES)", *_vectors(function, tape), "#endif", *_rest(name, function)]
+    return Routine(
+        comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),
+        declaration(f"void {name}_batch_{F64.suffix}", arguments),
+        indent(body, 1).replace("    #", "#"),
+    )
+
+
+def _vectors(function: SymbolicFunction, tape: Tape) -> list[str]:
+    """The loop over whole vectors."""
+    printer = _LanePrinter(function, tape)
+    lines, texts = printer.print()
+    used = {node.value for node in tape.nodes if node.op == "leaf"}
+    loads = [
+        f"const {_KIND} {s.name} = tendon_load_f64({a.name} + {row(i)});"
+        for a in function.inputs
+        for i, s in enumerate(a.symbols)
+        if s in used
+    ]
+    places = [f"{o.name} + {row(i)}" for o in function.outputs for i in range(len(o.expressions))]
+    values = [printer.value(i, text) for i, text in zip(tape.outputs, texts, strict=True)]
+    stores = [f"tendon_store_f64({place}, {value});" for place, value in zip(places, values, strict=True)]
+    head = "for (; count - k >= TENDON_LANES; k += TENDON_LANES) {"
+    return [*printer.before, head, *("    " + line for line in (*loads, *lines, *stores)), "}"]
+
+
+def _rest(name: str, function: SymbolicFunction) -> list[str]:
+    """One call a sample that is left over."""
+    pointer = [] if function.struct is None else [function.struct.name]
+    sizes = {a.name: len(a.symbols) for a in function.inputs}
+    results = {o.name: len(o.expressions) for o in function.outputs}
+    call = [*pointer, *(f"{a.name}_k" if a.shape else f"{a.name}[k]" for a in function.inputs)]
+    call += [f"{o}_k" for o in results]
+    vectors = {a.name: sizes[a.name] for a in function.inputs if a.shape}
+    lines = [f"double {v}_k[{size}];" for v, size in (vectors | results).items()]
+    lines += _copies(vectors, "{0}_k[j] = {0}[j * count + k];")
+    lines.append(f"{name}_f64({', '.join(call)});")
+    lines += _copies(results, "{0}[j * count + k] = {0}_k[j];")
+    return ["for (; k < count; ++k) {", *("    " + line for line in lines), "}"]
+
+
+def _copies(sizes: dict[str, int], line: str) -> list[str]:
+    loops = [(f"for (size_t j = 0U; j < {size}U; ++j) {{", "    " + line.format(v), "}") for v, size in sizes.items()]
+    return [line for loop in loops for line in loop]
+
+
+def in_lanes(tape: Tape) -> bool:
+    """Whether a function has the operations that vectors have."""
+    return {node.op for node in tape.nodes} <= OPERATIONS

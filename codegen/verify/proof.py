@@ -1,0 +1,267 @@
+"""The emitted tapes of an arm in space held against its Lagrangian modulo a prime: they are equal, or they are not.
+
+Masses, moments, rotors and the state are random residues, the base parameters what the physical ones merge into; a
+tape is evaluated in the same numbers. Nothing is rounded and nothing has a tolerance, but for the frames, whose
+decimals are held against the model file's. symbolic/rigid_body/spatial/lagrangian.py says what the truth is made of.
+"""
+
+from __future__ import annotations
+
+import functools
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+
+from codegen.tape.tape import Tape
+from symbolic.functions import SymbolicFunction
+from symbolic.model import ASSUMED_SHARE, ArmModel, derive
+from symbolic.model_file.arm import Arm, SpatialArm, SpatialLink
+from symbolic.rigid_body.exact_rank import exact
+from symbolic.rigid_body.kinematics import NOMINAL_MASS
+from symbolic.rigid_body.lumps import Lump
+from symbolic.rigid_body.spatial import rounding
+from symbolic.rigid_body.spatial.geometry import Geometry, geometry, offset_symbol
+from symbolic.rigid_body.spatial.kinematics import nominal_com
+from symbolic.rigid_body.spatial.lagrangian import (
+    ELEMENTS,
+    PRIME,
+    ExactChain,
+    ExactPosture,
+    Square,
+    pseudo_inertia,
+    residue,
+)
+from symbolic.straightline import Turn
+
+LOADS: Mapping[str, tuple[int, int]] = {
+    "1": (3, 3),
+    "x": (0, 3),
+    "y": (1, 3),
+    "z": (2, 3),
+    "xx": (0, 0),
+    "yy": (1, 1),
+    "zz": (2, 2),
+    "xy": (0, 1),
+    "xz": (0, 2),
+    "yz": (1, 2),
+}
+"""Columns of tip_load, and where such a moment of mass stands in a pseudo-inertia."""
+POINTS = 10
+"""Random states of a proof: one would do, see lagrangian.py."""
+
+
+@dataclass(frozen=True)
+class FunctionProof:
+    """A function of an arm at random points modulo PRIME; differs: its first element that is not the Lagrangian's."""
+
+    function: str
+    points: int
+    differs: str | None
+
+    @property
+    def equal(self) -> bool:
+        return self.differs is None
+
+
+def prove_arm(arm: Arm | SpatialArm, seed: int) -> tuple[FunctionProof, ...]:
+    """Of all that is emitted of an arm in space. A planar arm's closed forms are the Lagrangian's own."""
+    if not isinstance(arm, SpatialArm):
+        return ()
+    model = derive(arm)
+    return tuple(prove(model, {f.name: Tape.of(f) for f in model.functions}, seed=seed))
+
+
+def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed: int = 0) -> list[FunctionProof]:
+    """All functions of an arm in space, and first its frames. `tapes`: by name of the function."""
+    assert isinstance(model.arm, SpatialArm)
+    frames = geometry(model.arm)
+    chain = rounding.exact_file_chain(frames)
+    apart = rounding.deviation(model.arm, chain)
+    proofs = [FunctionProof("frames", 1, f"by {apart:.2g} (m, rad)" if apart > rounding.ROUNDING else None)]
+    rng = random.Random(seed)
+    states = [_State.drawn(rng, model, frames, ExactChain.of(chain)) for _ in range(points)]
+    for function in model.functions:
+        found = (_differs(function, tapes[function.name], state) for state in states)
+        proofs.append(FunctionProof(function.name, points, next((name for name in found if name), None)))
+    return proofs
+
+
+def _differs(function: SymbolicFunction, tape: Tape, state: _State) -> str | None:
+    """The first element that the Lagrangian has otherwise."""
+    values = state.values | dict(zip(_symbols("tau", state.posture.n), state.torques, strict=True))
+    found = tape.evaluate(values, OPERATIONS)
+    if function.name == "regressor":
+        found = [sum(y * x for y, x in zip(row, state.lumps, strict=True)) for row in _rows(found, len(state.lumps))]
+    expected, output = TRUTH[function.name](state), function.outputs[0]
+    assert len(found) == len(expected), function.name
+    wrong = (i for i, (x, y) in enumerate(zip(found, expected, strict=True)) if (x - y) % PRIME)
+    return next((f"{output.name}[{i}]" for i in wrong), None)
+
+
+@dataclass(frozen=True)
+class _State:
+    """A random state of an arm with random bodies, modulo PRIME.
+
+    rotors   (n,) as the file has them, random where it does not; own: what link_load and link_inertia do without
+    lumps    values of the base parameters
+    values   of all symbols
+    """
+
+    model: ArmModel
+    posture: ExactPosture
+    qd: list[int]
+    qdd: list[int]
+    rotors: list[int]
+    own: list[int]
+    lumps: list[int]
+    values: dict[sp.Symbol, Any]
+
+    @classmethod
+    def drawn(cls, rng: random.Random, model: ArmModel, frames: Geometry, chain: ExactChain) -> _State:
+        n, joints = frames.n, model.arm.joints
+        q = [random_turn(rng) if turns else rng.randrange(PRIME) for turns in chain.revolute]
+        qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
+        bodies = [[rng.randrange(PRIME) for _ in ELEMENTS] for _ in range(n)]
+        stated = [joint.rotor_inertia for joint in joints]
+        rotors = [rng.randrange(PRIME) if value is None else residue(exact(value)) for value in stated]
+        lumps = [_merged(lump, bodies, rotors) for lump in model.lumps]
+        values: dict[sp.Symbol, Any] = dict(zip(model.struct.symbols, lumps, strict=False))
+        for j, rest in enumerate(frames.rests, 1):
+            if isinstance(rest, Turn):
+                values[offset_symbol(j)] = Turn(residue(rest.cos), residue(rest.sin))
+        for name, vector in (("q", q), ("qd", qd), ("qdd", qdd)):
+            values |= dict(zip(_symbols(name, n), vector, strict=True))
+        own = [_own_rotor(model, i, rotors[i], lumps) for i in range(n)]
+        posture = chain.posture(q, [pseudo_inertia(body) for body in bodies])
+        return cls(model, posture, qd, qdd, rotors, own, lumps, values)
+
+    @functools.cached_property
+    def torques(self) -> list[int]:
+        """(n,) rotors included."""
+        rigid = self.posture.torques(self.qd, self.qdd)
+        return [t + rotor * a for t, rotor, a in zip(rigid, self.rotors, self.qdd, strict=True)]
+
+    def load(self) -> list[int]:
+        """(n,) at the joints' outputs."""
+        return [t - rotor * a for t, rotor, a in zip(self.torques, self.own, self.qdd, strict=True)]
+
+    def inertia(self, rotors: Sequence[int]) -> list[int]:
+        """D, flat."""
+        D = self.posture.inertia()
+        for i, rotor in enumerate(rotors):
+            D[i][i] += rotor
+        return _flat(D)
+
+    def links(self) -> list[int]:
+        """(n,) what is left of the rotors in link_inertia."""
+        return [a - b for a, b in zip(self.rotors, self.own, strict=True)]
+
+    def tip_rate(self) -> list[int]:
+        return [sum(x * v for x, v in zip(row, self.qd, strict=True)) for row in self.posture.tip_jacobian()]
+
+    def tip_load(self) -> list[int]:
+        columns = self.posture.tip_torques(self.qd, self.qdd, [_unit_load(place) for place in LOADS.values()])
+        return _flat(zip(*columns, strict=True))
+
+    def moment_jacobian(self) -> list[int]:
+        arm = self.model.arm
+        assert isinstance(arm, SpatialArm)
+        bodies = tuple(pseudo_inertia(_mass(joint.link, nominal_com(arm, j))) for j, joint in enumerate(arm.joints))
+        return _flat(self.posture.carrying(bodies).moment_jacobian())
+
+
+TRUTH: Mapping[str, Callable[[_State], list[int]]] = {
+    "inverse_dynamics": lambda s: s.torques,
+    "link_load": _State.load,
+    "inertia": lambda s: s.inertia(s.rotors),
+    "link_inertia": lambda s: s.inertia(s.links()),
+    "coriolis": lambda s: _flat(s.posture.coriolis(s.qd)),
+    "gravity": lambda s: s.posture.gravity(),
+    "forward_dynamics": lambda s: s.qdd,
+    "regressor": lambda s: s.torques,
+    "tip": lambda s: [row[3] for row in s.posture.tip()[:3]],
+    "tip_rotation": lambda s: _flat(row[:3] for row in s.posture.tip()[:3]),
+    "tip_jacobian": lambda s: _flat(s.posture.tip_jacobian()),
+    "tip_rate": _State.tip_rate,
+    "tip_load": _State.tip_load,
+    "moment_jacobian": _State.moment_jacobian,
+}
+"""What the Lagrangian says of every function; of the regressor: of its product with the base parameters."""
+
+
+def _unit_load(place: tuple[int, int]) -> Square:
+    """The pseudo-inertia that is 1 at one place, and at its mirror image."""
+    return [[int((i, j) in (place, place[::-1])) for j in range(4)] for i in range(4)]
+
+
+def _merged(lump: Lump, bodies: Sequence[Sequence[int]], rotors: Sequence[int]) -> int:
+    """A base parameter of the physical ones."""
+    total = 0
+    for joint, element, factor in lump.parts:
+        own = rotors[joint - 1] if element == "I" else bodies[joint - 1][ELEMENTS.index(element)]
+        total += residue(factor) * own
+    return total % PRIME
+
+
+def _own_rotor(model: ArmModel, i: int, rotor: int, lumps: Sequence[int]) -> int:
+    """The file's rotor; where it has none, the base parameter that is the rotor alone, or its share of the one that it
+    is merged into."""
+    if model.arm.joints[i].rotor_inertia is not None:
+        return rotor
+    holding = [
+        (lump, value)
+        for lump, value in zip(model.lumps, lumps, strict=True)
+        if any(p[:2] == (i + 1, "I") for p in lump.parts)
+    ]
+    for lump, value in holding:
+        if len(lump.parts) == 1:
+            return value
+    share = Fraction(ASSUMED_SHARE.p, ASSUMED_SHARE.q)
+    return residue(share) * holding[0][1] % PRIME if len(holding) == 1 else 0
+
+
+def _mass(link: SpatialLink, com: Sequence[float]) -> list[int]:
+    """Mass and first moments, nominal where they are not known; no second ones."""
+    m = exact(NOMINAL_MASS if link.mass is None else link.mass)
+    first = [m * exact(c) for c in (com if link.com is None else link.com)]
+    return [*[0] * 6, *map(residue, first), residue(m)]
+
+
+def random_turn(rng: random.Random) -> Turn:
+    """A random point of the unit circle modulo PRIME."""
+    t = rng.randrange(PRIME)
+    scale = pow(1 + t * t, -1, PRIME)
+    return Turn((1 - t * t) * scale % PRIME, 2 * t * scale % PRIME)
+
+
+def _reduced(value: Any) -> Any:
+    return Turn(value.cos % PRIME, value.sin % PRIME) if isinstance(value, Turn) else value % PRIME
+
+
+OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "const": residue,
+    "add": lambda a, b: _reduced(a + b),
+    "sub": lambda a, b: _reduced(a - b),
+    "mul": lambda a, b: a * b % PRIME,
+    "div": lambda a, b: a * pow(b, -1, PRIME) % PRIME,
+    "neg": lambda a: -a,
+    "sin": lambda a: a.sin,
+    "cos": lambda a: a.cos,
+}
+"""Of a tape whose numbers are residues and whose angles are Turns."""
+
+
+def _symbols(name: str, n: int) -> list[sp.Symbol]:
+    return [sp.Symbol(f"{name}{i}", real=True) for i in range(1, n + 1)]
+
+
+def _rows(flat: Sequence[int], columns: int) -> list[Sequence[int]]:
+    return [flat[i : i + columns] for i in range(0, len(flat), columns)]
+
+
+def _flat(rows: Any) -> list[int]:
+    return [x for row in rows for x in row]

@@ -1,0 +1,53 @@
+"""The verb that writes an arm for simulators: export."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.cli.opening import opened
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.output import emit
+from runtime.workspace import UsageError
+
+app = typer.Typer()
+
+
+class Format(StrEnum):
+    """What simulators read."""
+
+    URDF = "urdf"
+    MJCF = "mjcf"
+
+
+@app.command("export", epilog="Example: tendon export ur10.toml --to urdf --out ur10_identified.urdf")
+def export_arm(
+    model: ModelFile,
+    to: Annotated[Format, typer.Option(help="URDF, or MJCF of MuJoCo.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The new file.")],
+    onto: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A URDF of the arm: --out is a copy of it, with the model's numbers in it."),
+    ] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Write an arm as URDF or MJCF. With bodies that can be, and with what the format can say of its effects."""
+    from runtime import files
+    from runtime.report.terminal import exchange_pages
+    from runtime.report.terminal.pages import working
+
+    check_writable(json, out)
+    if onto is not None and to is not Format.URDF:
+        raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
+    for path in (model, onto):
+        if path is not None and path.resolve() == out.resolve():
+            raise UsageError(f"{out}: is read here; choose another name to write to")
+    source = opened(model, effects)
+    with working("looking for bodies that can be"):
+        data, document = source.exported(to.value, onto)
+    files.replace(out, data)
+    emit(json, {"out": str(out), **document}, exchange_pages.exported)

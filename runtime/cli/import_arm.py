@@ -1,0 +1,64 @@
+"""The verb that makes a model file out of a URDF or MJCF: import."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.output import emit
+from runtime.workspace import UsageError, effects_library
+
+app = typer.Typer()
+
+
+@app.command("import", epilog="Example: tendon import ur10.urdf --out ur10.toml")
+def import_arm(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (with the package mujoco).")],
+    out: Annotated[Path, typer.Option(metavar="MODEL", help="The new model file.")],
+    base: Annotated[str | None, typer.Option(metavar="LINK", help="Where the arm begins; default: the root.")] = None,
+    tip: Annotated[str | None, typer.Option(metavar="LINK", help="Where it ends; default: the only end.")] = None,
+    lock: Annotated[
+        list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that is held, at rad or m; repeatable.")
+    ] = None,
+    friction: Annotated[
+        bool,
+        typer.Option(
+            "--friction/--no-friction",
+            help="Dry and viscous friction at every joint, unknown where the file states none.",
+        ),
+    ] = True,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Make a model file from a URDF or MJCF. What it does not state is unknown, to be identified."""
+    from runtime import files
+    from runtime.report.terminal import exchange_pages
+    from symbolic.model_file.exchange.importing import imported
+
+    check_writable(json, out)
+    if out.exists():
+        raise UsageError(f"{out}: is there already; choose another name")
+    made = imported(file, effects_library(effects, space=True), base, tip, _locked(lock or []), friction)
+    files.replace(out, made.text.encode())
+    emit(json, {"out": str(out), **made.document()}, exchange_pages.imported)
+
+
+def _locked(entries: list[str]) -> dict[str, float]:
+    """`--lock joint=value`, several times, as a dictionary."""
+    found: dict[str, float] = {}
+    for entry in entries:
+        name, equals, value = entry.rpartition("=")
+        try:
+            place = float(value)
+        except ValueError:
+            place = math.nan
+        if not equals or not name or not math.isfinite(place):
+            raise UsageError(f"--lock {entry}: expected JOINT=VALUE with a number in rad or m, for example finger=0.02")
+        if name in found:
+            raise UsageError(f"--lock {name}: given twice")
+        found[name] = place
+    return found

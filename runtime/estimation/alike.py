@@ -1,0 +1,133 @@
+"""Least squares of many problems that are alike: what does not hang on their moments is computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.least_squares import bounded
+from runtime.estimation.settings import KEPT_ENDS, OPTIMAL, WELL_POSED
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Alike:
+    """As `bounded`, of several problems with the same bounds.
+
+    grams (F, K, K); lower, upper (K,); ends: sets of coefficients (K,) that stood on a bound in problems like these,
+    the likely first, kept up to date
+    Problems that are alike end on the same bounds: what one of them has found is tried on the others, all at once. It
+    is the answer where nothing falls towards the inside (Karush, Kuhn and Tucker), as there is one least square of Gram
+    matrices that are positive; of others, `bounded` goes its own way.
+    """
+
+    grams: Array
+    lower: Array
+    upper: Array
+    ends: list[Mask] = field(default_factory=list)
+
+    def solve(self, moments: Array) -> Array:
+        """(F, K) coefficients, moments (F, K)."""
+        found, left = np.tile(self.lower, (len(self.grams), 1)), np.ones(len(self.grams), dtype=bool)
+        for held in list(self.ends) or [np.zeros(len(self.lower), dtype=bool)]:
+            if left.any():
+                self._try(held, moments, found, left)
+        while left.any():
+            first = int(np.argmax(left))
+            found[first] = bounded(self.grams[first], moments[first], self.lower, self.upper)
+            held = (found[first] == self.lower) | (found[first] == self.upper)
+            self._try(held, moments, found, left)
+            left[first] = False
+        return found
+
+    def _try(self, held: Mask, moments: Array, found: Array, left: Mask) -> None:
+        """Write the answers of those of the problems left that end with these coefficients on their bounds."""
+        ending = self._ending(held)
+        if ending is None:
+            return
+        theta = np.einsum("fij,fj->fi", ending.inverse, moments) + ending.offset
+        inside = np.all((theta >= self.lower) & (theta <= self.upper), axis=1)
+        fall = (moments - np.einsum("fij,fj->fi", self.grams, theta)) / self._reach
+        most = OPTIMAL * np.abs(moments / self._reach).max(axis=1, initial=0.0)
+        ended = left & inside & ((fall * ending.inward).max(axis=1, initial=0.0) <= most)
+        found[ended], left[ended] = theta[ended], False
+        if ended.any():
+            self._remember(held, int(ended.sum()))
+
+    def _remember(self, held: Mask, count: int) -> None:
+        """In front where most of the problems end so, else behind the first."""
+        others = [e for e in self.ends if not np.array_equal(e, held)]
+        place = 0 if 2 * count > len(self.grams) else 1
+        self.ends[:] = [*others[:place], held, *others[place:]][:KEPT_ENDS]
+
+    @cached_property
+    def _reach(self) -> Array:
+        """(F, K) sizes of the columns; infinite for those of none."""
+        square = np.diagonal(self.grams, axis1=1, axis2=2)
+        return np.sqrt(np.where(square > 0, square, np.inf))
+
+    @cached_property
+    def _told(self) -> Mask:
+        """(K,) coefficients of which any of the problems says something."""
+        told: Mask = (self.lower < self.upper) & np.isfinite(self._reach).any(axis=0)
+        return told
+
+    @cached_property
+    def _least_pivot(self) -> float:
+        """Of all that is told; 0 where the problems are not alike."""
+        return self._pivot(self._told) if np.all(np.isfinite(self._reach[:, self._told])) else 0.0
+
+    def _pivot(self, part: Mask) -> float:
+        """The least of the Cholesky factors of some coefficients, of a part no less than of all; 0 where one of the
+        matrices is not positive."""
+        try:
+            factors = np.linalg.cholesky(self._scaled(part))
+        except np.linalg.LinAlgError:
+            return 0.0
+        return float(np.diagonal(factors, axis1=1, axis2=2).min(initial=1.0))
+
+    def _scaled(self, part: Mask) -> Array:
+        """Of some coefficients, with unit diagonals: (F, K', K')."""
+        size = self._reach[:, part]
+        found: Array = self.grams[:, part][:, :, part] / (size[:, :, None] * size[:, None])
+        return found
+
+    @cached_property
+    def _endings(self) -> dict[bytes, _Ending | None]:
+        return {}
+
+    def _ending(self, held: Mask) -> _Ending | None:
+        key = held.tobytes()
+        if key not in self._endings:
+            self._endings[key] = self._made(held & self._told, self._told & ~held)
+        return self._endings[key]
+
+    def _made(self, held: Mask, free: Mask) -> _Ending | None:
+        """None where it is not told on which bound one of them is held, or where something may be unseen."""
+        low = np.isfinite(self.lower)
+        least = self._least_pivot
+        if np.any(held & (low == np.isfinite(self.upper))) or least == 0:
+            return None
+        if least <= WELL_POSED and self._pivot(free) <= WELL_POSED:
+            return None
+        inverse, size, solved = np.zeros_like(self.grams), self._reach[:, free], np.linalg.inv(self._scaled(free))
+        inverse[:, np.outer(free, free)] = (solved / (size[:, :, None] * size[:, None])).reshape(len(inverse), -1)
+        at = np.where(held, np.where(low, self.lower, self.upper), np.clip(0.0, self.lower, self.upper))
+        at[free] = 0.0
+        offset = at - np.einsum("fij,fj->fi", inverse, self.grams @ at)
+        return _Ending(inverse, offset, np.where(held, np.where(low, 1.0, -1.0), 0.0))
+
+
+@dataclass(frozen=True)
+class _Ending:
+    """Of some coefficients on their bounds: solutions are inverse (F, K, K) @ moments + offset (F, K); inward (K,) is
+    which way off the bound, 0 for those that are free."""
+
+    inverse: Array
+    offset: Array
+    inward: Array

@@ -1,0 +1,1 @@
+"""Identified arms for other programs: base parameters become bodies that can be."""

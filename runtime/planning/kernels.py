@@ -1,0 +1,183 @@
+"""The blocks of a program in numbers, place by place, and what a solver of dense systems needs of them.
+
+A block's place sees few numbers z of the unknowns x, so that a sum over places of Gᵀ Σ G is formed in z, where it is
+as small as the Hessian is, and goes to x together with it: the many rows of constraints cost next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.planning.blocks import ProgramBlock
+
+Array = NDArray[np.float64]
+
+
+class Batch:
+    """A CasADi function at N places at once, without copies: inputs (size, N), outputs (N, size), dense."""
+
+    def __init__(self, function: ca.Function, count: int) -> None:
+        symbols = [ca.SX.sym("in", *function.size_in(i)) for i in range(function.n_in())]
+        dense = ca.Function("dense", symbols, [ca.densify(result) for result in function.call(symbols)])
+        mapped = dense.map(count)
+        self._buffer, self._call = mapped.buffer()
+        sizes = [function.size_in(i) for i in range(function.n_in())]
+        self.inputs = [np.zeros((count, rows * columns)) for rows, columns in sizes]
+        shapes = [function.size_out(i) for i in range(function.n_out())]
+        # Column-major, as CasADi counts: the columns of one place after another.
+        self.outputs = [np.zeros((count, columns, rows)) for rows, columns in shapes]
+        give: Any = self._buffer
+        for i, given in enumerate(self.inputs):
+            give.set_arg(i, memoryview(given.data))
+        for i, result in enumerate(self.outputs):
+            give.set_res(i, memoryview(result.data))
+
+    def __call__(self) -> list[Array]:
+        """Of the inputs as they stand; the arrays are written anew by the next call."""
+        self._call()
+        return self.outputs
+
+
+@dataclass(frozen=True)
+class PlacedBlock:
+    """A block with its places as dense arrays: unknowns (k,) of x that it sees, maps (N, nz, k) from them to z."""
+
+    block: ProgramBlock
+
+    @cached_property
+    def unknowns(self) -> NDArray[np.int64]:
+        return np.unique(self.block.places.indices).astype(np.int64)
+
+    @cached_property
+    def maps(self) -> Array:
+        dense = self.block.places[:, self.unknowns].toarray()
+        return np.ascontiguousarray(
+            dense.reshape(self.block.count, self.block.expression.z.numel(), len(self.unknowns))
+        )
+
+    @cached_property
+    def _flat(self) -> Array:
+        return self.maps.reshape(-1, len(self.unknowns))
+
+    @cached_property
+    def _value(self) -> Batch:
+        return Batch(self.block.expression.value, self.block.count)
+
+    @cached_property
+    def _slope(self) -> Batch:
+        return Batch(self.block.expression.slope, self.block.count)
+
+    @cached_property
+    def _curvature(self) -> Batch:
+        return Batch(self.block.expression.curvature, self.block.count)
+
+    def seen(self, x: Array) -> Array:
+        """(N, nz) z at every place."""
+        return (self._flat @ x[self.unknowns]).reshape(self.block.count, -1)
+
+    def value(self, x: Array, p: Array) -> tuple[float, Array]:
+        """Cost, and rows (N, rows)."""
+        batch = self._value
+        batch.inputs[0][:], batch.inputs[1][:] = self.seen(x), p
+        cost, rows = batch()
+        return float(self.block.weights @ cost.ravel()), rows.reshape(self.block.count, -1).copy()
+
+    def slope(self, x: Array, p: Array) -> tuple[Array, Array]:
+        """Gradient (N, nz) of the weighted cost, and G (N, rows, nz) of the rows, both by z."""
+        batch = self._slope
+        batch.inputs[0][:], batch.inputs[1][:] = self.seen(x), p
+        gradient, jacobian = batch()
+        return self.block.weights[:, None] * gradient[:, 0], np.ascontiguousarray(jacobian.transpose(0, 2, 1))
+
+    def curvature(self, x: Array, p: Array, scale: float, y: Array) -> Array:
+        """(N, nz, nz) of scale · cost + y (N, rows) · rows."""
+        batch = self._curvature
+        batch.inputs[0][:], batch.inputs[1][:] = self.seen(x), p
+        batch.inputs[2][:], batch.inputs[3][:] = scale * self.block.weights[:, None], y
+        return batch()[0]
+
+    def add_transposed(self, total: Array, v: Array) -> None:
+        """Adds what v (N, nz), by z, is by x."""
+        total[self.unknowns] += v.ravel() @ self._flat
+
+    def add_congruence(self, total: Array, m: Array) -> None:
+        """Adds what m (N, nz, nz), by z twice, is by x."""
+        whole = self._flat.T @ (m @ self.maps).reshape(-1, len(self.unknowns))
+        total[np.ix_(self.unknowns, self.unknowns)] += whole
+
+    def ahead(self, dx: Array) -> Array:
+        """(N, nz) by how much z changes with x."""
+        return (self._flat @ dx[self.unknowns]).reshape(self.block.count, -1)
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """All blocks of a program. Rows stand in one vector, block after block, place after place."""
+
+    blocks: tuple[PlacedBlock, ...]
+    size: int
+
+    @classmethod
+    def of(cls, blocks: Sequence[ProgramBlock]) -> Kernels:
+        return cls(tuple(PlacedBlock(b) for b in blocks), blocks[0].places.shape[1])
+
+    @cached_property
+    def _ends(self) -> list[slice]:
+        ends = np.cumsum([0, *(b.block.expression.rows.numel() * b.block.count for b in self.blocks)]).tolist()
+        return [slice(a, b) for a, b in pairwise(ends)]
+
+    def value(self, x: Array, p: Array) -> tuple[float, Array]:
+        """Cost, and all rows (m,)."""
+        parts = [block.value(x, p) for block in self.blocks]
+        return sum(cost for cost, _ in parts), np.concatenate([rows.ravel() for _, rows in parts])
+
+    def slope(self, x: Array, p: Array) -> tuple[Array, list[Array]]:
+        """Gradient (nx,) of the cost; of each block, the Jacobian of its rows by z."""
+        gradient, jacobians = np.zeros(self.size), []
+        for block in self.blocks:
+            slope, jacobian = block.slope(x, p)
+            block.add_transposed(gradient, slope)
+            jacobians.append(jacobian)
+        return gradient, jacobians
+
+    def condensed(self, x: Array, p: Array, jacobians: Sequence[Array], scale: float, y: Array, sigma: Array) -> Array:
+        """(nx, nx): Hessian of scale · cost + y · rows, and Jᵀ diag(sigma) J."""
+        total = np.zeros((self.size, self.size))
+        for block, G, place in zip(self.blocks, jacobians, self._ends, strict=True):
+            own = G.shape[:2]
+            m = block.curvature(x, p, scale, y[place].reshape(own))
+            m = m + G.transpose(0, 2, 1) @ (sigma[place].reshape(own)[:, :, None] * G)
+            block.add_congruence(total, m)
+        return total
+
+    def transposed(self, jacobians: Sequence[Array], y: Array) -> Array:
+        """(nx,) Jᵀ y."""
+        total = np.zeros(self.size)
+        for block, G, place in zip(self.blocks, jacobians, self._ends, strict=True):
+            own = y[place].reshape(G.shape[:2])
+            block.add_transposed(total, np.einsum("nr,nrz->nz", own, G))
+        return total
+
+    def ahead(self, jacobians: Sequence[Array], dx: Array) -> Array:
+        """(m,) J dx."""
+        parts = zip(self.blocks, jacobians, strict=True)
+        return np.concatenate([np.einsum("nrz,nz->nr", G, block.ahead(dx)).ravel() for block, G in parts])
+
+    def chosen(self, jacobians: Sequence[Array], rows: NDArray[np.bool_]) -> Array:
+        """(k, nx) rows of J that are chosen, dense."""
+        found = []
+        for block, G, place in zip(self.blocks, jacobians, self._ends, strict=True):
+            at, which = np.nonzero(rows[place].reshape(G.shape[:2]))
+            if len(at):
+                dense = np.zeros((len(at), self.size))
+                dense[:, block.unknowns] = np.einsum("kz,kzu->ku", G[at, which], block.maps[at])
+                found.append(dense)
+        return np.concatenate(found) if found else np.zeros((0, self.size))

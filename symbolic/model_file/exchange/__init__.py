@@ -1,0 +1,1 @@
+"""Arms of other programs: URDF and MJCF in and out."""

@@ -1,0 +1,306 @@
+"""A serial arm out of a tree: from a base link to a tip, with fixed and locked joints merged into bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from symbolic.model_file.arm import Frame
+from symbolic.model_file.checks import ModelError, Place, nearest, printable, quote
+from symbolic.model_file.exchange.bodies import StatedBody, placed, together
+from symbolic.model_file.exchange.tree import MOVING, Tree, TreeJoint
+from symbolic.model_file.frames import (
+    about,
+    angles,
+    composed,
+    principal_moments,
+    scaled,
+)
+from symbolic.model_file.keys import MAX_JOINTS
+from symbolic.model_file.physics import SLACK
+from symbolic.model_file.snapping import Snapping
+
+LISTED = 8
+"""Names in a message; of more, the number is said."""
+LONGEST = 60
+"""Letters of a name in a message."""
+COMPARED = 1000
+"""Names that a mistyped one is compared with, of a file that may have any number."""
+
+
+@dataclass(frozen=True)
+class ChainJoint:
+    """A joint of the arm: as the tree has it, its origin in the frame of the joint before, and the body that it moves.
+
+    body     None: not known     links   those whose bodies it is
+    doubt    why a stated inertia was not taken, or ""
+    """
+
+    joint: TreeJoint
+    origin: Frame
+    body: StatedBody | None
+    links: tuple[str, ...]
+    doubt: str = ""
+
+    @property
+    def type(self) -> Literal["revolute", "prismatic"]:
+        return MOVING[self.joint.kind]
+
+
+@dataclass(frozen=True)
+class TreeChain:
+    """A serial arm between two links; held: moving joints off its way, which stand still with it."""
+
+    tree: Tree
+    base: str
+    tip_link: str
+    joints: tuple[ChainJoint, ...]
+    tip: Frame
+    held: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, float]) -> TreeChain:
+    """The arm from the link `base` (None: the root) to the link `tip` (None: the only end).
+
+    locked   joint -> where it is held, rad or m
+    Raises ModelError, which says what to ask for instead.
+    """
+    above, below = tree.above(), tree.below()
+    _check_locks(tree, locked)
+    root = _root(tree, above) if base is None else _link(tree, base, "--base")
+    end, note = (_link(tree, tip, "--tip"), "") if tip is not None else _only_end(tree, root, below, locked)
+    way = _way(tree, above, root, end)
+    moving = [joint for joint in way if joint.kind != "fixed" and joint.name not in locked]
+    for joint in moving:
+        _check_moves(tree, joint)
+    if not 1 <= len(moving) <= MAX_JOINTS:
+        _fail_count(tree, root, end, moving)
+    snapping = Snapping()
+    snapped = {joint.name: _snapped(tree, joint, snapping) for joint in tree.joints.values()}
+    way = [snapped[joint.name] for joint in way]
+    below = {link: [snapped[joint.name] for joint in joints] for link, joints in below.items()}
+    made = _assembled(tree, root, end, way, below, locked)
+    used = {joint.name for joint in way} | {above[link].name for joint in made.joints for link in joint.links}
+    snapping.only({_place(name) for name in used})
+    return replace(made, notes=(*([note] if note else []), *snapping.notes()))
+
+
+# --- which links ---
+
+
+def _check_locks(tree: Tree, locked: Mapping[str, float]) -> None:
+    for name in locked:
+        joint = tree.joints.get(name)
+        if joint is None:
+            raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, tree.joints)}")
+        if joint.kind not in MOVING:
+            raise ModelError(f"{tree.file}: --lock {name}: the joint is {joint.kind}; only {_or(MOVING)} can be locked")
+
+
+def _link(tree: Tree, name: str, option: str) -> str:
+    if name not in tree.links:
+        raise ModelError(f"{tree.file}: {option} {shortened(name)}: no such link; {_meant(name, tree.links)}")
+    return name
+
+
+def _root(tree: Tree, above: Mapping[str, TreeJoint]) -> str:
+    roots = [name for name in tree.links if name not in above]
+    if len(roots) > 1:
+        raise ModelError(
+            f"{tree.file}: {len(roots)} links hang on no other: {some(roots)}; say where the arm begins: --base LINK"
+        )
+    return roots[0]
+
+
+def _only_end(
+    tree: Tree, root: str, below: Mapping[str, Sequence[TreeJoint]], locked: Mapping[str, float]
+) -> tuple[str, str]:
+    """The link at which the arm ends, and a note where others end with it: they differ by fixed joints only. Frames on
+    the way, behind which something moves, are no ends."""
+    ends: dict[str, list[str]] = {}
+    passed = {""}
+    todo: list[tuple[str, str]] = [(root, "")]
+    while todo:
+        link, last = todo.pop()
+        if not below[link]:
+            ends.setdefault(last, []).append(link)
+        for joint in reversed(below[link]):
+            moves = joint.kind != "fixed" and joint.name not in locked
+            todo.append((joint.child, joint.name if moves else last))
+            if moves:
+                passed.add(last)
+    outermost = [links for joint, links in ends.items() if joint not in passed]
+    if not outermost:
+        raise ModelError(f"{tree.file}: nothing moves beyond {quote(root)}; say where the arm begins: --base LINK")
+    if len(outermost) > 1:
+        names = [link for joint, links in ends.items() if joint for link in links]
+        raise ModelError(
+            f"{tree.file}: from {quote(root)} one comes to {len(names)} ends: {some(names)}; say which: --tip LINK"
+        )
+    (links,) = outermost
+    order = list(tree.links)
+    links = sorted(links, key=lambda link: (link != TOOL, order.index(link)))
+    others = f"; {some(links[1:])} {'ends' if len(links) == 2 else 'end'} at the same joint" if links[1:] else ""
+    return links[0], f"the arm ends at {links[0]}{others} (--tip LINK for another)" if others else ""
+
+
+TOOL = "tool0"
+"""What drivers of industrial arms call the flange (ROS-Industrial, REP-199)."""
+
+
+def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> list[TreeJoint]:
+    """The joints from the base to the tip."""
+    way: list[TreeJoint] = []
+    link = tip
+    while link != base:
+        if link not in above or len(way) > len(tree.joints):
+            raise ModelError(
+                f"{tree.file}: {quote(tip)} does not lie beyond {quote(base)}; expected a --tip that hangs, joint by "
+                "joint, on the --base"
+            )
+        way.append(above[link])
+        link = above[link].parent
+    return way[::-1]
+
+
+def _check_moves(tree: Tree, joint: TreeJoint) -> None:
+    place = f"{tree.file}: joint {quote(joint.name)}"
+    if joint.mimics is not None:
+        raise ModelError(
+            f"{place} follows {quote(joint.mimics)} (mimic), which an arm's joint cannot; hold it: --lock "
+            f"{joint.name}=VALUE, or end before it: --tip {joint.parent}"
+        )
+    if joint.kind not in MOVING:
+        raise ModelError(
+            f"{place} is {joint.kind}; an arm has {_or(MOVING)} joints: begin behind it: --base {joint.child}, or end "
+            f"before it: --tip {joint.parent}"
+        )
+
+
+def _fail_count(tree: Tree, base: str, tip: str, moving: Sequence[TreeJoint]) -> None:
+    names = [joint.name for joint in moving]
+    if not names:
+        raise ModelError(
+            f"{tree.file}: nothing moves between {quote(base)} and {quote(tip)}; choose others with --base and --tip"
+        )
+    raise ModelError(
+        f"{tree.file}: {len(names)} joints move between {quote(base)} and {quote(tip)}: {some(names)}; expected at "
+        f"most {MAX_JOINTS}: hold some with --lock JOINT=VALUE, or begin later or end earlier with --base and --tip"
+    )
+
+
+# --- what moves with what ---
+
+
+def _place(name: str) -> str:
+    return f"joint {shortened(name)}"
+
+
+def _snapped(tree: Tree, joint: TreeJoint, snapping: Snapping) -> TreeJoint:
+    """With exact quarter turns before anything is computed from them."""
+    where = _place(joint.name)
+    axis = snapping.axis(Place(tree.file, where), where, joint.axis) if joint.kind in MOVING else joint.axis
+    return replace(joint, origin=snapping.frame(where, joint.origin), axis=axis)
+
+
+def _assembled(
+    tree: Tree,
+    base: str,
+    tip: str,
+    way: Sequence[TreeJoint],
+    below: Mapping[str, Sequence[TreeJoint]],
+    locked: Mapping[str, float],
+) -> TreeChain:
+    made: list[ChainJoint] = []
+    held: list[str] = []
+    on_the_way = {joint.name for joint in way}
+    origin = Frame()
+    for joint in way:
+        origin = composed(origin, _origin(joint, locked))
+        if joint.kind == "fixed" or joint.name in locked:
+            continue
+        carried = list(_carried(joint.child, below, locked, on_the_way, held))
+        made.append(_chain_joint(tree, joint, origin, carried))
+        origin = Frame()
+    return TreeChain(tree, base, tip, tuple(made), origin, tuple(held))
+
+
+def _origin(joint: TreeJoint, locked: Mapping[str, float]) -> Frame:
+    """Of the child's frame where the joint is held, or at 0."""
+    value = locked.get(joint.name, 0.0)
+    if not value or joint.kind not in MOVING:
+        return joint.origin
+    if MOVING[joint.kind] == "prismatic":
+        along = scaled(value / math.hypot(*joint.axis), joint.axis)
+        return composed(joint.origin, Frame(along))
+    return composed(joint.origin, Frame(rpy=angles(about(joint.axis, value))))
+
+
+def _carried(
+    link: str,
+    below: Mapping[str, Sequence[TreeJoint]],
+    locked: Mapping[str, float],
+    on_the_way: set[str],
+    held: list[str],
+) -> Iterator[tuple[str, Frame]]:
+    """The links that move rigidly with one, itself first, and where they stand in its frame; `held` gets the moving
+    joints that are held for it."""
+    todo = [(link, Frame())]
+    while todo:
+        name, frame = todo.pop()
+        yield name, frame
+        for joint in below[name]:
+            moves = joint.kind != "fixed" and joint.name not in locked
+            if moves and joint.name in on_the_way:
+                continue
+            if moves:
+                held.append(joint.name)
+            todo.append((joint.child, composed(frame, _origin(joint, locked))))
+
+
+def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[tuple[str, Frame]]) -> ChainJoint:
+    """The bodies of what it carries as one; not known where its own link is drawn, but says nothing of its mass."""
+    links = tuple(name for name, _ in carried)
+    bodies, silent = [], []
+    for name, frame in carried:
+        link = tree.links[name]
+        if link.body is not None and not link.body.is_nothing:
+            bodies.append(placed(link.body, frame))
+        elif link.solid:
+            silent.append(name)
+    if joint.child in silent or (not bodies and tree.links[joint.child].body is None):
+        return ChainJoint(joint, origin, None, links)
+    body = together(bodies)
+    small, _, large = principal_moments(body.inertia)
+    if small < -SLACK * abs(large) or large < 0:
+        doubt = f"the inertia of {some(links)} has the principal moment {small:.3g} kg m^2, which no body has"
+        return ChainJoint(joint, origin, body, links, doubt)
+    return ChainJoint(joint, origin, body, links)
+
+
+# --- words ---
+
+
+def _or(words: Mapping[str, str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} or {last}"
+
+
+def _meant(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = nearest(name, names[:COMPARED])
+    return f"did you mean {quote(close)}?" if close else f"it has {some(names)}"
+
+
+def shortened(name: str) -> str:
+    """A name within a line."""
+    return printable(name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}...")
+
+
+def some(names: Sequence[str]) -> str:
+    """Names in a message, not all of very many."""
+    shown = ", ".join(shortened(name) for name in names[:LISTED])
+    return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more"

@@ -1,0 +1,231 @@
+"""An arm for other programs: what their files can say of it, and what they cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean, median
+from typing import TYPE_CHECKING, Any, Literal
+
+from symbolic.model_file.arm import Arm, Frame, Joint, SpatialArm, SpatialJoint, SpatialLink, Values
+from symbolic.model_file.exchange.bodies import Inertia, StatedBody, about_point
+from symbolic.model_file.frames import Vector, scaled
+from symbolic.model_file.snapping import listed
+
+if TYPE_CHECKING:
+    from symbolic.effects.declaration import Effect
+
+Language = Literal["urdf", "mjcf"]
+WORDS: Mapping[Language, tuple[str, ...]] = {
+    "urdf": ("damping", "friction"),
+    "mjcf": ("damping", "friction", "stiffness", "rest"),
+}
+"""What a file can say of a joint's effects; see DescribedParameter.abroad."""
+DOWN = (0.0, 0.0, -9.81)
+"""m/s²; where a URDF is loaded, gravity is this."""
+SLENDER, LEAST_RADIUS, USUAL_MASS = 8.0, 0.04, 1.0
+"""A body of which nothing is known: a cylinder from its joint to the next, that many times as long as its radius in m,
+of the other bodies' usual mass in kg."""
+
+
+@dataclass(frozen=True)
+class ExportedJoint:
+    """A joint as it is written; dynamics: by the words of the format."""
+
+    name: str
+    joint: SpatialJoint
+    body: StatedBody
+    rotor: float
+    dynamics: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class ExportedArm:
+    """unsaid: what the format has no words for, an item each."""
+
+    arm: SpatialArm
+    joints: tuple[ExportedJoint, ...]
+    unsaid: tuple[str, ...]
+
+
+class _Unsaid:
+    """What a format has no words for, joints together."""
+
+    def __init__(self) -> None:
+        self._places: dict[tuple[str, str], list[str]] = {}
+
+    def add(self, effect: str, joint: int, how: str = "") -> None:
+        self._places.setdefault((effect, how), []).append(f"joint {joint}")
+
+    def lines(self) -> list[str]:
+        return [f"{effect} at {listed(places)}{how}" for (effect, how), places in self._places.items()]
+
+
+def exported(
+    arm: Arm | SpatialArm,
+    library: Mapping[str, Effect],
+    language: Language,
+    bodies: Sequence[StatedBody],
+    rotors: Sequence[float],
+) -> ExportedArm:
+    """The arm with full bodies, and its effects as far as the format goes.
+
+    bodies   in their joints' frames, possible ones     rotors   inertias at the output
+    """
+    spatial = in_space(arm)
+    missing = _Unsaid()
+    joints = []
+    for k, (joint, body, rotor) in enumerate(zip(spatial.joints, bodies, rotors, strict=True), 1):
+        said = _dynamics(joint.effects, library, language, k, missing)
+        joints.append(ExportedJoint(joint.name or f"joint{k}", joint, body, rotor, said))
+    unsaid = [*missing.lines(), *(f"{name} of the arm" for name in arm.effects)]
+    if arm.contact is not None:
+        unsaid.append("the contact with a plate")
+    if language == "urdf":
+        turning = [f"joint {k}" for k, rotor in enumerate(rotors, 1) if rotor]
+        unsaid += [f"rotor_inertia of {listed(turning)}"] if turning else []
+        unsaid += [f"gravity {list(spatial.gravity)}: loaders take {list(DOWN)}"] if spatial.gravity != DOWN else []
+    return ExportedArm(spatial, tuple(joints), tuple(unsaid))
+
+
+def _dynamics(
+    effects: Mapping[str, Values], library: Mapping[str, Effect], language: Language, joint: int, unsaid: _Unsaid
+) -> dict[str, float]:
+    """What the format says of a joint's effects, by its words; the rest is told to `unsaid`."""
+    said: dict[str, float] = {}
+    for name, values in effects.items():
+        words = {p.name: p.abroad for p in library[name].parameters} if name in library else {}
+        if not words or not set(words.values()) <= set(WORDS[language]):
+            unsaid.add(name, joint)
+            continue
+        if not words.keys() <= values.keys():
+            unsaid.add(name, joint, ": its values are not known")
+            continue
+        for word in dict.fromkeys(words.values()):
+            stated = [values[key] for key, other in words.items() if other == word]
+            said[word] = said.get(word, 0.0) + fmean(stated)
+            if len(set(stated)) > 1:
+                unsaid.add(name, joint, " in each direction: the mean of both is written")
+    return said
+
+
+# --- the arm in space ---
+
+
+def in_space(arm: Arm | SpatialArm) -> SpatialArm:
+    """The same arm; the plane of a planar one is that of x and y, its axes along z."""
+    if isinstance(arm, SpatialArm):
+        return arm
+    lengths = [0.0, *(joint.link.length for joint in arm.joints)]
+    joints = tuple(_in_space(joint, length) for joint, length in zip(arm.joints, lengths, strict=False))
+    gx, gy = arm.gravity
+    return SpatialArm(
+        arm.name, (gx, gy, 0.0), joints, effects=arm.effects, contact=arm.contact, tip=Frame((lengths[-1], 0.0, 0.0))
+    )
+
+
+def _in_space(joint: Joint, length: float) -> SpatialJoint:
+    """A joint behind a link of that length. A planar inertia is one about z; across, it is taken to be as large."""
+    com, inertia = joint.link.com, joint.link.inertia
+    link = SpatialLink(
+        joint.link.mass,
+        None if com is None else (*com, 0.0),
+        None if inertia is None else (inertia, 0.0, 0.0, inertia, 0.0, inertia),
+    )
+    return SpatialJoint(
+        type=joint.type,
+        rotor_inertia=joint.rotor_inertia,
+        gear_ratio=joint.gear_ratio,
+        limits=joint.limits,
+        effects=joint.effects,
+        name=joint.name,
+        axis=(0.0, 0.0, 1.0) if joint.type == "revolute" else (1.0, 0.0, 0.0),
+        origin=Frame((length, 0.0, 0.0)),
+        link=link,
+    )
+
+
+# --- bodies ---
+
+
+def reference(arm: SpatialArm) -> tuple[list[StatedBody], list[float]]:
+    """Every body and rotor as the file has it, and a likely one where it says nothing."""
+    masses = [joint.link.mass for joint in arm.joints if joint.link.mass]
+    usual = median(masses) if masses else USUAL_MASS
+    ends = [*(joint.origin.xyz for joint in arm.joints[1:]), arm.tip.xyz]
+    bodies = [_likely(joint.link, end, usual) for joint, end in zip(arm.joints, ends, strict=True)]
+    rotors = [
+        _turning(body, joint) if joint.rotor_inertia is None else joint.rotor_inertia
+        for joint, body in zip(arm.joints, bodies, strict=True)
+    ]
+    return bodies, rotors
+
+
+def _likely(link: SpatialLink, end: Vector, usual: float) -> StatedBody:
+    """The body of a link that reaches to `end`."""
+    mass = usual if link.mass is None else link.mass
+    com = scaled(0.5, end) if link.com is None else link.com
+    return StatedBody(mass, com, _cylinder(mass, end) if link.inertia is None else link.inertia)
+
+
+def _cylinder(mass: float, end: Vector) -> Inertia:
+    """A solid one along the vector from the joint to `end`, about its centre."""
+    length = math.hypot(*end)
+    radius = max(LEAST_RADIUS, length / SLENDER)
+    along, across = mass * radius**2 / 2, mass * (3 * radius**2 + length**2) / 12
+    x, y, z = scaled(1 / length, end) if length else (0.0, 0.0, 1.0)
+    d = along - across
+    return across + d * x * x, d * x * y, d * x * z, across + d * y * y, d * y * z, across + d * z * z
+
+
+def _turning(body: StatedBody, joint: SpatialJoint) -> float:
+    """An inertia like that of the body that the rotor moves: gears are chosen so (Pasch & Seering 1984)."""
+    if joint.type == "prismatic":
+        return body.mass or USUAL_MASS
+    moments = about_point(body, (0.0, 0.0, 0.0))
+    return (moments[0] + moments[3] + moments[5]) / 3 or USUAL_MASS * LEAST_RADIUS**2
+
+
+def parameters(body: StatedBody) -> list[float]:
+    """m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin."""
+    return [body.mass, *scaled(body.mass, body.com), *about_point(body, (0.0, 0.0, 0.0))]
+
+
+def body_of(values: Sequence[float]) -> StatedBody:
+    """The body with these ten parameters."""
+    mass, (x, y, z) = values[0], (float(h) / float(values[0]) for h in values[1:4])
+    xx, xy, xz, yy, yz, zz = (float(value) for value in values[4:])
+    m = float(mass)
+    inertia = (
+        xx - m * (y * y + z * z),
+        xy + m * x * y,
+        xz + m * x * z,
+        yy - m * (x * x + z * z),
+        yz + m * y * z,
+        zz - m * (x * x + y * y),
+    )
+    return StatedBody(m, (x, y, z), inertia)
+
+
+def document(made: ExportedArm, missing: float) -> dict[str, Any]:
+    """What was written, as JSON; missing: rms of the torque that the bodies miss, as a part of the torque's."""
+    return {
+        "name": made.arm.name,
+        "missing": missing,
+        "gravity": list(made.arm.gravity),
+        "joints": [
+            {
+                "joint": k,
+                "name": joint.name,
+                "type": joint.joint.type,
+                "mass": joint.body.mass,
+                "com": list(joint.body.com),
+                "inertia": list(joint.body.inertia),
+                "rotor_inertia": joint.rotor,
+                **{word: joint.dynamics.get(word) for word in WORDS["mjcf"]},
+            }
+            for k, joint in enumerate(made.joints, 1)
+        ],
+        "unsaid": list(made.unsaid),
+    }

@@ -1,0 +1,272 @@
+"""A model file out of a robot's description in URDF or MJCF: what it states is kept, what it leaves out is unknown."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLink, Values
+from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
+from symbolic.model_file.exchange import model_text, urdf, xml_file
+from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, shortened, some
+from symbolic.model_file.exchange.tree import Tree
+from symbolic.model_file.reader import parse
+from symbolic.model_file.snapping import listed
+
+if TYPE_CHECKING:
+    from symbolic.effects.declaration import Effect
+
+DOWN = (0.0, 0.0, -9.81)
+"""m/s²; where a file says nothing of gravity: URDF's z points up by convention (REP 103)."""
+
+
+@dataclass(frozen=True)
+class ImportedArm:
+    """text: the model file; arm: what it says; notes: what a person should know of it, a line each."""
+
+    text: str
+    arm: SpatialArm
+    chain: TreeChain
+    notes: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """What was made, as JSON."""
+        return {
+            "name": self.arm.name,
+            "language": self.chain.tree.language,
+            "base": self.chain.base,
+            "tip": self.chain.tip_link,
+            "gravity": list(self.arm.gravity),
+            "joints": [
+                {
+                    "joint": k,
+                    "name": joint.name,
+                    "type": joint.type,
+                    "links": list(found.links),
+                    "mass": joint.link.mass,
+                    "limits": asdict(joint.limits),
+                    "unknown": list(joint.unknown),
+                    "effects": {name: dict(values) for name, values in joint.effects.items()},
+                }
+                for k, (joint, found) in enumerate(zip(self.arm.joints, self.chain.joints, strict=True), 1)
+            ],
+            "held": list(self.chain.held),
+            "notes": list(self.notes),
+        }
+
+
+def imported(
+    path: Path,
+    library: Mapping[str, Effect],
+    base: str | None = None,
+    tip: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    friction: bool = True,
+) -> ImportedArm:
+    """The arm from one link to another of a URDF or MJCF file.
+
+    library    the effects by name
+    base, tip  links; None: the root, and the only end     locked   joint -> where it is held, rad or m
+    friction   the effects that every joint is assumed to have, their values unknown where the file states none
+    Raises ModelError: one line that names the file and what to ask for instead.
+    """
+    tree = read_tree(path)
+    found = chain(tree, base, tip, locked or {})
+    notes = [*tree.notes, *found.notes]
+    effects, beside = _effects(found, library, friction, notes)
+    arm = _arm(found, path, effects, notes)
+    gears = ["" if joint.joint.gear is not None else "not stated" for joint in found.joints]
+    gravity = (
+        "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.base)} is taken to point up"
+    )
+    text = model_text.text(arm, _head(found, path), gravity, gears, beside)
+    made = parse(text, path.name, library)
+    assert isinstance(made, SpatialArm)
+    return ImportedArm(text, made, found, (*notes, *made.notes))
+
+
+def read_tree(path: Path) -> Tree:
+    """The links and joints of a file, by what it contains and not by its name. Raises ModelError."""
+    root = xml_file.read(path)
+    if root.tag == "robot":
+        return urdf.tree(root)
+    if root.tag == "mujoco":
+        from symbolic.model_file.exchange import mjcf
+
+        return mjcf.tree(path)
+    return root.fail(f"its root is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
+
+
+def _head(found: TreeChain, path: Path) -> list[str]:
+    tree = found.tree
+    return [
+        f"{shortened(tree.name or path.stem)}, {shortened(found.base)} to {shortened(found.tip_link)}: made by tendon "
+        f"import from {shortened(path.name)} ({tree.language}).",
+        "What that does not state is left out, hence unknown: tendon identify MODEL RECORDING --write finds it.",
+    ]
+
+
+# --- the arm ---
+
+
+def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], notes: list[str]) -> SpatialArm:
+    names = unique(label_of(joint.joint.name) for joint in found.joints)
+    joints = []
+    for joint, name, active in zip(found.joints, names, effects, strict=True):
+        stated = joint.joint
+        joints.append(
+            SpatialJoint(
+                type=joint.type,
+                rotor_inertia=stated.rotor,
+                gear_ratio=1.0 if stated.gear is None else stated.gear,
+                limits=Limits(stated.position, stated.speed, stated.torque),
+                effects=active,
+                name=name,
+                axis=stated.axis,
+                origin=joint.origin,
+                link=_link(joint),
+            )
+        )
+    notes += _left_out(found)
+    gravity = DOWN if found.tree.gravity is None else found.tree.gravity
+    return SpatialArm(arm_name(found.tree.name, path), gravity, tuple(joints), tip=found.tip)
+
+
+def _link(joint: ChainJoint) -> SpatialLink:
+    if joint.body is None:
+        return SpatialLink()
+    if joint.doubt:
+        return SpatialLink(joint.body.mass, joint.body.com)
+    return SpatialLink(joint.body.mass, joint.body.com, joint.body.inertia)
+
+
+def _left_out(found: TreeChain) -> list[str]:
+    """What the file does not state, and what was not taken from it."""
+    notes = [f"{joint.doubt}: left out, hence unknown" for joint in found.joints if joint.doubt]
+    if found.held:
+        notes.append(
+            f"{some(found.held)} {'moves' if len(found.held) == 1 else 'move'} off the arm's way and {_is(found.held)} "
+            "held at 0, with what hangs there (--lock JOINT=VALUE for another place)"
+        )
+    for what, missing in (
+        ("mass, centre and inertia", [joint.body is None for joint in found.joints]),
+        ("the rotor's inertia", [joint.joint.rotor is None for joint in found.joints]),
+    ):
+        if any(missing):
+            notes.append(f"{what} of {_joints(missing)}: not stated, hence unknown")
+    gearless = [joint.joint.gear in (None, 1.0) for joint in found.joints]
+    if any(gearless):
+        notes.append(
+            f"gear_ratio of {_joints(gearless)}: 1, since nothing else is stated; ripple, encoders and currents need "
+            "the true one"
+        )
+    return notes
+
+
+def _joints(which: Sequence[bool]) -> str:
+    """Which of the arm's joints, in words."""
+    return (
+        "all joints"
+        if all(which) and len(which) > 1
+        else listed([f"joint {k}" for k, is_it in enumerate(which, 1) if is_it])
+    )
+
+
+def _is(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"
+
+
+# --- friction and springs ---
+
+
+def _effects(
+    found: TreeChain, library: Mapping[str, Effect], friction: bool, notes: list[str]
+) -> tuple[list[dict[str, Values]], list[str]]:
+    """The effects of every joint, and what is said beside the first of them."""
+    assumed = [effect for effect in library.values() if effect.assumed and friction]
+    made: list[dict[str, Values]] = [{} for _ in found.joints]
+    placeholders = []
+    for effect in assumed:
+        words = {p.name: p.abroad for p in effect.parameters}
+        for word in dict.fromkeys(words.values()):
+            stated = [joint.joint.dynamics.get(word, 0.0) for joint in found.joints]
+            invented = is_placeholder(stated)
+            if invented:
+                placeholders.append(f"{word} = {max(stated):g}")
+            for values, value in zip(made, stated, strict=True):
+                known = {name: value for name, w in words.items() if w == word and value > 0 and not invented}
+                values.setdefault(effect.name, {}).update(known)
+    if placeholders:
+        notes.append(
+            f"{' and '.join(placeholders)}, where stated the same at every joint, looks like a placeholder: left out, "
+            "hence unknown"
+        )
+    for values, joint in zip(made, found.joints, strict=True):
+        values.update(_springs(joint.joint.dynamics, library))
+    beside = ["" if not values or any(values.values()) else "values unknown" for values in made]
+    return made, beside
+
+
+def _springs(stated: Mapping[str, float], library: Mapping[str, Effect]) -> dict[str, Values]:
+    """A spring beside the joint, where the file states a stiffness."""
+    if not stated.get(STIFFNESS):
+        return {}
+    spring = next(e for e in library.values() if any(p.abroad == STIFFNESS for p in e.parameters))
+    return {spring.name: {p.name: stated.get(p.abroad, 0.0) for p in spring.parameters}}
+
+
+STIFFNESS = "stiffness"
+"""What MJCF calls that of a joint's spring."""
+
+
+def is_placeholder(stated: Sequence[float]) -> bool:
+    """Whether values of several joints were typed to have some: all that are not 0 are equal, or a single one is a
+    power of ten."""
+    values = {value for value in stated if value}
+    if len(values) != 1:
+        return False
+    (value,) = values
+    power = math.log10(value)
+    return sum(map(bool, stated)) > 1 or abs(power - round(power)) < 1e-9
+
+
+# --- names ---
+
+
+def arm_name(name: str, path: Path) -> str:
+    """A C identifier like the robot's name, or else like the file's."""
+    for wanted in (name, path.stem, "arm"):
+        made = re.sub(r"[^A-Za-z0-9]+", "_", wanted).strip("_")[:MAX_NAME].rstrip("_")
+        for candidate in (made, f"arm_{made}"[:MAX_NAME]):
+            if made and _accepted(candidate):
+                return candidate
+    raise AssertionError("arm is a name")
+
+
+def _accepted(name: str) -> bool:
+    try:
+        identifier(Place(""), "name", name)
+    except ModelError:
+        return False
+    return not is_taken(name)
+
+
+def label_of(name: str) -> str:
+    """A joint's name with only the letters that the model file takes."""
+    return re.sub(r"[^A-Za-z0-9_ .:/()-]", "_", name).lstrip(" .:/()-")[:MAX_LABEL] or "joint"
+
+
+def unique(names: Iterable[str]) -> list[str]:
+    """The names, told apart where shortening has made them equal."""
+    made: list[str] = []
+    for name in names:
+        wanted, k = name, 1
+        while wanted in made:
+            k += 1
+            wanted = f"{name[: MAX_LABEL - 4]}_{k}"
+        made.append(wanted)
+    return made

@@ -1,0 +1,118 @@
+"""URDF read: links, joints and transmissions, without meshes, by the standard library's XML.
+
+Source: the specification at wiki.ros.org/urdf/XML; ros2_control for <mechanical_reduction>.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+from symbolic.model_file.arm import Frame
+from symbolic.model_file.checks import LARGEST, quote
+from symbolic.model_file.exchange.bodies import StatedBody, turned
+from symbolic.model_file.exchange.tree import Tree, TreeJoint, TreeLink
+from symbolic.model_file.exchange.xml_file import XmlNode
+
+Made = TypeVar("Made", TreeLink, TreeJoint)
+ZERO = (0.0, 0.0, 0.0)
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
+DYNAMICS = ("damping", "friction")
+
+
+def tree(root: XmlNode) -> Tree:
+    """The robot that a URDF describes. Raises ModelError."""
+    if any(node.tag.startswith("xacro:") for node in root.everything()):
+        root.fail("is a xacro template and no URDF yet; expand it first: xacro FILE > robot.urdf")
+    gears = _gears(root)
+    links = _named(root, "link", _link)
+    if not links:
+        root.fail("the robot has no <link>; expected links and joints")
+    joints = _named(root, "joint", lambda node: _joint(node, gears))
+    return Tree(root.file, "URDF", root.attributes.get("name", ""), links, joints)
+
+
+def _named(root: XmlNode, tag: str, made: Callable[[XmlNode], Made]) -> dict[str, Made]:
+    found: dict[str, Made] = {}
+    for node in root.all(tag):
+        name = node.word("name")
+        if name in found:
+            node.fail(f"a second <{tag}> is called {quote(name)}; expected a name of its own")
+        found[name] = made(node)
+    return found
+
+
+def _frame(node: XmlNode) -> Frame:
+    """<origin> of an element; where it is left out, the frame itself."""
+    origin = node.first("origin")
+    if origin is None:
+        return Frame()
+    x, y, z = origin.numbers("xyz", 3, ZERO)
+    roll, pitch, yaw = origin.numbers("rpy", 3, ZERO)
+    return Frame((x, y, z), (roll, pitch, yaw))
+
+
+def _link(node: XmlNode) -> TreeLink:
+    solid = any(node.first(tag) is not None for tag in ("visual", "collision"))
+    inertial = node.first("inertial")
+    return TreeLink(node.word("name"), None if inertial is None else _body(inertial), solid)
+
+
+def _body(inertial: XmlNode) -> StatedBody:
+    mass = inertial.needed("mass").number("value")
+    if mass < 0:
+        inertial.fail(f"<mass> value is {mass:g}; expected a mass of 0 kg or more")
+    stated, frame = inertial.first("inertia"), _frame(inertial)
+    xx, xy, xz, yy, yz, zz = (0.0 if stated is None else stated.number(key, 0.0) for key in MOMENTS)
+    return StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
+
+
+def _joint(node: XmlNode, gears: Mapping[str, float]) -> TreeJoint:
+    name, kind = node.word("name"), node.word("type")
+    parent, child = (node.needed(end).word("link") for end in ("parent", "child"))
+    axis, limit, dynamics, mimic = (node.first(tag) for tag in ("axis", "limit", "dynamics", "mimic"))
+    x, y, z = (1.0, 0.0, 0.0) if axis is None else axis.numbers("xyz", 3)
+    position, speed, torque = (None, None, None) if limit is None else _limits(limit, kind)
+    stated = {} if dynamics is None else {key: dynamics.number(key, 0.0) for key in DYNAMICS}
+    return TreeJoint(
+        name,
+        kind,
+        parent,
+        child,
+        _frame(node),
+        (x, y, z),
+        position,
+        speed,
+        torque,
+        {key: value for key, value in stated.items() if value},
+        gear=gears.get(name),
+        mimics=None if mimic is None else mimic.word("joint"),
+    )
+
+
+def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None]:
+    """Position, speed and torque; what is 0, infinite or as good as infinite is no limit."""
+    low, high = (limit.bound(key) or 0.0 for key in ("lower", "upper"))
+    bounded = kind in ("revolute", "prismatic") and low < high and max(-low, high) < LARGEST
+    endless = any(limit.attributes.get(key) is not None and limit.bound(key) is None for key in ("lower", "upper"))
+    speed, torque = (limit.bound(key) for key in ("velocity", "effort"))
+    return (
+        (low, high) if bounded and not endless else None,
+        speed if speed is not None and 0 < speed < LARGEST else None,
+        torque if torque is not None and 0 < torque < LARGEST else None,
+    )
+
+
+def _gears(root: XmlNode) -> dict[str, float]:
+    """Turns of the motor a turn of the joint, where a <transmission> says so; its sign is the motor's direction."""
+    found = {}
+    for transmission in root.deep("transmission"):
+        names = {node.attributes.get("name", "") for node in transmission.deep("joint")}
+        reductions = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
+        if len(names) == 1 and len(reductions) == 1:
+            (name,), (node,) = names, reductions
+            stated = XmlNode(node.tag, {"value": node.text.strip()}, node.file, node.line)
+            if ratio := abs(stated.number("value")):
+                found[name] = ratio
+    return found

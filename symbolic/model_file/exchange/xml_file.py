@@ -1,0 +1,170 @@
+"""XML of strangers read within bounds: no entities, no endless files, no depths, and a line for every error."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.parsers import expat
+
+from symbolic.model_file.checks import ModelError, printable, quote
+
+MAX_BYTES = 16_000_000
+MAX_ELEMENTS = 50_000
+MAX_DEPTH = 64
+"""What no description of a robot needs: the largest of example-robot-data has 0.3 MB, 4,000 elements, and 60 levels
+where MJCF nests a humanoid's bodies."""
+MAX_TEXT = 1000
+"""Characters between tags that are kept: numbers of transmissions."""
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|infinity|nan)", re.ASCII | re.IGNORECASE)
+
+
+@dataclass
+class XmlNode:
+    """An element: its tag, its attributes, what stands in it, and where: the line, and the bytes at which its tag
+    and, if it has one, its closing tag begin."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    file: str
+    line: int
+    start: int = 0
+    close: int = 0
+    children: list[XmlNode] = field(default_factory=list)
+    text: str = ""
+
+    def fail(self, message: str) -> NoReturn:
+        raise ModelError(f"{self.file} line {self.line}: {message}")
+
+    def all(self, tag: str) -> Iterator[XmlNode]:
+        """Those right in it with this tag."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> XmlNode | None:
+        return next(self.all(tag), None)
+
+    def everything(self) -> Iterator[XmlNode]:
+        """All elements in it, from the top."""
+        todo = [*reversed(self.children)]
+        while todo:
+            node = todo.pop()
+            yield node
+            todo += reversed(node.children)
+
+    def deep(self, tag: str) -> Iterator[XmlNode]:
+        """Those anywhere in it with this tag."""
+        return (node for node in self.everything() if node.tag == tag)
+
+    def needed(self, tag: str) -> XmlNode:
+        found = self.first(tag)
+        if found is None:
+            self.fail(f"<{self.tag}> has no <{tag}>; expected one")
+        return found
+
+    def word(self, key: str) -> str:
+        """An attribute that must be there and say something."""
+        value = self.attributes.get(key, "")
+        if not value.strip():
+            self.fail(f'<{self.tag}> has no {key}; expected {key}="..."')
+        return value
+
+    def numbers(self, key: str, count: int, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
+        """An attribute of that many numbers, all finite."""
+        if key not in self.attributes and default is not None:
+            return default
+        words = self.word(key).split()
+        if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
+            expected = "a number" if count == 1 else f"{count} numbers"
+            self.fail(f"<{self.tag}> {key} is {quote(self.attributes[key])}; expected {expected}")
+        values = tuple(map(float, words))
+        if any(not abs(value) < float("inf") for value in values):
+            self.fail(f"<{self.tag}> {key} is {quote(self.attributes[key])}; expected numbers that are finite")
+        return values
+
+    def number(self, key: str, default: float | None = None) -> float:
+        return self.numbers(key, 1, None if default is None else (default,))[0]
+
+    def bound(self, key: str) -> float | None:
+        """A limit, where there is one; an infinite one is none."""
+        word = self.attributes.get(key, "").strip()
+        if word.lower().lstrip("+-") in ("inf", "infinity"):
+            return None
+        return self.number(key) if word else None
+
+
+def read(path: Path) -> XmlNode:
+    """The root of an XML file.
+
+    Raises ModelError: no such file, no XML, an entity, too many bytes, elements or levels.
+    """
+    name = printable(str(path))
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise ModelError(f"{name}: no such file; expected a URDF or MJCF file") from None
+    except IsADirectoryError:
+        raise ModelError(f"{name}: is a directory; expected a URDF or MJCF file") from None
+    except (OSError, ValueError) as error:
+        raise ModelError(f"{name}: cannot be read: {printable(str(error))}") from None
+    if len(data) > MAX_BYTES:
+        raise ModelError(f"{name}: is larger than {MAX_BYTES // 1_000_000} MB; expected a URDF or MJCF file")
+    return parsed(data, name)
+
+
+def parsed(data: bytes, name: str) -> XmlNode:
+    """The root of a document; `name` is the file's, for messages. Raises ModelError."""
+    builder = _Builder(name)
+    try:
+        builder.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise ModelError(f"{name} line {error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+    except (ValueError, LookupError) as error:
+        if isinstance(error, ModelError):
+            raise
+        raise ModelError(f"{name}: not valid XML: {printable(str(error))}") from None
+    return builder.root
+
+
+class _Builder:
+    """Elements into nodes, counted."""
+
+    def __init__(self, file: str) -> None:
+        self.file, self.count, self.open = file, 0, [XmlNode("", {}, file, 0)]
+        self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler = self.start
+        self.parser.EndElementHandler = self.end
+        self.parser.CharacterDataHandler = self.characters
+        self.parser.EntityDeclHandler = self.entity
+
+    @property
+    def root(self) -> XmlNode:
+        return self.open[0].children[0]
+
+    def fail(self, message: str) -> NoReturn:
+        raise ModelError(f"{self.file} line {self.parser.CurrentLineNumber}: {message}")
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.count += 1
+        if self.count > MAX_ELEMENTS:
+            self.fail(f"more than {MAX_ELEMENTS:,} elements; expected the description of a robot")
+        if len(self.open) > MAX_DEPTH:
+            self.fail(f"elements within more than {MAX_DEPTH} others; expected the description of a robot")
+        node = XmlNode(tag, attributes, self.file, self.parser.CurrentLineNumber, self.parser.CurrentByteIndex)
+        self.open[-1].children.append(node)
+        self.open.append(node)
+
+    def end(self, _: str) -> None:
+        self.open.pop().close = self.parser.CurrentByteIndex
+
+    def characters(self, text: str) -> None:
+        node = self.open[-1]
+        if len(node.text) < MAX_TEXT:
+            node.text += text[:MAX_TEXT]
+
+    def entity(self, *_: Any) -> NoReturn:
+        self.fail("declares an entity, which no robot needs; take the document type out and write what it stands for")

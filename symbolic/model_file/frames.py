@@ -1,0 +1,126 @@
+"""Rotations, frames and bodies in space on plain numbers: what reading and rewriting a model needs of geometry.
+
+Quarter turns are exact: their sines and cosines are 0 and ±1, so that a chain of them leaves no rounding behind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from symbolic.model_file.arm import Frame
+
+Vector = tuple[float, float, float]
+Rotation = tuple[Vector, Vector, Vector]
+"""(3, 3), by rows: what stands in the turned frame, in the other."""
+
+QUARTER = math.pi / 2
+IDENTITY: Rotation = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_SINES = (0.0, 1.0, 0.0, -1.0)
+_LOCKED = 1e-9
+"""Cosine of the pitch below which roll and yaw turn about one axis."""
+
+
+def cos_sin(angle: float) -> tuple[float, float]:
+    """Of an angle in rad; exact at quarter turns."""
+    turns = round(angle / QUARTER)
+    if angle == turns * QUARTER:
+        return _SINES[(turns + 1) % 4], _SINES[turns % 4]
+    return math.cos(angle), math.sin(angle)
+
+
+def rotation(rpy: Sequence[float]) -> Rotation:
+    """R = Rz(yaw) Ry(pitch) Rx(roll) of rpy (3,) in rad."""
+    (cr, sr), (cp, sp), (cy, sy) = (cos_sin(angle) for angle in rpy)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+
+
+def angles(turned: Rotation) -> Vector:
+    """rpy (3,) in rad of a rotation, pitch within ±π/2; where roll and yaw are one, it is all roll."""
+    pitch = math.atan2(-turned[2][0], math.hypot(turned[0][0], turned[1][0]))
+    if math.hypot(turned[0][0], turned[1][0]) < _LOCKED:
+        sign = math.copysign(1.0, -turned[2][0])
+        return math.atan2(sign * turned[0][1], turned[1][1]), sign * QUARTER, 0.0
+    return math.atan2(turned[2][1], turned[2][2]), pitch, math.atan2(turned[1][0], turned[0][0])
+
+
+def about(axis: Sequence[float], angle: float) -> Rotation:
+    """The rotation by an angle in rad about an axis (3,) of any length."""
+    length = math.hypot(*axis)
+    x, y, z = (component / length for component in axis)
+    c, s = cos_sin(angle)
+    v = 1 - c
+    return (
+        (c + x * x * v, x * y * v - z * s, x * z * v + y * s),
+        (y * x * v + z * s, c + y * y * v, y * z * v - x * s),
+        (z * x * v - y * s, z * y * v + x * s, c + z * z * v),
+    )
+
+
+def transposed(matrix: Rotation) -> Rotation:
+    a, b, c = zip(*matrix, strict=True)
+    return a, b, c
+
+
+def applied(matrix: Rotation, vector: Sequence[float]) -> Vector:
+    x, y, z = (math.fsum(m * v for m, v in zip(row, vector, strict=True)) for row in matrix)
+    return x, y, z
+
+
+def product(left: Rotation, right: Rotation) -> Rotation:
+    a, b, c = (applied(left, column) for column in transposed(right))
+    return transposed((a, b, c))
+
+
+def added(left: Sequence[float], right: Sequence[float]) -> Vector:
+    x, y, z = (a + b for a, b in zip(left, right, strict=True))
+    return x, y, z
+
+
+def scaled(factor: float, vector: Sequence[float]) -> Vector:
+    x, y, z = (factor * component for component in vector)
+    return x, y, z
+
+
+def dot(left: Sequence[float], right: Sequence[float]) -> float:
+    return math.fsum(a * b for a, b in zip(left, right, strict=True))
+
+
+def cross(left: Sequence[float], right: Sequence[float]) -> Vector:
+    (a, b, c), (x, y, z) = left, right
+    return b * z - c * y, c * x - a * z, a * y - b * x
+
+
+def composed(outer: Frame, inner: Frame) -> Frame:
+    """The frame that stands at `inner` in the frame that stands at `outer`; angles of one that alone turns stay."""
+    turned = rotation(outer.rpy)
+    xyz = added(outer.xyz, applied(turned, inner.xyz))
+    if not any(outer.rpy) or not any(inner.rpy):
+        return Frame(xyz, inner.rpy if any(inner.rpy) else outer.rpy)
+    return Frame(xyz, angles(product(turned, rotation(inner.rpy))))
+
+
+def symmetric(inertia: Sequence[float]) -> Rotation:
+    """(ixx, ixy, ixz, iyy, iyz, izz) as a (3, 3)."""
+    xx, xy, xz, yy, yz, zz = inertia
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+
+
+def principal_moments(inertia: Sequence[float]) -> Vector:
+    """The eigenvalues of a body's inertia, ascending. Source: Smith 1961, Eigenvalues of a symmetric 3 x 3 matrix."""
+    xx, xy, xz, yy, yz, zz = inertia
+    mean = (xx + yy + zz) / 3
+    a, b, c = xx - mean, yy - mean, zz - mean
+    spread = math.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
+    if spread == 0:
+        return mean, mean, mean
+    a, b, c, d, e, f = (component / spread for component in (a, b, c, xy, xz, yz))
+    half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
+    turn = math.acos(min(1.0, max(-1.0, half))) / 3
+    largest = mean + 2 * spread * math.cos(turn)
+    smallest = mean + 2 * spread * math.cos(turn + 2 * math.pi / 3)
+    return smallest, 3 * mean - smallest - largest, largest

@@ -1,0 +1,307 @@
+"""Where the tip of a chain in space is, how it moves, and what a body there asks of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from symbolic.functions import SymbolicFunction
+from symbolic.model_file.arm import SpatialArm
+from symbolic.rigid_body.kinematics import NOMINAL_MASS, Author
+from symbolic.rigid_body.lagrangian import rational
+from symbolic.rigid_body.spatial.composites import JointStep, composites, gradient
+from symbolic.rigid_body.spatial.geometry import Geometry
+from symbolic.rigid_body.spatial.moments import Moments
+from symbolic.rigid_body.spatial.vectors import (
+    NOWHERE,
+    Matrix,
+    Vector,
+    added,
+    along,
+    applied,
+    cross,
+    dot,
+    less,
+    negative,
+    placed,
+    scaled,
+)
+from symbolic.straightline import Recorder
+
+NOTATION = {
+    "c, s": "cosine and sine",
+    "r": "way along the axis of a joint",
+    "x, y, z": "axes of a link's frame",
+    "o": "origin of a link's frame",
+    "p": "the tip, in a link's frame",
+    "rx, ry, rz": "from the tip to a joint, along the tip's axes",
+    "w": "angular velocity",
+    "al": "angular acceleration",
+    "v": "velocity of an origin",
+    "a": "acceleration of an origin, less gravity",
+    "U": "by what the acceleration grows with the place",
+}
+"""What these functions call their values, for whoever reads the generated code."""
+
+LOADS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
+"""Columns of tip_load: of a unit mass at a point of the tip's frame, its moments of order 0, 1 and 2."""
+
+
+@dataclass(frozen=True)
+class JointAxes:
+    """Joints as seen along the axes of one frame, from its origin.
+
+    before   (n,) of each joint: the x and y axes before it moves
+    along    (n,) z axes: what it turns about or slides along
+    origin   (n,) of the frames that they move
+    """
+
+    before: list[tuple[Vector, Vector]]
+    along: list[Vector]
+    origin: list[Vector]
+
+
+def functions(author: Author, arm: SpatialArm, geometry: Geometry) -> list[SymbolicFunction]:
+    """tip, tip_rotation, tip_jacobian, tip_rate, tip_load, moment_jacobian. `geometry`: in SymPy's numbers."""
+    return [
+        *_pose(author, geometry),
+        *_motion(author, geometry),
+        _tip_load(author, geometry),
+        _moment(author, arm, geometry),
+    ]
+
+
+def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
+    recorder = author.recorder()
+    steps = JointStep.all(geometry, author.coordinates.symbols("q"), recorder)
+    point, columns = geometry.tip.at, list(zip(*geometry.tip.turn, strict=True))
+    for step in reversed(steps):
+        point = step.named(("px", "py", "pz"), step.placed(point, "p"))
+        columns = [
+            step.named([f"{name}{e}_" for e in "xyz"], step.twisted(step.turned(column, name)))
+            for name, column in zip("xyz", columns, strict=True)
+        ]
+    p = placed(geometry.base.turn, geometry.base.at, point)
+    R = list(zip(*(applied(geometry.base.turn, column) for column in columns), strict=True))
+    return [
+        author.function(
+            "tip",
+            ("q",),
+            ("p", p, (3,), "m", "x, y and z of the tip along the base's axes"),
+            recorder,
+            "Position of the tip of the arm.",
+            "Forward kinematics; Khalil & Kleinfinger 1986",
+            NOTATION,
+        ),
+        author.function(
+            "tip_rotation",
+            ("q",),
+            ("R", [e for row in R for e in row], (3, 3), "1", "columns: the tip's axes along the base's"),
+            recorder,
+            "Rotation matrix of the tip's frame.",
+            "Forward kinematics; Khalil & Kleinfinger 1986",
+            NOTATION,
+        ),
+    ]
+
+
+def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
+    recorder, n = author.recorder(), geometry.n
+    q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
+    axes, tip = _from_base(geometry, JointStep.all(geometry, q, recorder), recorder)
+    columns = _columns(geometry, axes, tip)
+    rows = [[column[k] for column in columns] for k in range(6)]
+    units = author.coordinates.unit("m/rad and 1", "1")
+    return [
+        author.function(
+            "tip_jacobian",
+            ("q",),
+            ("J", [e for row in rows for e in row], (6, n), units, "rows x, y, z, rotation about base x, y, z"),
+            recorder,
+            "By what the tip moves and turns with each joint.",
+            "Columns z x (p - o) and z of a revolute joint, z and 0 of a prismatic one; Whitney 1972",
+            NOTATION,
+        ),
+        author.function(
+            "tip_rate",
+            ("q", "qd"),
+            ("v", _rates(geometry, axes, tip, qd, recorder), (6,), "m/s, rad/s", "velocity, angular velocity"),
+            recorder,
+            "Velocity and angular velocity of the tip along the base's axes.",
+            "J qd; Whitney 1972",
+            NOTATION,
+        ),
+    ]
+
+
+def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder) -> tuple[JointAxes, Vector]:
+    """The joints, and the tip, from the base."""
+    x, y, z = zip(*geometry.base.turn, strict=True)
+    o, axes = geometry.base.at, JointAxes([], [], [])
+    for step in steps:
+        (c, s), (ct, st) = step.direction, step.twist
+        y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
+        o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
+        axes.before.append((x, y))
+        axes.along.append(z)
+        axes.origin.append(o)
+        x, y = (
+            step.named([f"{name}{e}" for e in "xyz"], vector)
+            for name, vector in (
+                ("x", added(scaled(c, x), scaled(s, y))),
+                ("y", added(scaled(c, y), scaled(-s, x))),
+            )
+        )
+    tip = added(o, along(geometry.tip.at, x, y, z))
+    return axes, _named("tip", tip, recorder)
+
+
+def _columns(geometry: Geometry, axes: JointAxes, point: Vector) -> list[tuple[Any, ...]]:
+    """(n,) columns of a point's Jacobian: its velocity and the angular velocity at unit rate of a joint."""
+    columns = []
+    for link, z, o in zip(geometry.links, axes.along, axes.origin, strict=True):
+        z = scaled(link.sign, z)
+        columns.append((*cross(z, less(point, o)), *z) if link.revolute else (*z, 0, 0, 0))
+    return columns
+
+
+def _rates(geometry: Geometry, axes: JointAxes, tip: Vector, qd: Sequence[Any], recorder: Recorder) -> tuple[Any, ...]:
+    """Velocity and angular velocity of the tip, from joint to joint."""
+    w: Vector = NOWHERE
+    v: Vector = NOWHERE
+    ends = [*axes.origin[1:], tip]
+    for k, (link, z, o, end, rate) in enumerate(zip(geometry.links, axes.along, axes.origin, ends, qd, strict=True), 1):
+        own = scaled(link.sign * rate, z)
+        if link.revolute:
+            w = _named(f"w{k}", added(w, own), recorder)
+        else:
+            v = added(v, own)
+        v = _named(f"v{k}", added(v, cross(w, less(end, o))), recorder)
+    return (*v, *w)
+
+
+def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
+    recorder, n = author.recorder(), geometry.n
+    q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
+    steps = JointStep.all(geometry, q, recorder)
+    axes, pull = _from_tip(geometry, steps, recorder)
+    a, U = _acceleration(geometry, steps, axes, pull, qd, qdd)
+    wrenches = _unit_loads(a, U)
+    rows = [
+        [dot(column[:3], f) + dot(column[3:], m) for f, m in wrenches] for column in _columns(geometry, axes, NOWHERE)
+    ]
+    return author.function(
+        "tip_load",
+        ("q", "qd", "qdd"),
+        (
+            "load",
+            [e for row in rows for e in row],
+            (n, len(LOADS)),
+            "torque by kg, kg m and kg m^2",
+            f"columns {', '.join(LOADS)}",
+        ),
+        recorder,
+        "Torques that a unit mass at (x, y, z) of the tip's frame asks of the joints, less gravity's pull on it: "
+        "load . (1, x, y, z, xx, yy, zz, xy, xz, yz).",
+        "J^T (force, moment) of a field of accelerations a + U p",
+        NOTATION,
+    )
+
+
+def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder) -> tuple[JointAxes, Vector]:
+    """The joints, and gravity, from the tip along its axes."""
+    x, y, z = geometry.tip.turn
+    o, axes = negative(applied(list(zip(*geometry.tip.turn, strict=True)), geometry.tip.at)), JointAxes([], [], [])
+    for step in reversed(steps):
+        (c, s), (ct, st) = step.direction, step.twist
+        axes.along.append(z)
+        axes.origin.append(o)
+        x, y = (
+            step.named([f"{name}{e}" for e in "xyz"], vector)
+            for name, vector in (
+                ("x", added(scaled(c, x), scaled(-s, y))),
+                ("y", added(scaled(c, y), scaled(s, x))),
+            )
+        )
+        axes.before.append((x, y))
+        o = step.named(("rx", "ry", "rz"), less(o, along(step.at, x, y, z)))
+        y, z = added(scaled(ct, y), scaled(-st, z)), added(scaled(ct, z), scaled(st, y))
+    pull = along(geometry.gravity, x, y, z)
+    reverse = JointAxes(axes.before[::-1], axes.along[::-1], axes.origin[::-1])
+    return reverse, _named("g", pull, recorder)
+
+
+def _acceleration(
+    geometry: Geometry, steps: Sequence[JointStep], axes: JointAxes, pull: Vector, qd: Sequence[Any], qdd: Sequence[Any]
+) -> tuple[Vector, Matrix]:
+    """Of the tip less gravity, and U of the last link, from joint to joint."""
+    w, al, a = NOWHERE, NOWHERE, negative(pull)
+    U: Matrix = (NOWHERE, NOWHERE, NOWHERE)
+    ends = [*axes.origin[1:], NOWHERE]
+    for k, (link, step) in enumerate(zip(geometry.links, steps, strict=True)):
+        z, o = axes.along[k], axes.origin[k]
+        own, rise = scaled(link.sign * qd[k], z), scaled(link.sign * qdd[k], z)
+        if link.revolute:
+            al = step.named(("alx", "aly", "alz"), added(al, added(rise, cross(w, own))))
+            w = step.named(("wx", "wy", "wz"), added(w, own))
+            U = gradient(step, w, al)
+        else:
+            a = added(a, added(rise, scaled(2, cross(w, own))))
+        a = step.named(("ax", "ay", "az"), added(a, applied(U, less(ends[k], o))))
+    return a, U
+
+
+def _unit_loads(a: Vector, U: Matrix) -> list[tuple[Vector, Vector]]:
+    """Force and moment of each of LOADS: (a, 0) of 1; (U e, e x a) of x, with e along x; (0, e x U e) of xx."""
+    e: list[Vector] = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    grown = [applied(U, axis) for axis in e]
+    second = [(NOWHERE, cross(e[i], grown[i])) for i in range(3)]
+    mixed = [(NOWHERE, added(cross(e[i], grown[j]), cross(e[j], grown[i]))) for i, j in ((0, 1), (0, 2), (1, 2))]
+    first = [(grown[i], cross(e[i], a)) for i in range(3)]
+    return [(a, NOWHERE), *first, *second, *mixed]
+
+
+def _moment(author: Author, arm: SpatialArm, geometry: Geometry) -> SymbolicFunction:
+    recorder = author.recorder()
+    steps = JointStep.all(geometry, author.coordinates.symbols("q"), recorder)
+    wholes = composites(steps, [_mass(arm, geometry, j) for j in range(geometry.n)])
+    axes, _ = _from_base(geometry, steps, recorder)
+    columns = []
+    for link, b, (x, y), z in zip(geometry.links, wholes, axes.before, axes.along, strict=True):
+        slope = less(scaled(b.x, y), scaled(b.y, x)) if link.revolute else scaled(b.m, z)
+        columns.append(scaled(link.sign, slope))
+    rows = [column[k] for k in range(3) for column in columns]
+    return author.function(
+        "moment_jacobian",
+        ("q",),
+        ("M", rows, (3, geometry.n), author.coordinates.unit("kg m/rad", "kg"), "rows x, y, z"),
+        recorder,
+        "Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
+        "Potential energy V = -gravity . sum m_i c_i",
+        NOTATION,
+    )
+
+
+def _mass(arm: SpatialArm, geometry: Geometry, j: int) -> Moments:
+    """Mass and first moment of a link in its frame."""
+    link, body = arm.joints[j].link, geometry.links[j].body
+    m = rational(NOMINAL_MASS if link.mass is None else link.mass)
+    com = nominal_com(arm, j) if link.com is None else link.com
+    x, y, z = placed(body.turn, body.at, [rational(c) for c in com])
+    return Moments(m=m, x=m * x, y=m * y, z=m * z)
+
+
+def nominal_com(arm: SpatialArm, j: int) -> Sequence[float]:
+    """(3,) stands for a centre of mass that is not known: half way to the next joint or the tip; where that is no way,
+    1 m across the joint's axis."""
+    following = arm.joints[j + 1].origin if j + 1 < len(arm.joints) else arm.tip
+    if any(following.xyz):
+        return [c / 2 for c in following.xyz]
+    across = min(range(3), key=lambda k: abs(arm.joints[j].axis[k]))
+    return [float(k == across) for k in range(3)]
+
+
+def _named(name: str, v: Sequence[Any], recorder: Recorder) -> Vector:
+    x, y, z = (recorder.let(f"{name}{e}", value) for e, value in zip("xyz", v, strict=True))
+    return x, y, z

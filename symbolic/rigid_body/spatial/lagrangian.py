@@ -1,0 +1,259 @@
+"""The Lagrangian of a chain in space in Uicker's form, evaluated modulo a prime: the proof of all that is emitted.
+
+Bodies are 4x4 pseudo-inertias Sigma, postures 4x4 homogeneous transforms T in base axes, from the model file's origins
+and axes. With the generator Q of a joint, S_j = T_j Q_j T_j^-1 and dT_l/dq_j = S_j T_l, Lagrange's equations
+are traces:
+
+    tau_j      = sum_l tr(dT_l/dq_j Sigma_l (T''_l - G)^T),   T'' from jets in time, G gravity as an acceleration
+    D_ij       = sum_l tr(dT_l/dq_i Sigma_l dT_l/dq_j^T)
+    [jk, i]    = sum_l tr(d2T_l/dq_j dq_k Sigma_l dT_l/dq_i^T),   C_ij = sum_k [jk, i] qd_k
+    V          = -sum_l gravity . (T_l Sigma_l e_4)
+
+Nothing here is a force, a moment, an angular velocity or a moved frame: it shares no equation with a recursion. All
+numbers are residues modulo PRIME. Of two different rational functions of degree d, a random point takes at most d in
+PRIME for equal (Schwartz 1980; Zippel 1979).
+
+Source: Uicker 1965 (On the dynamic analysis of spatial linkages using 4x4 matrices); Paul 1981, chapter 6.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+from symbolic.rigid_body.spatial.geometry import Placement
+from symbolic.rigid_body.spatial.rounding import ExactFileChain
+from symbolic.rigid_body.spatial.vectors import Vector
+from symbolic.straightline import Turn
+
+PRIME = 2**127 - 1
+"""A Mersenne prime: far above any degree that occurs, and quick to compute with."""
+
+Square = list[list[int]]
+"""(4, 4) residues."""
+
+ELEMENTS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+"""A body's ten inertial parameters: inertia tensor about the origin of its joint's frame, first moments, mass."""
+
+
+def residue(number: Fraction | int) -> int:
+    """A fraction modulo PRIME."""
+    fraction = Fraction(number)
+    return fraction.numerator * pow(fraction.denominator, -1, PRIME) % PRIME
+
+
+def pseudo_inertia(parameters: Sequence[int]) -> Square:
+    """Sigma, the integral of [x y z 1]^T [x y z 1] dm, of ten parameters in the order of ELEMENTS."""
+    xx, xy, xz, yy, yz, zz, x, y, z, m = parameters
+    half = pow(2, -1, PRIME)
+    trace_2 = (xx + yy + zz) * half
+    return [[trace_2 - xx, -xy, -xz, x], [-xy, trace_2 - yy, -yz, y], [-xz, -yz, trace_2 - zz, z], [x, y, z, m]]
+
+
+@dataclass(frozen=True)
+class ExactChain:
+    """An arm's geometry modulo PRIME.
+
+    revolute     (n,)
+    placements   (n,) of a joint's frame in the one before; tip: in the last joint's
+    generators   (n,) Q: T turns or slides as T Q
+    gravity      (3,)
+    """
+
+    revolute: tuple[bool, ...]
+    placements: tuple[Square, ...]
+    tip: Square
+    generators: tuple[Square, ...]
+    gravity: tuple[int, ...]
+
+    @classmethod
+    def of(cls, chain: ExactFileChain) -> ExactChain:
+        """The chain of a model file."""
+        return cls(
+            chain.revolute,
+            tuple(_placement(placement) for placement in chain.placements),
+            _placement(chain.tip),
+            tuple(_generator(axis, turns) for axis, turns in zip(chain.axes, chain.revolute, strict=True)),
+            tuple(residue(g) for g in chain.gravity),
+        )
+
+    def posture(self, q: Sequence[Turn | int], bodies: Sequence[Square]) -> ExactPosture:
+        """The chain at q, (n,) Turns or residues, with the pseudo-inertias `bodies` (n,)."""
+        steps, places, T = [], [], identity()
+        for placement, Q, position in zip(self.placements, self.generators, q, strict=True):
+            steps.append(times(placement, _moved(Q, position)))
+            T = times(T, steps[-1])
+            places.append(T)
+        axes = [times(times(T, Q), inverse(T)) for T, Q in zip(places, self.generators, strict=True)]
+        return ExactPosture(self, tuple(bodies), steps, places, axes)
+
+
+@dataclass(frozen=True)
+class ExactPosture:
+    """A chain at one q; what it asks of the joints, modulo PRIME. Rotors stand apart: they add I_i qdd_i.
+
+    steps    (n,) of a joint's frame in the one before, moved by q
+    places   (n,) T, of a joint's frame in the base
+    axes     (n,) S, so that dT_l/dq_j = S_j T_l for l >= j
+    """
+
+    chain: ExactChain
+    bodies: tuple[Square, ...]
+    steps: list[Square]
+    places: list[Square]
+    axes: list[Square]
+
+    @property
+    def n(self) -> int:
+        return len(self.axes)
+
+    def carrying(self, bodies: Sequence[Square]) -> ExactPosture:
+        """The same posture with other bodies."""
+        return replace(self, bodies=tuple(bodies))
+
+    def torques(self, qd: Sequence[int], qdd: Sequence[int]) -> list[int]:
+        """(n,) tau without rotors: D qdd + C qd + g."""
+        joints = zip(self.places, self.bodies, self._accelerations(qd, qdd), strict=True)
+        parts = [times(times(T, body), transposed(T2)) for T, body, T2 in joints]
+        return [trace(S, M) for S, M in zip(self.axes, _outer_sums(parts), strict=True)]
+
+    def tip_torques(self, qd: Sequence[int], qdd: Sequence[int], bodies: Sequence[Square]) -> list[list[int]]:
+        """What each of the bodies, given in the tip's frame, asks of the joints (n,)."""
+        outwards, back = self.tip(), transposed(times(self._accelerations(qd, qdd)[-1], self.chain.tip))
+        forces = [times(times(outwards, body), back) for body in bodies]
+        return [[trace(S, M) for S in self.axes] for M in forces]
+
+    def _accelerations(self, qd: Sequence[int], qdd: Sequence[int]) -> list[Square]:
+        """T'' - G of every joint's frame, by jets in time."""
+        T0, T1, T2 = identity(), [[0] * 4 for _ in range(4)], [[0] * 4 for _ in range(4)]
+        for i, g in enumerate(self.chain.gravity):
+            T2[i][3] = -g
+        result = []
+        for A, Q, v, a in zip(self.steps, self.chain.generators, qd, qdd, strict=True):
+            AQ = times(A, Q)
+            A1, A2 = _scaled(AQ, v), _sum(_scaled(AQ, a), _scaled(times(AQ, Q), v * v))
+            T2 = _sum(times(T2, A), _scaled(times(T1, A1), 2), times(T0, A2))
+            T1 = _sum(times(T1, A), times(T0, A1))
+            T0 = times(T0, A)
+            result.append(T2)
+        return result
+
+    @functools.cached_property
+    def second_moments(self) -> list[Square]:
+        """(n,) W_j, the sum over l >= j of T_l Sigma_l T_l^T: moments of all that joint j moves, in base axes."""
+        parts = [times(times(T, body), transposed(T)) for T, body in zip(self.places, self.bodies, strict=True)]
+        return _outer_sums(parts)
+
+    def inertia(self) -> list[list[int]]:
+        """(n, n) D without rotors."""
+        W, S, n = self.second_moments, self.axes, self.n
+        return [[trace(times(S[i], W[max(i, j)]), transposed(S[j])) for j in range(n)] for i in range(n)]
+
+    def coriolis(self, qd: Sequence[int]) -> list[list[int]]:
+        """(n, n) C by Christoffel symbols: C_ij = sum_k [jk, i] qd_k."""
+        W, S, n = self.second_moments, self.axes, self.n
+        C = [[0] * n for _ in range(n)]
+        for j in range(n):
+            for k in range(j, n):
+                turned = times(S[j], S[k])  # d2T_l/dq_j dq_k = S_j S_k T_l for j <= k
+                inner = times(turned, W[k])
+                for i in range(n):
+                    symbol = trace(inner if i <= k else times(turned, W[i]), transposed(S[i]))
+                    C[i][j] += symbol * qd[k]
+                    if j != k:
+                        C[i][k] += symbol * qd[j]
+        return [[x % PRIME for x in row] for row in C]
+
+    def gravity(self) -> list[int]:
+        """(n,) dV/dq."""
+        return [-sum(g * x for g, x in zip(self.chain.gravity, row, strict=True)) % PRIME for row in self._slopes()]
+
+    def moment_jacobian(self) -> list[list[int]]:
+        """(3, n) derivative of the sum of mass times position."""
+        return [list(row) for row in zip(*self._slopes(), strict=True)]
+
+    def _slopes(self) -> list[list[int]]:
+        """(n, 3) derivative of the first moment, in base axes, by each joint."""
+        return [[row[3] for row in times(S, W)[:3]] for S, W in zip(self.axes, self.second_moments, strict=True)]
+
+    def tip(self) -> Square:
+        """The tip's frame in the base."""
+        return times(self.places[-1], self.chain.tip)
+
+    def tip_jacobian(self) -> list[list[int]]:
+        """(6, n): rows x, y, z of the tip, then rotation about base x, y, z."""
+        tip = self.tip()
+        columns = []
+        for S in self.axes:
+            moved = times(S, tip)
+            columns.append([moved[0][3], moved[1][3], moved[2][3], S[2][1], S[0][2], S[1][0]])
+        return [list(row) for row in zip(*columns, strict=True)]
+
+
+def identity() -> Square:
+    return [[int(i == j) for j in range(4)] for i in range(4)]
+
+
+def times(a: Square, b: Square) -> Square:
+    """Matrix product modulo PRIME."""
+    columns = list(zip(*b, strict=True))
+    return [[(w * a0 + x * a1 + y * a2 + z * a3) % PRIME for w, x, y, z in columns] for a0, a1, a2, a3 in a]
+
+
+def transposed(a: Square) -> Square:
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def inverse(T: Square) -> Square:
+    """Of a homogeneous transform: the rotation transposed, the origin moved back."""
+    R = [[T[j][i] for j in range(3)] for i in range(3)]
+    p = [T[i][3] for i in range(3)]
+    return [[*row, -sum(x * y for x, y in zip(row, p, strict=True)) % PRIME] for row in R] + [[0, 0, 0, 1]]
+
+
+def trace(a: Square, b: Square) -> int:
+    """Of the product."""
+    return (
+        sum(
+            x * y for row, column in zip(a, zip(*b, strict=True), strict=True) for x, y in zip(row, column, strict=True)
+        )
+        % PRIME
+    )
+
+
+def _scaled(a: Square, factor: int) -> Square:
+    return [[factor * x % PRIME for x in row] for row in a]
+
+
+def _sum(*matrices: Square) -> Square:
+    return [[sum(entries) % PRIME for entries in zip(*rows, strict=True)] for rows in zip(*matrices, strict=True)]
+
+
+def _outer_sums(parts: Sequence[Square]) -> list[Square]:
+    """From every joint to the tip."""
+    sums, total = [], [[0] * 4 for _ in range(4)]
+    for part in reversed(parts):
+        total = _sum(total, part)
+        sums.append(total)
+    return sums[::-1]
+
+
+def _placement(placement: Placement) -> Square:
+    rows = zip(placement.turn, placement.at, strict=True)
+    return [[*(residue(x) for x in row), residue(p)] for row, p in rows] + [[0, 0, 0, 1]]
+
+
+def _generator(axis: Vector, revolute: bool) -> Square:
+    x, y, z = (residue(u) for u in axis)
+    if revolute:
+        return [[0, -z, y, 0], [z, 0, -x, 0], [-y, x, 0, 0], [0, 0, 0, 0]]
+    return [[0, 0, 0, x], [0, 0, 0, y], [0, 0, 0, z], [0, 0, 0, 0]]
+
+
+def _moved(Q: Square, position: Turn | int) -> Square:
+    """exp(Q q): Rodrigues' formula for a turn about a unit axis; for a slide, Q Q is 0."""
+    if isinstance(position, Turn):
+        return _sum(identity(), _scaled(Q, position.sin), _scaled(times(Q, Q), 1 - position.cos))
+    return _sum(identity(), _scaled(Q, position))

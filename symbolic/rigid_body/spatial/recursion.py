@@ -1,0 +1,310 @@
+"""Inverse dynamics in space as a recursion on lumped parameters: what is emitted.
+
+It stands here once and runs on SymPy symbols, counted values and residues modulo a prime (see straightline.py).
+What makes it short:
+
+- A link carries U, with acceleration(p) = acceleration(origin) + U p, in place of the angular acceleration: its
+  column along the joint's axis is the same before and after the joint, so that turning it is all it takes.
+- A link is its moments of mass 0, 1 and 2 about its frame's origin; those that merge into other links are 0 and
+  vanish (base_parameters.py). The moment of its forces is the axial vector of U S.
+- Links of parallel joints share the axes in which their vectors are written: not the vectors are turned from
+  link to link, but the few moments that the links have. Likewise the last link need not be turned.
+- Constants of the geometry are numbers and fold.
+
+Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1987 (customised, in modified DH
+frames); Featherstone 2008, section 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, quarter_turned
+from symbolic.rigid_body.spatial.moments import Moments
+from symbolic.rigid_body.spatial.vectors import Vector
+from symbolic.straightline import Notes, Turn
+
+Direction = tuple[Any, Any]
+"""Cosine and sine."""
+
+
+class Gradient(NamedTuple):
+    """U (3, 3) of a link, 1/s²: its points' accelerations by their places; and what is used of it beside.
+
+    zz_yy, xx_zz, yy_xx   differences of the diagonal
+    """
+
+    xx: Any
+    yy: Any
+    zz: Any
+    xy: Any
+    yx: Any
+    xz: Any
+    zx: Any
+    yz: Any
+    zy: Any
+    zz_yy: Any
+    xx_zz: Any
+    yy_xx: Any
+
+    def along(self, x: Any, y: Any, z: Any) -> Vector:
+        """U (x, y, z)."""
+        return (
+            self.xx * x + self.xy * y + self.xz * z,
+            self.yx * x + self.yy * y + self.yz * z,
+            self.zx * x + self.zy * y + self.zz * z,
+        )
+
+
+@dataclass(frozen=True)
+class SpatialMotion:
+    """What does not depend on inertia, of one link, along its axes.
+
+    first       of a group
+    direction   cosine and sine of its frame's x axis
+    before      those of the x axis along which the link before is written, or of the joint's own before it turns if
+                the joint is the first of its group
+    reach       x and y from the origin before to its own, m, along the axes of the link before; 0 in the first of a
+                group
+    lift        the same along z
+    a           (3,) acceleration of its origin less gravity, m/s²
+    """
+
+    first: bool
+    direction: Direction
+    before: Direction
+    reach: tuple[Any, Any]
+    lift: Any
+    U: Gradient
+    a: Vector
+
+
+def groups(g: Geometry) -> list[range]:
+    """Indices (0-based) of consecutive links whose joints' axes are parallel."""
+    starts = [i for i, link in enumerate(g.links) if i == 0 or link.twist.sin != 0]
+    return [range(a, b) for a, b in zip(starts, [*starts[1:], g.n], strict=True)]
+
+
+def motion(
+    g: Geometry, axes: Sequence[int], q: Sequence[Any], qd: Sequence[Any], qdd: Sequence[Any], notes: Notes
+) -> list[SpatialMotion]:
+    """Every link's motion, from the base outwards; gravity enters as an acceleration of the base.
+
+    axes   (n,) along whose frame's x axis each link is written: 0-based, a link of the same group, or the one before
+           its first, turned by the twist alone
+    """
+    found: list[SpatialMotion] = []
+    state = _State((0, 0, 0), 0, (0, 0, 0), vector([-x for x in g.gravity]))
+    for group in groups(g):
+        at = group[0] - 1
+        for i in group:
+            link, k = g.links[i], i + 1
+            reach: tuple[Any, Any] = (0, 0)
+            if i > group[0]:
+                c, s = direction_along(g, at, i - 1, q, notes)
+                reach = notes.let(f"lc{k}", link.a * c), notes.let(f"ls{k}", link.a * s)
+                state = state.moved(found[-1].U.along(*reach, 0), k, notes)
+            before = direction_along(g, axes[i], at, q, notes)
+            state, at = _turned_state(state, before, k, notes), axes[i]
+            lift = notes.let(f"r{k}", link.reach(q[i]))
+            state = state.moved([e * lift for e in state.column], k, notes)
+            state = _jointed(state, link, qd[i], qdd[i], k, notes)
+            U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
+            found.append(
+                SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, U, state.a)
+            )
+        if group[-1] < g.n - 1:
+            state = _turned_state(state, direction_along(g, group[-1], at, q, notes), group[-1] + 1, notes)
+            state = _twisted_state(state, g.links[group[-1] + 1], group[-1] + 2, notes)
+    return found
+
+
+@dataclass(frozen=True)
+class _State:
+    """From link to link: w, rad/s; its derivative about z; the column of U along z; a of the last origin."""
+
+    w: Vector
+    turning: Any
+    column: Vector
+    a: Vector
+
+    def moved(self, by: Sequence[Any], k: int, notes: Notes) -> _State:
+        return replace(self, a=named("a", k, [a + e for a, e in zip(self.a, by, strict=True)], notes))
+
+
+def _jointed(state: _State, link: LinkFrame, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
+    """Behind the joint."""
+    wx, wy, wz = state.w
+    rate, rise = (qd, qdd) if link.sign > 0 else (-qd, -qdd)
+    if link.revolute:
+        return replace(
+            state, w=(wx, wy, notes.let(f"wz{k}", wz + rate)), turning=notes.let(f"alz{k}", state.turning + rise)
+        )
+    twice = notes.let(f"qd{k}_2", 2 * rate)
+    return state.moved((twice * wy, -twice * wx, rise), k, notes)
+
+
+def _gradient(state: _State, outwards: bool, k: int, notes: Notes) -> Gradient:
+    """U of a link; outwards: the angular acceleration about y is asked for by the next group."""
+    let, (wx, wy, wz), (xz, yz, Uzz) = notes.let, state.w, state.column
+    xx, zz, xy = let(f"wxx{k}", wx * wx), let(f"wzz{k}", wz * wz), let(f"wxy{k}", wx * wy)
+    less, more = let(f"xx_zz{k}", xx - zz), let(f"wxz{k}", xx + zz)
+    Uxx = let(f"Uxx{k}", Uzz + less)
+    if outwards:
+        across, along = let(f"wx_z{k}", wx * wz), let(f"wy_z{k}", wy * wz)
+        zx = let(f"Uzx{k}", across - let(f"aly{k}", xz - across))
+        zy = let(f"Uzy{k}", along - let(f"alx{k}", yz - along))
+    else:
+        twice = let(f"wz{k}_2", 2 * wz)
+        zx, zy = let(f"Uzx{k}", twice * wx - xz), let(f"Uzy{k}", twice * wy - yz)
+    return Gradient(
+        xx=Uxx,
+        yy=-more,
+        zz=Uzz,
+        xy=let(f"Uxy{k}", xy - state.turning),
+        yx=let(f"Uyx{k}", xy + state.turning),
+        xz=xz,
+        zx=zx,
+        yz=yz,
+        zy=zy,
+        zz_yy=let(f"zz_yy{k}", Uzz + more),
+        xx_zz=less,
+        yy_xx=let(f"yy_xx{k}", -more - Uxx),
+    )
+
+
+def _twisted_state(state: _State, link: LinkFrame, k: int, notes: Notes) -> _State:
+    """At the next group's first axis, written along it and along the x axis before it."""
+    (ca, sa), (wx, _, wz), U = link.twist.pair, state.w, _gradient(state, True, k - 1, notes)
+    state = state.moved([link.a * e for e in (U.xx, U.yx, U.zx)], k, notes)
+    column = [ca * z - sa * y for y, z in ((U.xy, U.xz), (U.yy, U.yz), (U.zy, U.zz))]
+    about_y = notes.let(f"aly{k - 1}", U.xz - notes.let(f"wx_z{k - 1}", wx * wz))
+    return _State(
+        named("v", k, twisted(state.w, link.twist), notes),
+        notes.let(f"al{k}", ca * state.turning - sa * about_y),
+        named("u", k, twisted(column, link.twist), notes),
+        named("b", k, twisted(state.a, link.twist), notes),
+    )
+
+
+def _turned_state(state: _State, direction: Direction, k: int, notes: Notes) -> _State:
+    if direction == (1, 0):
+        return state
+    return _State(
+        named("w", k, turned(state.w, direction), notes),
+        state.turning,
+        named("U", k, turned(state.column, direction), notes),
+        named("a", k, turned(state.a, direction), notes),
+    )
+
+
+def named(name: str, k: Any, v: Sequence[Any], notes: Notes) -> Vector:
+    return vector([notes.let(f"{name}{axis}{k}", e) for axis, e in zip("xyz", v, strict=True)])
+
+
+def vector(elements: Sequence[Any]) -> Vector:
+    x, y, z = elements
+    return x, y, z
+
+
+def twisted(v: Sequence[Any], twist: Turn) -> Vector:
+    """A vector in axes that are turned about x by the twist."""
+    x, y, z = v
+    return x, twist.cos * y + twist.sin * z, twist.cos * z - twist.sin * y
+
+
+def turned(v: Sequence[Any], direction: tuple[Any, Any]) -> Vector:
+    """A vector in axes in which its own x axis has this direction."""
+    (x, y, z), (c, s) = v, direction
+    return c * x - s * y, s * x + c * y, z
+
+
+def direction_along(g: Geometry, axes: int, frame: int, q: Sequence[Any], notes: Notes) -> Direction:
+    """Cosine and sine of a frame's x axis, along the x axis of another one of its group."""
+    low, high = sorted((axes, frame))
+    angle: Any = 0
+    turn = Turn(1, 0)
+    for i in range(low + 1, high + 1):
+        link = g.links[i]
+        angle = notes.let(f"a{i + 1}", angle + link.angle(q[i])) if link.revolute else angle
+        turn = turn + link.offset
+    c, s = quarter_turned(notes.sincos(angle), turn)
+    return (c, s) if frame > axes else (c, -s)
+
+
+def torques(
+    g: Geometry,
+    moments: Sequence[Moments],
+    rotors: Sequence[Any],
+    moving: Sequence[SpatialMotion],
+    qdd: Sequence[Any],
+    notes: Notes,
+) -> list[Any]:
+    """Torques and forces of the joints (n,), from the tip inwards. moments, rotors: (n,) of the links and joints."""
+    tau: list[Any] = [0] * g.n
+    F: Vector = (0, 0, 0)
+    N: Vector = (0, 0, 0)
+    for group in reversed(groups(g)):
+        F, N = (
+            named(name, group[-1] + 1, turned(v, moving[group[-1]].direction), notes)
+            for name, v in (("F", F), ("N", N))
+        )
+        for i in reversed(group):
+            link, m, k = g.links[i], moving[i], i + 1
+            own_F, own_N = wrench(turned_moments(moments[i], m.direction, k, notes), m)
+            F, N = named("F", k, _sum(F, own_F), notes), named("N", k, _sum(N, own_N), notes)
+            own = N[2] if link.revolute else F[2]
+            tau[i] = (own if link.sign > 0 else -own) + rotors[i] * qdd[i]
+            N = named("N", k, _sum(N, (-m.lift * F[1], m.lift * F[0], 0)), notes)
+            back = (m.before[0], -m.before[1])
+            F, N = (named(name, k, turned(v, back), notes) for name, v in (("F", F), ("N", N)))
+            x, y = m.reach
+            N = named("N", k, _sum(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
+        F, N = _inwards(F, N, g.links[group[0]], group[0] + 1, notes)
+    return tau
+
+
+def wrench(S: Moments, m: SpatialMotion) -> tuple[Vector, Vector]:
+    """Force, and moment about the origin, that a link's motion asks of its mass."""
+    U, (ax, ay, az) = m.U, m.a
+    along = U.along(*S.first)
+    return vector([S.m * a + e for a, e in zip(m.a, along, strict=True)]), (
+        S.yy * U.zy - S.zz * U.yz + S.xy * U.zx - S.xz * U.yx + S.yz * U.zz_yy + S.y * az - S.z * ay,
+        S.zz * U.xz - S.xx * U.zx + S.yz * U.xy - S.xy * U.zy + S.xz * U.xx_zz + S.z * ax - S.x * az,
+        S.xx * U.yx - S.yy * U.xy + S.xz * U.yz - S.yz * U.xz + S.xy * U.yy_xx + S.x * ay - S.y * ax,
+    )
+
+
+def _inwards(F: Vector, N: Vector, link: LinkFrame, k: int, notes: Notes) -> tuple[Vector, Vector]:
+    """From the origin of a group's first link to that of the link before, along the axes of that."""
+    F, N = (named(name, k, twisted(v, -link.twist), notes) for name, v in (("F", F), ("N", N)))
+    return F, named("N", k, _sum(N, (0, -link.a * F[2], link.a * F[1])), notes)
+
+
+def _sum(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    return vector([a + b for a, b in zip(u, v, strict=True)])
+
+
+def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Moments:
+    """Moments along axes about the same z axis in which their own x axis has this direction."""
+    let, (c, s) = notes.let, direction
+    if s == 0 and c == 1:
+        return S
+    twice = let(f"S2{k}", s * (S.xx - S.yy) + c * (2 * S.xy))
+    across = let(f"Ss{k}", s * twice)
+    x, y, _ = named("M", k, turned((S.x, S.y, 0), direction), notes)
+    xz, yz, _ = named("Sz", k, turned((S.xz, S.yz, 0), direction), notes)
+    return Moments(
+        xx=let(f"Sxx{k}", S.xx - across),
+        yy=let(f"Syy{k}", S.yy + across),
+        zz=S.zz,
+        xy=let(f"Sxy{k}", c * twice - S.xy),
+        xz=xz,
+        yz=yz,
+        x=x,
+        y=y,
+        z=S.z,
+        m=S.m,
+    )

@@ -1,0 +1,113 @@
+"""ns per call of inverse dynamics in space: the generated C against Pinocchio in C++ and as C by CasADi, in one run."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import spatial_arms
+from harness import SHORT, best, show, sized
+from pinocchio_reference import Missing, Reference
+from spatial_arms import Array
+
+from codegen import render
+from codegen.toolchain import build
+from symbolic.model import ArmModel, derive
+
+SAMPLES = 1024
+ROUNDS, REPETITIONS = sized((5, 60), (1, 2))
+EQUAL = 1e-9
+"""Of the largest torque."""
+CASADI, RNEA = 1.6, 8.0
+"""How many times as fast as Pinocchio through CasADi to C, and as Pinocchio's rnea(), a call is at least; on a machine
+with nothing else to do 1.9 and 9.7."""
+OURS = """
+void loop_ours(size_t rounds, size_t count, const double *q, const double *qd, const double *qdd, double *tau)
+{{
+    {name}_parameters_f64 p;
+    {name}_default_parameters_f64(&p);
+    for (size_t r = 0; r < rounds; ++r) {{
+        for (size_t k = 0; k < count; ++k) {{
+            {name}_inverse_dynamics_f64(&p, q + {n} * k, qd + {n} * k, qdd + {n} * k, tau + {n} * k);
+        }}
+    }}
+}}
+"""
+THEIRS = """
+int pinocchio_rnea(const double **arg, double **res, long long *iw, double *w, int mem);
+void loop_theirs(size_t rounds, size_t count, const double *q, const double *qd, const double *qdd, double *tau)
+{{
+    static double w[16384];
+    static long long iw[64];
+    for (size_t r = 0; r < rounds; ++r) {{
+        for (size_t k = 0; k < count; ++k) {{
+            const double *arg[8] = {{q + {n} * k, qd + {n} * k, qdd + {n} * k}};
+            double *res[4] = {{tau + {n} * k}};
+            pinocchio_rnea(arg, res, iw, w, 0);
+        }}
+    }}
+}}
+"""
+
+
+def _library(model: ArmModel, pinocchio: Reference) -> ctypes.CDLL:
+    """Everything that is C, by one compiler with the flags of the generated code."""
+    name, n = model.arm.name, len(model.arm.joints)
+    sources = {path: text for path, text in render.arm_files(model).items() if path.endswith(("f64.c", "f64.h"))}
+    sources["pinocchio_rnea.c"] = pinocchio.c_code()
+    loops = OURS.format(name=name, n=n) + THEIRS.format(n=n)
+    sources["loops.c"] = f'#include <stddef.h>\n#include "{name}_f64.h"\n{loops}'
+    return ctypes.CDLL(str(build.shared_library(sources, f"kernels_{name}")))
+
+
+def _called(kernel: Callable[..., None], arrays: list[Array]) -> Callable[[], None]:
+    pointers = [ctypes.c_void_p(a.ctypes.data) for a in arrays]
+    return lambda: kernel(ctypes.c_size_t(ROUNDS), ctypes.c_size_t(SAMPLES), *pointers)
+
+
+def _batch(library: ctypes.CDLL, model: ArmModel, arrays: list[Array]) -> Callable[[], None]:
+    parameters = np.array(model.struct.defaults)
+    kernel = getattr(library, f"{model.arm.name}_inverse_dynamics_batch_f64")
+
+    def run() -> None:
+        for _ in range(ROUNDS):
+            kernel(ctypes.c_size_t(SAMPLES), *(ctypes.c_void_p(a.ctypes.data) for a in (parameters, *arrays)))
+
+    return run
+
+
+@pytest.mark.parametrize("name", ["ur10e", "panda"])
+def test_inverse_dynamics(name: str) -> None:
+    """Every variant gives the same torques; then each is timed."""
+    arm = spatial_arms.known(name)
+    try:
+        pinocchio = Reference(arm)
+    except Missing as error:
+        pytest.skip(str(error))
+    model, n = derive(arm), len(arm.joints)
+    library, rng = _library(model, pinocchio), np.random.default_rng(0)
+    motion = [rng.uniform(-s, s, (SAMPLES, n)) for s in (np.pi, 3.0, 20.0)]
+    expected = np.zeros((SAMPLES, n))
+    pinocchio.loop(1, *motion, expected)
+    across = [np.ascontiguousarray(a.T) for a in (*motion, expected * 0)]
+    along = [np.zeros_like(expected) for _ in range(3)]
+    cases = {
+        "generated C, a call": (_called(library.loop_ours, [*motion, along[0]]), along[0]),
+        "generated C, a sample of a batch": (_batch(library, model, across), across[3].T),
+        "Pinocchio's model through CasADi to C": (_called(library.loop_theirs, [*motion, along[1]]), along[1]),
+        "Pinocchio, C++ rnea()": (lambda: pinocchio.loop(ROUNDS, *motion, along[2]), along[2]),
+    }
+    times = {}
+    for case, (run, found) in cases.items():
+        run()
+        assert np.abs(found - expected).max() < EQUAL * np.abs(expected).max(), case
+        times[case] = best(run, REPETITIONS) / (ROUNDS * SAMPLES)
+    own = times["generated C, a call"]
+    rows = [(case, f"{1e9 * seconds:.1f}", f"{seconds / own:.2f}") for case, seconds in times.items()]
+    notes = [f"{SAMPLES} random samples; every C by one compiler with the same flags; torques equal to 1e-9"]
+    show(f"Inverse dynamics of the {name}", ("variant", "ns", "ratio"), rows, notes)
+    if name == "ur10e" and not SHORT:
+        assert times["Pinocchio's model through CasADi to C"] > CASADI * own
+        assert times["Pinocchio, C++ rnea()"] > RNEA * own

@@ -1,0 +1,76 @@
+"""Many samples at once, several in a vector: every one has the bits of a call for itself alone."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+import numpy as np
+import pytest
+import spatial_arms
+from random_arms import MIXED
+
+from codegen import render
+from codegen.c import c_lanes
+from codegen.tape.tape import Tape
+from codegen.toolchain import build
+from symbolic.functions import SymbolicFunction
+from symbolic.model import ArmModel, derive
+from symbolic.model_file.arm import Arm, SpatialArm
+
+ARMS = {arm.name: arm for arm in (MIXED["rprrp"], spatial_arms.known("rx90"), spatial_arms.drawn("rrpr", 4))}
+COUNTS = (0, 1, 2, 7, 8, 9, 37)
+"""Of samples: below a vector's lanes, whole vectors, and some left over."""
+
+
+@cache
+def derived(name: str) -> ArmModel:
+    return derive(ARMS[name])
+
+
+def library(model: ArmModel) -> ctypes.CDLL:
+    files = {path: text for path, text in render.arm_files(model).items() if path.endswith(("f64.c", "f64.h"))}
+    return ctypes.CDLL(str(build.shared_library(files, model.arm.name)))
+
+
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def one_by_one(call: ctypes._CFuncPtr, function: SymbolicFunction, arrays: list[np.ndarray], size: int) -> np.ndarray:
+    parameters, *inputs = arrays
+    results = np.zeros((size, inputs[0].shape[1]))
+    for k, result in enumerate(results.T):
+        out, vectors = np.zeros(size), [np.ascontiguousarray(a[:, k]) for a in inputs]
+        call(pointer(parameters), *map(pointer, vectors), pointer(out))
+        result[:] = out
+    return results
+
+
+@pytest.mark.parametrize("flags", [None, ()], ids=["widest", "plain"])
+@pytest.mark.parametrize("name", ARMS)
+def test_every_sample_has_the_bits_of_its_own_call(
+    name: str, flags: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if flags is not None:
+        monkeypatch.setattr(build, "vector_flags", lambda: flags)
+    model = derived(name)
+    compiled, rng = library(model), np.random.default_rng(1)
+    parameters = np.array(model.struct.defaults)
+    for function in model.functions:
+        assert c_lanes.in_lanes(Tape.of(function)), function.name
+        for count in COUNTS if function.name == "inverse_dynamics" else COUNTS[-1:]:
+            inputs = [rng.uniform(-4, 4, (len(a.symbols), count)) for a in function.inputs]
+            size = len(function.outputs[0].expressions)
+            found = np.full((size, count), np.nan)
+            batch = getattr(compiled, f"{name}_{function.name}_batch_f64")
+            batch(ctypes.c_size_t(count), pointer(parameters), *map(pointer, inputs), pointer(found))
+            call = getattr(compiled, f"{name}_{function.name}_f64")
+            expected = one_by_one(call, function, [parameters, *inputs], size)
+            np.testing.assert_array_equal(found, expected, err_msg=f"{function.name} of {count}")
+
+
+def test_what_vectors_do_not_have_stays_a_loop(vishard4: Arm | SpatialArm) -> None:
+    """The contact's inverse takes an arc tangent."""
+    function = derive(vishard4).function("contact_inverse")
+    assert not c_lanes.in_lanes(Tape.of(function))

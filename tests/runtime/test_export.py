@@ -1,0 +1,377 @@
+"""Arms for simulators: bodies that can be, which give the model's torques, in files that say what they can."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.exchange.full_regressor import PER_BODY, ChainGeometry, base_map, full_regressor
+from runtime.exchange.physical import (
+    is_possible,
+    log_cholesky,
+    project,
+    pseudo_inertia,
+    pseudo_parameters,
+    pseudo_slopes,
+)
+from runtime.workspace import Source
+from symbolic.effects import DECLARED
+from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.exchange import exporting
+from symbolic.model_file.exchange.importing import imported
+from symbolic.model_file.frames import rotation
+
+ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+Run = Callable[..., tuple[int, str, str]]
+
+SMALL = """\
+name = "small"
+gravity = [0.5, 0.0, -9.81]
+[[joint]]
+name = "pan"
+type = "revolute"
+rotor_inertia = 0.2
+gear_ratio = 50
+origin = { xyz = [0.0, 0.0, 0.3], rpy = [0.1, 0.0, 0.0] }
+[joint.link]
+mass = 2.0
+com = [0.02, 0.0, 0.05]
+inertia = [0.03, 0.001, -0.004, 0.035, 0.0001, 0.02]
+[joint.limits]
+position = [-2.0, 2.0]
+speed = 3.0
+torque = 40.0
+[joint.effects.coulomb_asymmetric]
+positive = 1.0
+negative = 1.5
+[joint.effects.viscous]
+coefficient = 0.7
+[joint.effects.linear_spring]
+stiffness = 3.0
+rest = 0.2
+[joint.effects.stribeck]
+[[joint]]
+name = "slide"
+type = "prismatic"
+rotor_inertia = 0.0
+gear_ratio = 1
+origin = { xyz = [0.1, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
+axis = [0.0, 3.0, 4.0]
+[joint.link]
+mass = 1.0
+com = [0.0, 0.1, 0.02]
+inertia = [0.01, 0.0, 0.0, 0.012, 0.0, 0.008]
+[[joint]]
+name = "lift"
+type = "revolute"
+rotor_inertia = 0.05
+gear_ratio = 80
+origin = { xyz = [0.0, 0.2, 0.0], rpy = [0.0, 0.3, 0.0] }
+axis = [1.0, 0.0, 0.0]
+[joint.link]
+mass = 0.8
+com = [0.0, 0.1, 0.02]
+inertia = [0.01, 0.0, 0.0, 0.012, 0.0, 0.008]
+[tip]
+origin = { xyz = [0.0, 0.0, 0.1] }
+"""
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cache: Path) -> Run:  # noqa: ARG001
+    """`tendon ARGUMENTS` in a folder with small.toml: status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL)
+
+    def typed(*arguments: object) -> tuple[int, str, str]:
+        status = output.run(app, [str(a) for a in arguments])
+        printed = capsys.readouterr()
+        return status, printed.out, printed.err
+
+    return typed
+
+
+def geometry(arm: SpatialArm) -> ChainGeometry:
+    axes = np.array([joint.axis for joint in arm.joints])
+    return ChainGeometry(
+        np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
+        np.array([joint.origin.xyz for joint in arm.joints]),
+        axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        np.array([joint.type == "revolute" for joint in arm.joints]),
+        np.array(arm.gravity),
+    )
+
+
+def full(arm: SpatialArm) -> np.ndarray:
+    """All inertial parameters that a file says."""
+    bodies, rotors = exporting.reference(arm)
+    return np.array([*np.concatenate([exporting.parameters(body) for body in bodies]), *rotors])
+
+
+def states(n: int, count: int = 20, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    q, qd, qdd = np.random.default_rng(seed).uniform(-2, 2, (3, n, count))
+    return q, qd, qdd
+
+
+# --- torques of a chain ---
+
+
+@pytest.mark.parametrize("name", ["small", "vishard4"])
+def test_torques_of_full_bodies_are_those_of_the_generated_code(name: str, tmp_path: Path, cache: Path) -> None:  # noqa: ARG001
+    """Two routes to one number: the recursion on full bodies, and the code of base parameters."""
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    source = Source.read(path, None) if name == "small" else Source.read(Path(name), None)
+    model, arm = source.model(), exporting.in_space(source.arm())
+    at = states(model.n)
+    own = np.einsum("npN,p->nN", full_regressor(geometry(arm), *at), full(arm))
+    assert own == pytest.approx(model.inverse_dynamics(*at), rel=1e-9, abs=1e-9)
+    B, W = base_map(geometry(arm), model.regressor)
+    assert W @ B @ full(arm) == pytest.approx(W @ model.lump_values, rel=1e-9, abs=1e-9)
+
+
+def test_a_chain_at_rest_holds_its_weight() -> None:
+    """A pendulum: m g l sin q, and what slides along gravity bears all of it."""
+    turned, place = np.array([np.eye(3)] * 2), np.zeros((2, 3))
+    axis = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    chain = ChainGeometry(turned, place, axis, np.array([True, False]), np.array([0.0, 0.0, -9.81]))
+    body = np.zeros(22)
+    body[PER_BODY] = 2.0
+    q = np.array([[0.3], [0.5]])
+    tau = full_regressor(chain, q, 0 * q, 0 * q)[:, :, 0] @ body
+    assert tau == pytest.approx([-2.0 * 9.81 * 0.5 * np.cos(0.3), -2.0 * 9.81 * np.sin(0.3)])
+
+
+# --- bodies that can be ---
+
+THETA = st.lists(st.floats(-1, 1), min_size=10, max_size=10).map(np.array)
+
+
+@given(THETA)
+@settings(deadline=None)
+def test_every_log_cholesky_vector_is_a_body_and_every_body_is_one(theta: np.ndarray) -> None:
+    body = pseudo_parameters(theta)
+    assert is_possible(body)
+    assert log_cholesky(body) == pytest.approx(theta, abs=1e-6)
+    assert pseudo_inertia(body) == pytest.approx(pseudo_inertia(body).T)
+    steps = [(pseudo_parameters(theta + e) - pseudo_parameters(theta - e)) / 2e-6 for e in 1e-6 * np.eye(10)]
+    assert pseudo_slopes(theta) == pytest.approx(np.stack(steps, axis=1), abs=1e-6)
+
+
+def cloud(rng: np.random.Generator) -> np.ndarray:
+    """Ten parameters of some points with masses."""
+    points, masses = rng.normal(0, 0.1, (12, 3)) + rng.normal(0, 0.1, 3), rng.uniform(0.05, 0.4, 12)
+    moments = sum(m * (x @ x * np.eye(3) - np.outer(x, x)) for m, x in zip(masses, points, strict=True))
+    return np.array([masses.sum(), *(masses @ points), *moments[np.triu_indices(3)]])
+
+
+@pytest.fixture(scope="module")
+def seven() -> SimpleNamespace:
+    """A seven-joint arm of point clouds: its map to base parameters, what is true, and a guess at it."""
+    rng = np.random.default_rng(3)
+    arm = imported(ROBOTS / "panda.urdf", DECLARED, tip="panda_hand_tcp").arm
+    chain = geometry(arm)
+    Y = np.moveaxis(full_regressor(chain, *states(7, 60)), 1, 2).reshape(-1, 77)
+    kept: list[int] = []
+    for column in range(77):  # the first independent columns stand for base parameters
+        if np.linalg.matrix_rank(Y[:, [*kept, column]], tol=1e-8) > len(kept):
+            kept.append(column)
+    B, W = base_map(chain, lambda *at: full_regressor(chain, *at)[:, kept])
+    bodies = np.array([cloud(rng) for _ in range(7)])
+    guess = np.array([cloud(rng) for _ in range(7)])
+    return SimpleNamespace(B=B, W=W, bodies=bodies, rotors=rng.uniform(0.1, 1, 7), guess=guess, count=len(kept))
+
+
+def test_a_panda_shows_48_base_parameters(seven: SimpleNamespace) -> None:
+    assert seven.count == 48
+
+
+def test_possible_bodies_are_found_whose_torques_are_exact(seven: SimpleNamespace) -> None:
+    base = seven.B @ np.concatenate([seven.bodies.ravel(), seven.rotors])
+    found = project(seven.B, seven.W, base, seven.guess, np.full(7, 0.3))
+    assert found.mismatch < 1e-12
+    assert all(is_possible(body) for body in found.bodies)
+    assert found.rotors[2:] == pytest.approx(seven.rotors[2:])  # the others are seen with their links only
+
+
+def test_what_nothing_shows_stays_at_the_reference(seven: SimpleNamespace) -> None:
+    """The reference itself, where it has the base parameters; else bodies that are nearer to it than the truth."""
+    base = seven.B @ np.concatenate([seven.bodies.ravel(), seven.rotors])
+    found = project(seven.B, seven.W, base, seven.bodies, seven.rotors)
+    assert found.bodies == pytest.approx(seven.bodies, rel=1e-6, abs=1e-9)
+    other = project(seven.B, seven.W, base, seven.guess, np.full(7, 0.3))
+    scale = np.array([1.0] * 4 + [0.1] * 6)
+
+    def distance(bodies: np.ndarray, rotors: np.ndarray) -> float:
+        own, there = (np.array([log_cholesky(body) for body in each]) for each in (bodies, seven.guess))
+        return float(np.hypot(np.linalg.norm((own - there) / scale), np.linalg.norm(np.log(rotors / 0.3))))
+
+    assert distance(other.bodies, other.rotors) < 0.9 * distance(seven.bodies, seven.rotors)
+
+
+def test_where_no_body_has_them_the_nearest_in_torque_is_taken(seven: SimpleNamespace) -> None:
+    truth = np.concatenate([seven.bodies.ravel(), seven.rotors])
+    truth[:PER_BODY] *= -1
+    truth[-7:] *= -1
+    found = project(seven.B, seven.W, seven.B @ truth, seven.guess, np.full(7, 0.3))
+    assert all(is_possible(body) for body in found.bodies)
+    assert found.mismatch > 0.01
+    assert (found.rotors > 0).all()
+
+
+def test_a_rotor_of_nothing_stays_so(seven: SimpleNamespace) -> None:
+    base = seven.B @ np.concatenate([seven.bodies.ravel(), np.zeros(7)])
+    found = project(seven.B, seven.W, base, seven.guess, np.zeros(7))
+    assert not found.rotors.any()
+    assert found.mismatch < 1e-12
+
+
+# --- the verb ---
+
+
+def said(run: Run, *arguments: object) -> dict:
+    status, out, err = run("export", *arguments, "--json", "-")
+    assert (status, err.replace("looking for bodies that can be …\n", "")) == (0, "")
+    document: dict = json.loads(out)
+    return document
+
+
+def test_a_file_that_says_everything_is_exported_as_it_is(run: Run) -> None:
+    document = said(run, "small.toml", "--to", "urdf", "--out", "small.urdf")
+    assert document["missing"] == 0
+    again = imported(Path("small.urdf"), DECLARED).arm
+    arm = Source.read(Path("small.toml"), None).arm()
+    assert isinstance(arm, SpatialArm)
+    for there, own in zip(again.joints, arm.joints, strict=True):
+        assert (there.name, there.type, there.gear_ratio) == (own.name, own.type, own.gear_ratio)
+        assert there.origin == own.origin
+        assert there.link.inertia == pytest.approx(own.link.inertia)
+        assert there.link.com == pytest.approx(own.link.com)
+    assert again.joints[0].limits == arm.joints[0].limits
+    assert again.tip == arm.tip
+    assert set(document["unsaid"]) == {
+        "linear_spring at joint 1",
+        "coulomb_asymmetric at joint 1 in each direction: the mean of both is written",
+        "stribeck at joint 1",
+        "rotor_inertia of joints 1, 3",
+        "gravity [0.5, 0.0, -9.81]: loaders take [0.0, 0.0, -9.81]",
+    }
+    assert '<dynamics damping="0.7" friction="1.25"/>' in Path("small.urdf").read_text()
+
+
+def test_what_was_identified_is_exported_with_its_torques(run: Run) -> None:
+    """Base parameters that no body of the file has, into a URDF, and back into bodies: the torques are the model's."""
+    source = Source.read(Path("small.toml"), None)
+    model = source.model()
+    changed = {lump.name: float(value) for lump, value in zip(model.lumps, 1.1 * model.lump_values, strict=True)}
+    lines = "".join(f"{name} = {value!r}\n" for name, value in changed.items())
+    Path("fitted.toml").write_text(f"{SMALL}\n[inertial]\n{lines}")
+    document = said(run, "fitted.toml", "--to", "urdf", "--out", "fitted.urdf")
+    assert document["missing"] < 1e-12
+    again = imported(Path("fitted.urdf"), DECLARED).arm
+    arm = replace(
+        again,
+        gravity=source.arm().gravity,
+        joints=tuple(
+            replace(joint, rotor_inertia=written["rotor_inertia"])
+            for joint, written in zip(again.joints, document["joints"], strict=True)
+        ),
+    )
+    at = states(3)
+    own = np.einsum("npN,p->nN", full_regressor(geometry(arm), *at), full(arm))
+    assert own == pytest.approx(model.inverse_dynamics(*at, lumps=1.1 * model.lump_values), rel=1e-9, abs=1e-9)
+
+
+def test_unknown_numbers_are_asked_for_by_name(run: Run) -> None:
+    Path("unknown.toml").write_text(SMALL.replace("rotor_inertia = 0.05\n", ""))
+    status, out, err = run("export", "unknown.toml", "--to", "urdf", "--out", "new.urdf")
+    assert (status, out) == (2, "")
+    assert "this needs numbers that the model file leaves out (joint 3: rotor_inertia), and so does not tell" in err
+    assert not Path("new.urdf").exists()
+
+
+def test_a_planar_arm_lies_in_the_plane_of_x_and_y(run: Run) -> None:
+    document = said(run, "vishard4", "--to", "mjcf", "--out", "vishard4.xml")
+    text = Path("vishard4.xml").read_text()
+    assert re.findall(r'axis="([^"]+)"', text) == ["0 0 1"] * 4
+    assert [joint["com"][2] for joint in document["joints"]] == [0.0] * 4
+    assert "the contact with a plate" in document["unsaid"]
+
+
+def test_the_numbers_go_onto_a_urdf_and_nothing_else_changes(run: Run) -> None:
+    said(run, "small.toml", "--to", "urdf", "--out", "plain.urdf")
+    drawn = (
+        Path("plain.urdf")
+        .read_text()
+        .replace(
+            '  <link name="pan_link">', '  <!-- as drawn -->\n  <link name="pan_link">\n    <visual name="a > b"/>'
+        )
+        .replace('mass value="2"', 'mass value="7"')
+        .replace('<dynamics damping="0.7" friction="1.25"/>', "")
+        .replace('<link name="tip"/>', '<link name="tip"><inertial><mass value="3"/></inertial></link>')
+    )
+    Path("drawn.urdf").write_text(drawn)
+    said(run, "small.toml", "--to", "urdf", "--out", "new.urdf", "--onto", "drawn.urdf")
+    made = Path("new.urdf").read_text()
+    assert '<!-- as drawn -->\n  <link name="pan_link">\n    <visual name="a > b"/>' in made
+    assert 'mass value="7"' not in made
+    assert 'mass value="3"' not in made
+    own, there = (imported(Path(name), DECLARED).arm for name in ("plain.urdf", "new.urdf"))
+    assert own == there
+    assert Path("drawn.urdf").read_text() == drawn
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--to", "mjcf", "--out", "new", "--onto", "x.urdf"), "--onto x.urdf: only a URDF can be written into"),
+        (("--to", "urdf", "--out", "small.toml"), "small.toml: is read here; choose another name to write to"),
+        (("--to", "urdf", "--out", "no/where"), "there is no directory no; make it first"),
+        (("--to", "sdf", "--out", "new"), "'sdf' is not one of 'urdf', 'mjcf'"),
+        (("--to", "urdf", "--out", "new", "--onto", "absent.urdf"), "absent.urdf: no such file; expected a URDF"),
+        (("--to", "urdf", "--out", "new", "--onto", str(ROBOTS / "panda.urdf")), 'no joint is called "pan", as one of'),
+    ],
+)
+def test_mistakes_are_one_line_and_nothing_is_written(run: Run, arguments: tuple[str, ...], message: str) -> None:
+    status, out, err = run("export", "small.toml", *arguments)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+    assert not Path("new").exists()
+    assert Path("small.toml").read_text() == SMALL
+
+
+def test_another_arm_of_the_same_names_is_told_apart(run: Run) -> None:
+    said(run, "small.toml", "--to", "urdf", "--out", "plain.urdf")
+    text = Path("plain.urdf").read_text()
+    Path("longer.urdf").write_text(text.replace('xyz="0 0.2 0"', 'xyz="0 0.21 0"'))
+    Path("turned.urdf").write_text(text.replace('rpy="0 0.3 0"', 'rpy="0 0.31 0"'))
+    for name, what in (("longer", "stands elsewhere"), ("turned", "is turned otherwise")):
+        status, _, err = run("export", "small.toml", "--to", "urdf", "--out", "new", "--onto", f"{name}.urdf")
+        assert status == 2
+        assert f'joint "lift" {what} than in the model: another arm?' in err
+
+
+def test_mujoco_takes_the_file_and_gives_the_torques(run: Run) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    said(run, "small.toml", "--to", "mjcf", "--out", "small.xml")
+    there, model = mujoco.MjModel.from_xml_path("small.xml"), Source.read(Path("small.toml"), None).model()
+    there.dof_damping[:], there.dof_frictionloss[:], there.jnt_stiffness[:] = 0, 0, 0
+    there.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, at = mujoco.MjData(there), states(3)
+    own = model.inverse_dynamics(*at)
+    for k in range(own.shape[1]):
+        data.qpos[:], data.qvel[:], data.qacc[:] = (x[:, k] for x in at)
+        mujoco.mj_inverse(there, data)
+        assert data.qfrc_inverse == pytest.approx(own[:, k], rel=1e-9, abs=1e-9)

@@ -1,0 +1,103 @@
+"""`tendon import`, as it is typed: what it writes, what it says, and what it refuses without writing anything."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from runtime.cli import output
+from runtime.cli.main import app
+from symbolic.model_file import reader
+from symbolic.model_file.arm import SpatialArm
+
+ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+UR10, PANDA = ROBOTS / "ur10_robot.urdf", ROBOTS / "panda.urdf"
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """`tendon ARGUMENTS` in an empty folder: status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def typed(*arguments: object) -> tuple[int, str, str]:
+        status = output.run(app, [str(a) for a in arguments])
+        printed = capsys.readouterr()
+        return status, printed.out, printed.err
+
+    return typed
+
+
+def test_a_ur10_is_one_line_away(run: Run) -> None:
+    status, out, err = run("import", UR10, "--out", "ur10.toml")
+    assert (status, err) == (0, "")
+    assert out.startswith("ur10.toml: ur10, 6 joints from world to tool0\n")
+    assert "shoulder_pan_joint" in out
+    assert "the arm ends at tool0; ee_link ends at the same joint (--tip LINK for another)\n" in out
+    arm = reader.load("ur10.toml")
+    assert isinstance(arm, SpatialArm)
+    assert len(arm.joints) == 6
+
+
+def test_figures_are_in_the_json_alone(run: Run) -> None:
+    status, out, _ = run("import", PANDA, "--tip", "panda_hand_tcp", "--out", "panda.toml", "--json", "-")
+    document = json.loads(out)
+    assert status == 0
+    assert (document["base"], document["tip"], document["language"]) == ("panda_link0", "panda_hand_tcp", "URDF")
+    assert document["held"] == ["panda_finger_joint1", "panda_finger_joint2"]
+    assert [joint["unknown"] for joint in document["joints"]] == [["rotor_inertia"]] * 7
+    assert any("placeholder" in note for note in document["notes"])
+
+
+def test_nothing_is_written_over(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("precious")
+    status, out, err = run("import", UR10, "--out", "mine.toml")
+    assert (status, out, err) == (2, "", "mine.toml: is there already; choose another name\n")
+    copy = tmp_path / "copy.urdf"
+    copy.write_bytes(UR10.read_bytes())
+    assert run("import", copy, "--out", copy)[0] == 2
+    assert copy.read_bytes() == UR10.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((PANDA,), 'from "panda_link0" one comes to 3 ends: panda_hand_tcp, panda_leftfinger, panda_rightfinger; say'),
+        ((UR10, "--lock", "elbow_joint"), "--lock elbow_joint: expected JOINT=VALUE with a number in rad or m"),
+        ((UR10, "--lock", "elbow_joint=inf"), "--lock elbow_joint=inf: expected JOINT=VALUE with a number"),
+        ((UR10, "--lock", "elbow_joint=1", "--lock", "elbow_joint=2"), "--lock elbow_joint: given twice"),
+        ((UR10, "--lock", "elbow=1"), '--lock elbow: no such joint; did you mean "elbow_joint"?'),
+        ((UR10, "--tip", "tool"), '--tip tool: no such link; did you mean "tool0"?'),
+        (("absent.urdf",), "absent.urdf: no such file; expected a URDF or MJCF file"),
+        ((ROBOTS,), "is a directory; expected a URDF or MJCF file"),
+    ],
+)
+def test_mistakes_are_one_line_and_nothing_is_written(run: Run, arguments: tuple, message: str) -> None:
+    status, out, err = run("import", *arguments, "--out", "new.toml")
+    assert (status, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+    assert not Path("new.toml").exists()
+
+
+def test_an_arm_without_friction_and_with_a_held_joint(run: Run) -> None:
+    asked = ("--no-friction", "--lock", "elbow_joint=0.5", "--base", "base_link", "--tip", "wrist_2_link")
+    assert run("import", UR10, *asked, "--out", "short.toml")[0] == 0
+    arm = reader.load("short.toml")
+    assert [joint.name for joint in arm.joints] == [
+        *("shoulder_pan_joint", "shoulder_lift_joint", "wrist_1_joint", "wrist_2_joint")
+    ]
+    assert not any(joint.effects for joint in arm.joints)
+
+
+def test_what_was_snapped_is_said_by_every_verb_that_opens_the_file(run: Run, tmp_path: Path) -> None:
+    run("import", UR10, "--out", "ur10.toml")
+    text = (tmp_path / "ur10.toml").read_text().replace("1.5707963267948966", "1.5708")
+    (tmp_path / "rounded.toml").write_text(text)
+    status, out, err = run("init", "--like", "rounded.toml", "--out", "like.toml", "--json", "-")
+    assert (status, json.loads(out)["joints"]) == (0, 6)
+    assert err.startswith("rounded.toml: taken as exact quarter turns: the angles of joints 2, 4")
+    assert err.count("\n") == 1

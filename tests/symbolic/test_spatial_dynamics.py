@@ -1,0 +1,201 @@
+"""The recursion in space: against other equations, against laws of physics, and how short it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import spatial_arms
+import sympy as sp
+from numpy.testing import assert_allclose
+from random_arms import arm as planar_arm
+from spatial_arms import Array
+
+from codegen.tape.tape import Tape
+from codegen.verify.proof import prove
+from symbolic.functions import SymbolicFunction
+from symbolic.model import ArmModel, derive
+from symbolic.model_file.arm import Arm, Frame, SpatialArm, SpatialJoint, SpatialLink
+from symbolic.model_file.checks import ModelError
+
+FLOATS = {"const": float, "sin": math.sin, "cos": math.cos}
+COUNTS = {"ur10e": (430, 5), "puma560": (450, 5), "rx90": (430, 5), "panda": (555, 6), "iiwa": (522, 6)}
+"""Operations, and pairs of sine and cosine, of the inverse dynamics: base parameters and rotors free at run time."""
+
+
+@cache
+def model(name: str) -> ArmModel:
+    return derive(spatial_arms.known(name))
+
+
+TAPES: dict[int, tuple[SymbolicFunction, Tape]] = {}
+"""By the function's identity: it has no hash."""
+
+
+def tape(function: SymbolicFunction) -> Tape:
+    if id(function) not in TAPES:
+        TAPES[id(function)] = function, Tape.of(function)
+    return TAPES[id(function)][1]
+
+
+def call(arm: ArmModel, name: str, *vectors: Array) -> Array:
+    """A function in double precision at the model file's values, in its shape."""
+    function = arm.function(name)
+    values = dict(zip(arm.struct.symbols, arm.struct.defaults, strict=True))
+    for argument, vector in zip(function.inputs, vectors, strict=True):
+        values |= dict(zip(argument.symbols, map(float, vector), strict=True))
+    found = tape(function).evaluate(values, FLOATS)
+    return np.array(found, dtype=float).reshape(function.outputs[0].shape)
+
+
+def state(n: int, seed: int) -> list[Array]:
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-2, 2, n) for _ in range(3)]
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_recursions_are_short(name: str) -> None:
+    count = Tape.of(model(name).function("inverse_dynamics")).count()
+    assert (count["arithmetic"], count["sincos"]) <= COUNTS[name]
+    assert len(model(name).lumps) == (40 if len(model(name).arm.joints) == 6 else 48)
+
+
+@pytest.mark.parametrize("name", ["ur10e", "panda"])
+def test_the_regressor_is_short(name: str) -> None:
+    count = Tape.of(model(name).function("regressor")).count()
+    assert count["arithmetic"] <= {"ur10e": 570, "panda": 1130}[name]
+
+
+@pytest.mark.parametrize(
+    "arm",
+    [
+        *(spatial_arms.known(name) for name in COUNTS),
+        *(
+            spatial_arms.drawn(types, 5)
+            for types in ("r", "p", "rp", "pr", "rrr", "prp", "rrrrrr", "rrprrpr", "pprrrr")
+        ),
+        spatial_arms.drawn("rrrrrrr", 2, general=1.0),
+    ],
+    ids=lambda arm: arm.name,
+)
+def test_torques_are_those_of_newton_and_euler_body_by_body(arm: SpatialArm) -> None:
+    derived = derive(arm)
+    for seed in range(3):
+        q, qd, qdd = state(len(arm.joints), seed)
+        expected = spatial_arms.torques(arm, q, qd, qdd)
+        scale = np.abs(expected).max() + 1e-3
+        assert_allclose(call(derived, "inverse_dynamics", q, qd, qdd), expected, atol=1e-10 * scale)
+        lumps = np.array([lump.value for lump in derived.lumps])
+        assert_allclose(call(derived, "regressor", q, qd, qdd) @ lumps, expected, atol=1e-10 * scale)
+
+
+@pytest.mark.parametrize("name", ["puma560", "panda"])
+def test_power_goes_into_kinetic_and_potential_energy(name: str) -> None:
+    """d/dt (½ q̇ᵀ D q̇) + g q̇ = τ q̇, the energy by differences along a motion."""
+    arm, h = model(name), 1e-5
+    q, qd, qdd = state(len(arm.arm.joints), 7)
+
+    def kinetic(t: float) -> float:
+        rate = qd + qdd * t
+        return float(rate @ call(arm, "inertia", q + qd * t + qdd * t * t / 2) @ rate) / 2
+
+    power = (kinetic(h) - kinetic(-h)) / (2 * h) + call(arm, "gravity", q) @ qd
+    assert power == pytest.approx(call(arm, "inverse_dynamics", q, qd, qdd) @ qd, rel=1e-7)
+
+
+def in_space(arm: Arm) -> SpatialArm:
+    """A planar arm written as one in space: its plane is x and y of the base."""
+    joints, before = [], 0.0
+    for joint in arm.joints:
+        link, slides = joint.link, joint.type == "prismatic"
+        along, across = link.com
+        joints.append(
+            SpatialJoint(
+                joint.type,
+                joint.rotor_inertia,
+                joint.gear_ratio,
+                origin=Frame((before, 0.0, 0.0)),
+                axis=(1.0, 0.0, 0.0) if slides else (0.0, 0.0, 1.0),
+                link=SpatialLink(link.mass, (along, across, 0.0), (0.01, 0.0, 0.0, 0.02, 0.0, link.inertia)),
+            )
+        )
+        before = link.length
+    return SpatialArm(f"{arm.name}_in_space", (*arm.gravity, 0.0), tuple(joints))
+
+
+@pytest.mark.parametrize("types", ["r", "rr", "rrrr", "rprr", "prr"])
+def test_a_planar_arm_in_space_has_the_same_torques(types: str) -> None:
+    plane = planar_arm(types, (1.0, -9.0))
+    space, flat = derive(in_space(plane)), derive(plane)
+    assert len(space.lumps) == len(flat.lumps)
+    for seed in range(3):
+        q, qd, qdd = state(len(types), seed)
+        for name, arguments in (("inverse_dynamics", (q, qd, qdd)), ("link_load", (q, qd, qdd)), ("gravity", (q,))):
+            assert_allclose(call(space, name, *arguments), call(flat, name, *arguments), atol=1e-9)
+
+
+def test_rotors_turn_with_their_joints_alone() -> None:
+    arm = spatial_arms.known("rx90")
+    q, qd, qdd = state(6, 3)
+    heavier = replace(
+        arm, joints=tuple(replace(j, rotor_inertia=j.rotor_inertia + i) for i, j in enumerate(arm.joints, 1))
+    )
+    more = call(derive(heavier), "inverse_dynamics", q, qd, qdd) - call(derive(arm), "inverse_dynamics", q, qd, qdd)
+    assert_allclose(more, np.arange(1, 7) * qdd, atol=1e-10)
+    assert_allclose(call(derive(heavier), "link_load", q, qd, qdd), call(derive(arm), "link_load", q, qd, qdd))
+
+
+def test_what_is_unknown_stays_unknown() -> None:
+    """A link's numbers that are left out leave open what they merge into, and nothing else."""
+    arm = spatial_arms.known("rx90")
+    joints = list(arm.joints)
+    joints[5] = replace(joints[5], link=SpatialLink(1.0, (0.0, 0.0, 0.1)), rotor_inertia=None)
+    joints[2] = replace(joints[2], link=SpatialLink())
+    derived = derive(replace(arm, joints=tuple(joints)))
+    known = {lump.name: lump.value for lump in derived.lumps}
+    assert known["MX6"] == 0.0
+    assert known["MX4"] is not None
+    assert {known[name] for name in ("XX6", "I6", "MX3", "XX3", "ZZ1")} == {None}
+    assert len(derived.lumps) == len(model("rx90").lumps)
+
+
+def test_values_of_an_identification_override() -> None:
+    arm = replace(spatial_arms.known("rx90"), inertial={"XX4": 0.5})
+    assert next(lump.value for lump in derive(arm).lumps if lump.name == "XX4") == 0.5
+    with pytest.raises(ModelError, match='unknown base parameter "XX44"; did you mean "XX4"'):
+        derive(replace(arm, inertial={"XX44": 0.5}))
+
+
+@pytest.mark.parametrize("name", ["ur10e", "iiwa"])
+def test_parts_give_the_base_parameters(name: str) -> None:
+    """Inertia tensor, first moments and mass of every body in its own joint's frame, times `parts`."""
+    arm = model(name)
+    bodies = [spatial_arms.body_parameters(joint.link) | {"I": joint.rotor_inertia} for joint in arm.arm.joints]
+    for lump in arm.lumps:
+        assert lump.value == pytest.approx(sum(bodies[j - 1][own] * float(f) for j, own, f in lump.parts))
+
+
+@pytest.mark.parametrize("types", ["rr", "pr", "rrp", "rrr", "rrrr"])
+def test_base_parameters_are_independent(types: str) -> None:
+    for seed in range(4):
+        arm = derive(spatial_arms.drawn(types, seed, gravity=(1.0, 2.0, -9.0)))
+        rows = np.concatenate([call(arm, "regressor", *state(len(types), k)) for k in range(20)])
+        assert np.linalg.matrix_rank(rows / np.linalg.norm(rows, axis=0), tol=1e-9) == len(arm.lumps)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_function_is_the_lagrangian_exactly(seed: int) -> None:
+    types = ("rrrrrr", "rrprrpr", "prrp", "rrrrrrr", "pprr", "rprrr")[seed]
+    derived = derive(spatial_arms.drawn(types, 100 + seed, general=(0.0, 0.3, 1.0)[seed % 3]))
+    tapes = {f.name: Tape.of(f) for f in derived.functions}
+    assert [proof for proof in prove(derived, tapes, points=2) if not proof.equal] == []
+
+
+def test_symbols_of_the_definitions_are_no_inputs() -> None:
+    for function in model("panda").functions:
+        inputs = {s for a in function.arguments for s in a.symbols}
+        assert not inputs & {symbol for symbol, _ in function.definitions}
+        assert all(isinstance(symbol, sp.Symbol) for symbol, _ in function.definitions)
