@@ -230,6 +230,10 @@ class CandidateField:
         """As `block`, on the excerpt."""
         return self._one(self._sampled(term, [shape], joints_of(self.model, term), reread=True))
 
+    def unread(self, term: Term, shape: Values) -> CandidateBlock:
+        """As `sample`, without the encoders' noise."""
+        return self._one(self._sampled(term, [shape], joints_of(self.model, term), reread=False))
+
     def _one(self, blocks: CandidateBlock) -> CandidateBlock:
         """The only one of a block of many choices."""
         parts = {

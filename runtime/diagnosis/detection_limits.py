@@ -240,9 +240,9 @@ def _softened(info: EffectInfo, shape: Values, freed: float) -> Values:
 
 def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, freed: float) -> CandidateBlock:
     """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
-    block = field.sample(term, shape)
     if freed == 1.0:
-        return block
+        return field.sample(term, shape)
+    block = field.unread(term, shape)
     noisy = field.sample(term, _softened(field.model.library.effects[term.effect], shape, freed)).parts
     parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in block.parts.items()}
     return replace(block, parts=parts)

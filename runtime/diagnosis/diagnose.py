@@ -149,7 +149,15 @@ def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> 
 
 
 def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
-    """The verdict, once nothing more passes the gates; `wider` as for `diagnose`."""
+    """The verdict, once nothing more passes the gates, and what would have been seen; `wider` as for `diagnose`."""
+    able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
+    floors = search.steps[-1].floors
+    seen = () if search.suspicions else tuple(detection_limits.of(search.ground(), floors, able))
+    return replace(judged(search, wider), seen=seen)
+
+
+def judged(search: Search, wider: Wider | None = None) -> Diagnosis:
+    """As `conclude`, without what would have been seen."""
     step = search.steps[-1]
     compared = consistency.compare(step.identification, search.names, [s.floor.spectrum for s in step.joints])
     verdict, reason = _verdict(search, compared)
@@ -157,16 +165,13 @@ def conclude(search: Search, wider: Wider | None = None) -> Diagnosis:
     if outdone:
         verdict, reason = "unexplained", compared.preface + outdone
     reason += above_band(search.steps[-1])
-    ground = search.ground()
-    able = [i for i in range(search.model.n) if seconds_moving(search.motion, i) >= LEAST_MOVING_S]
-    seen = () if search.suspicions else tuple(detection_limits.of(ground, step.floors, able))
     named = {f.term for f in search.findings}
     findings = tuple(
         replace(f, rivals=tuple(t for t in f.rivals if t not in named))
         for f in (search.findings if verdict == "effect" else ())
     )
     steps = tuple(search.steps if findings else search.steps[:1])
-    return Diagnosis(verdict, reason, steps, findings, _withheld(search, verdict), seen, compared)
+    return Diagnosis(verdict, reason, steps, findings, _withheld(search, verdict), (), compared)
 
 
 def _withheld(search: Search, verdict: str) -> Verdict:

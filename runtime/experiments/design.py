@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.branches import complete
+from runtime.diagnosis.diagnose import begin, judged
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, Repertoire, TorqueLimit, peaks, plans
@@ -132,7 +133,7 @@ def _trial(bench: TrialArm, motion: Array, truth: int | None, seed: int) -> Simu
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
     own = len(bench.rivals) * seed + (0 if truth is None else truth)
-    result = diagnose(bench.model, [bench.record(motion, hidden, own)])
+    result = judged(complete(begin(bench.model, [bench.record(motion, hidden, own)])))
     term = None if hidden is None else hidden.term
     others = tuple(r.term for r in bench.rivals if r.term != term)
     named = tuple(f.term for f in result.findings)
