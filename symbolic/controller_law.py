@@ -275,10 +275,7 @@ def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> l
 
 
 def _read(
-    model: ArmModel,
-    source: Coordinate | ArmOutput | ArmSlope | JointConstant,
-    joint: int,
-    outputs: Mapping[str, list[sp.Expr]],
+    model: ArmModel, source: Coordinate | ArmOutput | JointConstant, joint: int, outputs: Mapping[str, list[sp.Expr]]
 ) -> Any:
     """A signal at a joint (0-based), for an effect that sits there."""
     match source:
@@ -292,8 +289,6 @@ def _read(
             return outputs[name][place]
         case JointConstant(name):
             return sp.Rational(exact(getattr(model.arm.joints[joint], name)))
-        case ArmSlope(name):
-            raise ValueError(f"how {name} grows stands between two joints; no controller's effect reads it")
 
 
 def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:

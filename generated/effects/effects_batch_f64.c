@@ -389,6 +389,47 @@ void tendon_lugre_states_batch_f64(
     }
 }
 
+/* lugre_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+void tendon_lugre_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict qd = s->qd;
+    const double *restrict level = s->level;
+    double own[2][8];
+    double x[1][8];
+    if (count == 0U) {
+        return;
+    }
+    for (size_t j = 0; j < 8; ++j) {
+        for (size_t i = 0; i < 2; ++i) {
+            own[i][j] = p[2 * j + i];
+        }
+        x[0][j] = 0.0;
+    }
+    for (size_t k = 0; k < count; ++k) {
+        double row[2][8];
+        TENDON_INDEPENDENT
+        for (size_t j = 0; j < 8; ++j) {
+            const double t1 = level[k] * tendon_sgn_f64(qd[k]);
+            const double t2 = x[0][j] - t1;
+            const double t3 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
+            row[0][j] = t2;
+            row[1][j] = qd[k] - x[0][j] * t3;
+            const double next0 = t1 + t2 * tendon_exp_f64(-(t3 * (own[0][j] * dt)));
+            x[0][j] = next0;
+        }
+        for (size_t j = 0; j < 8; ++j) {
+            for (size_t i = 0; i < 2; ++i) {
+                out[(2 * j + i) * count + k] = row[i][j];
+            }
+        }
+    }
+}
+
 /* thermal_friction_columns along `count` samples, 3 rows in `out`. */
 void tendon_thermal_friction_columns_batch_f64(
     size_t count,
@@ -756,6 +797,70 @@ void tendon_spring_hysteresis_states_batch_f64(
     }
 }
 
+/* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+void tendon_spring_hysteresis_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    const double *restrict q = s->q;
+    double own[2][8];
+    double x[5][8];
+    if (count == 0U) {
+        return;
+    }
+    for (size_t j = 0; j < 8; ++j) {
+        for (size_t i = 0; i < 2; ++i) {
+            own[i][j] = p[2 * j + i];
+        }
+        x[0][j] = 0.0;
+        x[1][j] = 0.0;
+        x[2][j] = 0.0;
+        x[3][j] = 0.0;
+        x[4][j] = q[0];
+    }
+    for (size_t k = 0; k < count; ++k) {
+        double row[2][8];
+        TENDON_INDEPENDENT
+        for (size_t j = 0; j < 8; ++j) {
+            const double t1 = x[4][j] - q[k];
+            const double t2 = 0.7142857142857143 * own[1][j];
+            const double t3 = x[2][j] - t1;
+            const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
+            const double t5 = x[3][j] - t1;
+            const double t6 = tendon_ramp_f64(-(own[1][j] + t5)) - tendon_ramp_f64(x[3][j] - own[1][j] - t1);
+            const double t7 = 0.14285714285714285 * own[1][j];
+            const double t8 = x[0][j] - t1;
+            const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0][j] - t7 - t1);
+            const double t10 = 0.42857142857142855 * own[1][j];
+            const double t11 = x[1][j] - t1;
+            const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
+            const double t13 = t9 + (t6 + (t4 + (4.0 * q[k] + (x[3][j] + (x[2][j] + (x[0][j] + x[1][j])) - 4.0 *
+        x[4][j]))));
+            row[0][j] = 0.0;
+            row[1][j] = 0.4375 * (t12 + t13) / own[1][j];
+            const double next0 = t8 + t9;
+            const double next1 = t11 + t12;
+            const double next2 = t3 + t4;
+            const double next3 = t5 + t6;
+            const double next4 = q[k];
+            x[0][j] = next0;
+            x[1][j] = next1;
+            x[2][j] = next2;
+            x[3][j] = next3;
+            x[4][j] = next4;
+        }
+        for (size_t j = 0; j < 8; ++j) {
+            for (size_t i = 0; i < 2; ++i) {
+                out[(2 * j + i) * count + k] = row[i][j];
+            }
+        }
+    }
+}
+
 /* torque_ripple_columns along `count` samples, 3 rows in `out`. */
 void tendon_torque_ripple_columns_batch_f64(
     size_t count,
@@ -910,6 +1015,8 @@ void tendon_elasticity_columns_batch_f64(
     const double *restrict load = s->load;
     const double *restrict link_inertia = s->link_inertia;
     const double *restrict coupling = s->coupling;
+    const double *restrict coupling_rate = s->coupling_rate;
+    const double *restrict coupling_slope = s->coupling_slope;
     double x[4];
     if (count == 0U) {
         return;
@@ -931,7 +1038,7 @@ void tendon_elasticity_columns_batch_f64(
         const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
         const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
         const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
         const double t14 = link_inertia[k] * link_inertia[k];
         const double t15 = 1.0 / t14;
         const double t16 = t3 * (p[1] * p[1]);
@@ -944,7 +1051,7 @@ void tendon_elasticity_columns_batch_f64(
         const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
         const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
         const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = -(coupling[k] * x[2]);
+        out[k] = -(coupling_slope[k] * x[0] + (coupling[k] * x[2] + coupling_rate[k] * x[1]));
         const double next0 = t23;
         const double next1 = t24;
         const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
@@ -967,6 +1074,8 @@ void tendon_elasticity_torque_batch_f64(
     const double *restrict load = s->load;
     const double *restrict link_inertia = s->link_inertia;
     const double *restrict coupling = s->coupling;
+    const double *restrict coupling_rate = s->coupling_rate;
+    const double *restrict coupling_slope = s->coupling_slope;
     double x[4];
     if (count == 0U) {
         return;
@@ -988,7 +1097,7 @@ void tendon_elasticity_torque_batch_f64(
         const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
         const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
         const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
         const double t14 = link_inertia[k] * link_inertia[k];
         const double t15 = 1.0 / t14;
         const double t16 = t3 * (p[1] * p[1]);
@@ -1001,7 +1110,7 @@ void tendon_elasticity_torque_batch_f64(
         const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
         const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
         const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = -(coupling[k] * x[2]);
+        out[k] = -(coupling_slope[k] * x[0] + (coupling[k] * x[2] + coupling_rate[k] * x[1]));
         const double next0 = t23;
         const double next1 = t24;
         const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
@@ -1072,6 +1181,81 @@ void tendon_elasticity_states_batch_f64(
     }
 }
 
+/* elasticity_columns of 8 choices of parameters, p (8, 2); out (8, 1, count). */
+void tendon_elasticity_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict load = s->load;
+    const double *restrict link_inertia = s->link_inertia;
+    const double *restrict coupling = s->coupling;
+    const double *restrict coupling_rate = s->coupling_rate;
+    const double *restrict coupling_slope = s->coupling_slope;
+    double own[2][8];
+    double x[4][8];
+    if (count == 0U) {
+        return;
+    }
+    for (size_t j = 0; j < 8; ++j) {
+        for (size_t i = 0; i < 2; ++i) {
+            own[i][j] = p[2 * j + i];
+        }
+        x[0][j] = load[0] / own[0][j];
+        x[1][j] = 0.0;
+        x[2][j] = 0.0;
+        x[3][j] = load[0];
+    }
+    for (size_t k = 0; k < count; ++k) {
+        double row[1][8];
+        TENDON_INDEPENDENT
+        for (size_t j = 0; j < 8; ++j) {
+            const double t1 = 1.0 / link_inertia[k];
+            const double t2 = own[1][j] * t1;
+            const double t3 = dt * dt;
+            const double t4 = 0.16666666666666666 * t3;
+            const double t5 = 0.6666666666666666 * dt;
+            const double t6 = 0.4166666666666667 * dt;
+            const double t7 = t1 * (1.3333333333333333 * load[k] - 0.3333333333333333 * x[3][j]);
+            const double t8 = 2.0 * load[k] - x[3][j];
+            const double t9 = t1 * t8;
+            const double t10 = x[1][j] + 0.25 * (dt * (3.0 * t7 + t9));
+            const double t11 = 0.75 * (dt * (x[1][j] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
+            const double t12 = t1 * own[0][j];
+            const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0][j] * dt));
+            const double t14 = link_inertia[k] * link_inertia[k];
+            const double t15 = 1.0 / t14;
+            const double t16 = t3 * (own[1][j] * own[1][j]);
+            const double t17 = 1.0 - t4 * t12;
+            const double t18 = t11 + (x[0][j] - t6 * t10);
+            const double t19 = 4.0 * own[0][j];
+            const double t20 = 36.0 * t14;
+            const double t21 = t19 * (own[1][j] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 +
+        own[0][j] * own[0][j] * (t3 * t3)));
+            const double t22 = t20 / (t20 + (24.0 * (dt * (own[1][j] * link_inertia[k])) + t21));
+            const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18)
+        * t22;
+            const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (own[1][j] * own[0][j]))));
+            row[0][j] = -(coupling_slope[k] * x[0][j] + (coupling[k] * x[2][j] + coupling_rate[k] * x[1][j]));
+            const double next0 = t23;
+            const double next1 = t24;
+            const double next2 = t1 * (t8 - own[1][j] * t24 - own[0][j] * t23);
+            const double next3 = load[k];
+            x[0][j] = next0;
+            x[1][j] = next1;
+            x[2][j] = next2;
+            x[3][j] = next3;
+        }
+        for (size_t j = 0; j < 8; ++j) {
+            for (size_t i = 0; i < 1; ++i) {
+                out[(1 * j + i) * count + k] = row[i][j];
+            }
+        }
+    }
+}
+
 /* backlash_columns along `count` samples, 1 row in `out`. */
 void tendon_backlash_columns_batch_f64(
     size_t count,
@@ -1083,6 +1267,8 @@ void tendon_backlash_columns_batch_f64(
     const double *restrict load = s->load;
     const double *restrict link_inertia = s->link_inertia;
     const double *restrict coupling = s->coupling;
+    const double *restrict coupling_rate = s->coupling_rate;
+    const double *restrict coupling_slope = s->coupling_slope;
     double x[5];
     if (count == 0U) {
         return;
@@ -1093,68 +1279,70 @@ void tendon_backlash_columns_batch_f64(
     x[3] = 0.0;
     x[4] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.5 * p[0];
-        const double t2 = t1 - x[0];
-        const double t3 = -t2;
-        const double t4 = p[2] * x[1];
-        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
-        const double t6 = x[0] + t1;
-        const double t7 = -t6;
-        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
-        const double t9 = t5 + t8;
-        const double t10 = dt * t9;
-        const double t11 = 1.0 / link_inertia[k];
-        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
-        const double t13 = 2.0 * t12;
-        const double t14 = x[1] * x[1];
-        const double t15 = 2.0 * x[0];
-        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
+        const double t1 = coupling_slope[k] * x[0] + (coupling[k] * (1.5 * x[2] - 0.5 * x[3]) + coupling_rate[k] *
             x[1]);
-        const double t17 = 0.5 * t12;
-        const double t18 = dt * x[1] + dt * dt * t17;
-        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
-        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
+        const double t2 = 0.5 * p[0];
+        const double t3 = t2 - x[0];
+        const double t4 = -t3;
+        const double t5 = x[1] * p[2];
+        const double t6 = tendon_gate_f64(t4, tendon_step_f64(t5 - t3 * p[1]));
+        const double t7 = x[0] + t2;
+        const double t8 = -t7;
+        const double t9 = tendon_gate_f64(t8, tendon_step_f64(-(t5 + p[1] * t7)));
+        const double t10 = t6 + t9;
+        const double t11 = dt * t10;
+        const double t12 = 1.0 / link_inertia[k];
+        const double t13 = (1.5 * load[k] - 0.5 * x[4]) * t12;
+        const double t14 = 2.0 * t13;
+        const double t15 = x[1] * x[1];
+        const double t16 = 2.0 * x[0];
+        const double t17 = dt - (p[0] + t16) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t15 - t7 * t14)) -
+            x[1]);
+        const double t18 = 0.5 * t13;
+        const double t19 = x[1] * dt + dt * dt * t18;
+        const double t20 = tendon_gate_f64(-(t7 + t19), 1.0 - tendon_step_f64(t8));
+        const double t21 = dt - (p[0] - t16) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t15 + t3 * t14)) + (x[1] +
             1e-07));
-        const double t21 = 1.0 - tendon_step_f64(t3);
-        const double t22 = t18 - t2;
-        const double t23 = 1.0 - t9;
-        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
-        const double t25 = p[2] * t11;
-        const double t26 = t10 + t24;
-        const double t27 = t26 * t26;
-        const double t28 = 0.16666666666666666 * t27;
-        const double t29 = 0.4166666666666667 * t26;
-        const double t30 = 1.0 / dt;
-        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
+        const double t22 = 1.0 - tendon_step_f64(t4);
+        const double t23 = t19 - t3;
+        const double t24 = 1.0 - t10;
+        const double t25 = (t17 * t20 + tendon_gate_f64(t23, t21 * t22)) * t24;
+        const double t26 = p[2] * t12;
+        const double t27 = t11 + t25;
+        const double t28 = t27 * t27;
+        const double t29 = 0.16666666666666666 * t28;
+        const double t30 = 0.4166666666666667 * t27;
+        const double t31 = 1.0 / dt;
+        const double t32 = t2 * (p[1] * (t6 + (t24 * (tendon_gate_f64(t23, t22) - t20) - t9))) + (2.0 * load[k] -
             x[4]);
-        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t33 = t11 * t31;
-        const double t34 = dt - t26;
-        const double t35 = x[1] + t12 * t34;
-        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
-        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
-        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
-        const double t39 = p[1] * t11;
-        const double t40 = t26 * t39;
-        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
-        const double t42 = link_inertia[k] * link_inertia[k];
-        const double t43 = 1.0 / t42;
-        const double t44 = t27 * (p[2] * p[2]);
-        const double t45 = p[2] * t26;
-        const double t46 = 1.0 - t28 * t39;
-        const double t47 = t37 + (t38 - t29 * t36);
-        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
-            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
-        const double t49 = 4.0 * p[1];
-        const double t50 = 36.0 * t42;
-        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
-            p[1] * (t27 * t27)));
-        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
-        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-        out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
-        const double next0 = t48 * t52;
-        const double next1 = t53;
-        const double next2 = t30 * (t53 - x[1]);
+        const double t33 = t12 * (t32 - t31 * (t27 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t34 = t12 * t32;
+        const double t35 = dt - t27;
+        const double t36 = x[1] + t13 * t35;
+        const double t37 = 0.25 * (t27 * (3.0 * t33 + t34)) + t36;
+        const double t38 = 0.75 * (t27 * (t36 + 0.08333333333333333 * (t27 * (5.0 * t33 - t34))));
+        const double t39 = t18 * (t35 * t35) + (x[0] + x[1] * t35);
+        const double t40 = p[1] * t12;
+        const double t41 = t27 * t40;
+        const double t42 = (1.0 + t26 * t30) * t37 - t26 * t38 - 0.3333333333333333 * (t39 * t41);
+        const double t43 = link_inertia[k] * link_inertia[k];
+        const double t44 = 1.0 / t43;
+        const double t45 = t28 * (p[2] * p[2]);
+        const double t46 = p[2] * t27;
+        const double t47 = 1.0 - t29 * t40;
+        const double t48 = t38 + (t39 - t30 * t37);
+        const double t49 = (t26 * t29 + (0.6666666666666666 * t11 + 0.6666666666666666 * t25)) * t42 + (t47 +
+            (0.16666666666666666 * (t44 * t45) + 0.6666666666666666 * (t12 * t46))) * t48;
+        const double t50 = 4.0 * p[1];
+        const double t51 = 36.0 * t43;
+        const double t52 = t50 * (link_inertia[k] * t28) + (24.0 * (link_inertia[k] * t46) + (6.0 * t45 + p[1] *
+            p[1] * (t28 * t28)));
+        const double t53 = t51 / (t51 + (t50 * (p[2] * (t27 * t28)) + t52));
+        const double t54 = t53 * (t42 * t47 - t48 * (0.6666666666666666 * t41 + t44 * (t29 * (p[1] * p[2]))));
+        out[k] = -t1;
+        const double next0 = t49 * t53;
+        const double next1 = t54;
+        const double next2 = t31 * (t54 - x[1]);
         const double next3 = x[2];
         const double next4 = load[k];
         x[0] = next0;
@@ -1176,6 +1364,8 @@ void tendon_backlash_torque_batch_f64(
     const double *restrict load = s->load;
     const double *restrict link_inertia = s->link_inertia;
     const double *restrict coupling = s->coupling;
+    const double *restrict coupling_rate = s->coupling_rate;
+    const double *restrict coupling_slope = s->coupling_slope;
     double x[5];
     if (count == 0U) {
         return;
@@ -1186,68 +1376,70 @@ void tendon_backlash_torque_batch_f64(
     x[3] = 0.0;
     x[4] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.5 * p[0];
-        const double t2 = t1 - x[0];
-        const double t3 = -t2;
-        const double t4 = p[2] * x[1];
-        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
-        const double t6 = x[0] + t1;
-        const double t7 = -t6;
-        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
-        const double t9 = t5 + t8;
-        const double t10 = dt * t9;
-        const double t11 = 1.0 / link_inertia[k];
-        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
-        const double t13 = 2.0 * t12;
-        const double t14 = x[1] * x[1];
-        const double t15 = 2.0 * x[0];
-        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
+        const double t1 = coupling_slope[k] * x[0] + (coupling[k] * (1.5 * x[2] - 0.5 * x[3]) + coupling_rate[k] *
             x[1]);
-        const double t17 = 0.5 * t12;
-        const double t18 = dt * x[1] + dt * dt * t17;
-        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
-        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
+        const double t2 = 0.5 * p[0];
+        const double t3 = t2 - x[0];
+        const double t4 = -t3;
+        const double t5 = x[1] * p[2];
+        const double t6 = tendon_gate_f64(t4, tendon_step_f64(t5 - t3 * p[1]));
+        const double t7 = x[0] + t2;
+        const double t8 = -t7;
+        const double t9 = tendon_gate_f64(t8, tendon_step_f64(-(t5 + p[1] * t7)));
+        const double t10 = t6 + t9;
+        const double t11 = dt * t10;
+        const double t12 = 1.0 / link_inertia[k];
+        const double t13 = (1.5 * load[k] - 0.5 * x[4]) * t12;
+        const double t14 = 2.0 * t13;
+        const double t15 = x[1] * x[1];
+        const double t16 = 2.0 * x[0];
+        const double t17 = dt - (p[0] + t16) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t15 - t7 * t14)) -
+            x[1]);
+        const double t18 = 0.5 * t13;
+        const double t19 = x[1] * dt + dt * dt * t18;
+        const double t20 = tendon_gate_f64(-(t7 + t19), 1.0 - tendon_step_f64(t8));
+        const double t21 = dt - (p[0] - t16) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t15 + t3 * t14)) + (x[1] +
             1e-07));
-        const double t21 = 1.0 - tendon_step_f64(t3);
-        const double t22 = t18 - t2;
-        const double t23 = 1.0 - t9;
-        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
-        const double t25 = p[2] * t11;
-        const double t26 = t10 + t24;
-        const double t27 = t26 * t26;
-        const double t28 = 0.16666666666666666 * t27;
-        const double t29 = 0.4166666666666667 * t26;
-        const double t30 = 1.0 / dt;
-        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
+        const double t22 = 1.0 - tendon_step_f64(t4);
+        const double t23 = t19 - t3;
+        const double t24 = 1.0 - t10;
+        const double t25 = (t17 * t20 + tendon_gate_f64(t23, t21 * t22)) * t24;
+        const double t26 = p[2] * t12;
+        const double t27 = t11 + t25;
+        const double t28 = t27 * t27;
+        const double t29 = 0.16666666666666666 * t28;
+        const double t30 = 0.4166666666666667 * t27;
+        const double t31 = 1.0 / dt;
+        const double t32 = t2 * (p[1] * (t6 + (t24 * (tendon_gate_f64(t23, t22) - t20) - t9))) + (2.0 * load[k] -
             x[4]);
-        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t33 = t11 * t31;
-        const double t34 = dt - t26;
-        const double t35 = x[1] + t12 * t34;
-        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
-        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
-        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
-        const double t39 = p[1] * t11;
-        const double t40 = t26 * t39;
-        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
-        const double t42 = link_inertia[k] * link_inertia[k];
-        const double t43 = 1.0 / t42;
-        const double t44 = t27 * (p[2] * p[2]);
-        const double t45 = p[2] * t26;
-        const double t46 = 1.0 - t28 * t39;
-        const double t47 = t37 + (t38 - t29 * t36);
-        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
-            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
-        const double t49 = 4.0 * p[1];
-        const double t50 = 36.0 * t42;
-        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
-            p[1] * (t27 * t27)));
-        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
-        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-        out[k] = -(0.5 * (coupling[k] * (3.0 * x[2] - x[3])));
-        const double next0 = t48 * t52;
-        const double next1 = t53;
-        const double next2 = t30 * (t53 - x[1]);
+        const double t33 = t12 * (t32 - t31 * (t27 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t34 = t12 * t32;
+        const double t35 = dt - t27;
+        const double t36 = x[1] + t13 * t35;
+        const double t37 = 0.25 * (t27 * (3.0 * t33 + t34)) + t36;
+        const double t38 = 0.75 * (t27 * (t36 + 0.08333333333333333 * (t27 * (5.0 * t33 - t34))));
+        const double t39 = t18 * (t35 * t35) + (x[0] + x[1] * t35);
+        const double t40 = p[1] * t12;
+        const double t41 = t27 * t40;
+        const double t42 = (1.0 + t26 * t30) * t37 - t26 * t38 - 0.3333333333333333 * (t39 * t41);
+        const double t43 = link_inertia[k] * link_inertia[k];
+        const double t44 = 1.0 / t43;
+        const double t45 = t28 * (p[2] * p[2]);
+        const double t46 = p[2] * t27;
+        const double t47 = 1.0 - t29 * t40;
+        const double t48 = t38 + (t39 - t30 * t37);
+        const double t49 = (t26 * t29 + (0.6666666666666666 * t11 + 0.6666666666666666 * t25)) * t42 + (t47 +
+            (0.16666666666666666 * (t44 * t45) + 0.6666666666666666 * (t12 * t46))) * t48;
+        const double t50 = 4.0 * p[1];
+        const double t51 = 36.0 * t43;
+        const double t52 = t50 * (link_inertia[k] * t28) + (24.0 * (link_inertia[k] * t46) + (6.0 * t45 + p[1] *
+            p[1] * (t28 * t28)));
+        const double t53 = t51 / (t51 + (t50 * (p[2] * (t27 * t28)) + t52));
+        const double t54 = t53 * (t42 * t47 - t48 * (0.6666666666666666 * t41 + t44 * (t29 * (p[1] * p[2]))));
+        out[k] = -t1;
+        const double next0 = t49 * t53;
+        const double next1 = t54;
+        const double next2 = t31 * (t54 - x[1]);
         const double next3 = x[2];
         const double next4 = load[k];
         x[0] = next0;
@@ -1351,6 +1543,119 @@ void tendon_backlash_states_batch_f64(
         x[2] = next2;
         x[3] = next3;
         x[4] = next4;
+    }
+}
+
+/* backlash_columns of 8 choices of parameters, p (8, 3); out (8, 1, count). */
+void tendon_backlash_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    const double *restrict load = s->load;
+    const double *restrict link_inertia = s->link_inertia;
+    const double *restrict coupling = s->coupling;
+    const double *restrict coupling_rate = s->coupling_rate;
+    const double *restrict coupling_slope = s->coupling_slope;
+    double own[3][8];
+    double x[5][8];
+    if (count == 0U) {
+        return;
+    }
+    for (size_t j = 0; j < 8; ++j) {
+        for (size_t i = 0; i < 3; ++i) {
+            own[i][j] = p[3 * j + i];
+        }
+        x[0][j] = load[0] / own[1][j] + 0.5 * (own[0][j] * tendon_sgn_f64(load[0]));
+        x[1][j] = 0.0;
+        x[2][j] = 0.0;
+        x[3][j] = 0.0;
+        x[4][j] = load[0];
+    }
+    for (size_t k = 0; k < count; ++k) {
+        double row[1][8];
+        TENDON_INDEPENDENT
+        for (size_t j = 0; j < 8; ++j) {
+            const double t1 = coupling_slope[k] * x[0][j] + (coupling[k] * (1.5 * x[2][j] - 0.5 * x[3][j]) +
+        coupling_rate[k] * x[1][j]);
+            const double t2 = 0.5 * own[0][j];
+            const double t3 = t2 - x[0][j];
+            const double t4 = -t3;
+            const double t5 = x[1][j] * own[2][j];
+            const double t6 = tendon_gate_f64(t4, tendon_step_f64(t5 - t3 * own[1][j]));
+            const double t7 = x[0][j] + t2;
+            const double t8 = -t7;
+            const double t9 = tendon_gate_f64(t8, tendon_step_f64(-(t5 + own[1][j] * t7)));
+            const double t10 = t6 + t9;
+            const double t11 = dt * t10;
+            const double t12 = 1.0 / link_inertia[k];
+            const double t13 = (1.5 * load[k] - 0.5 * x[4][j]) * t12;
+            const double t14 = 2.0 * t13;
+            const double t15 = x[1][j] * x[1][j];
+            const double t16 = 2.0 * x[0][j];
+            const double t17 = (own[0][j] + t16) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t15 - t7 * t14)) -
+        x[1][j]);
+            const double t18 = 0.5 * t13;
+            const double t19 = x[1][j] * dt + dt * dt * t18;
+            const double t20 = tendon_gate_f64(-(t7 + t19), 1.0 - tendon_step_f64(t8));
+            const double t21 = (own[0][j] - t16) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t15 + t3 * t14)) +
+        (x[1][j] + 1e-07));
+            const double t22 = 1.0 - tendon_step_f64(t4);
+            const double t23 = t19 - t3;
+            const double t24 = 1.0 - t10;
+            const double t25 = ((dt - t17) * t20 + tendon_gate_f64(t23, (dt - t21) * t22)) * t24;
+            const double t26 = own[2][j] * t12;
+            const double t27 = t11 + t25;
+            const double t28 = t27 * t27;
+            const double t29 = 0.16666666666666666 * t28;
+            const double t30 = 0.4166666666666667 * t27;
+            const double t31 = 1.0 / dt;
+            const double t32 = t2 * (own[1][j] * (t6 + (t24 * (tendon_gate_f64(t23, t22) - t20) - t9))) + (2.0 *
+        load[k] - x[4][j]);
+            const double t33 = t12 * (t32 - t31 * (t27 * (0.6666666666666666 * (load[k] - x[4][j]))));
+            const double t34 = t12 * t32;
+            const double t35 = dt - t27;
+            const double t36 = x[1][j] + t13 * t35;
+            const double t37 = 0.25 * (t27 * (3.0 * t33 + t34)) + t36;
+            const double t38 = 0.75 * (t27 * (t36 + 0.08333333333333333 * (t27 * (5.0 * t33 - t34))));
+            const double t39 = t18 * (t35 * t35) + (x[0][j] + x[1][j] * t35);
+            const double t40 = own[1][j] * t12;
+            const double t41 = t27 * t40;
+            const double t42 = (1.0 + t26 * t30) * t37 - t26 * t38 - 0.3333333333333333 * (t39 * t41);
+            const double t43 = link_inertia[k] * link_inertia[k];
+            const double t44 = 1.0 / t43;
+            const double t45 = t28 * (own[2][j] * own[2][j]);
+            const double t46 = own[2][j] * t27;
+            const double t47 = 1.0 - t29 * t40;
+            const double t48 = t38 + (t39 - t30 * t37);
+            const double t49 = (t26 * t29 + (0.6666666666666666 * t11 + 0.6666666666666666 * t25)) * t42 + (t47 +
+        (0.16666666666666666 * (t44 * t45) + 0.6666666666666666 * (t12 * t46))) * t48;
+            const double t50 = 4.0 * own[1][j];
+            const double t51 = 36.0 * t43;
+            const double t52 = t50 * (link_inertia[k] * t28) + (24.0 * (link_inertia[k] * t46) + (6.0 * t45 +
+        own[1][j] * own[1][j] * (t28 * t28)));
+            const double t53 = t51 / (t51 + (t50 * (own[2][j] * (t27 * t28)) + t52));
+            const double t54 = t53 * (t42 * t47 - t48 * (0.6666666666666666 * t41 + t44 * (t29 * (own[1][j] *
+        own[2][j]))));
+            row[0][j] = -t1;
+            const double next0 = t49 * t53;
+            const double next1 = t54;
+            const double next2 = t31 * (t54 - x[1][j]);
+            const double next3 = x[2][j];
+            const double next4 = load[k];
+            x[0][j] = next0;
+            x[1][j] = next1;
+            x[2][j] = next2;
+            x[3][j] = next3;
+            x[4][j] = next4;
+        }
+        for (size_t j = 0; j < 8; ++j) {
+            for (size_t i = 0; i < 1; ++i) {
+                out[(1 * j + i) * count + k] = row[i][j];
+            }
+        }
     }
 }
 
@@ -1627,5 +1932,49 @@ void tendon_decimate_f64(
             rest += window[i] * kernel[i];
         }
         out[k] = ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7])) + rest;
+    }
+}
+
+/* Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes,
+ *   times weight (count), filtered and decimated: out (choices, rows, kept).
+ * lanes: choices that `columns` takes at once; scratch (lanes, rows, count). */
+void tendon_in_band_f64(
+    tendon_columns_f64 *columns,
+    size_t lanes,
+    size_t rows,
+    size_t width,
+    size_t choices,
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    const double *restrict weight,
+    size_t factor,
+    size_t taps,
+    const double *restrict kernel,
+    double *restrict scratch,
+    double *restrict out)
+{
+    const size_t kept = (count < taps) ? 0U : (count - taps) / factor + 1U;
+    for (size_t first = 0; first < choices; first += lanes) {
+        columns(count, s, dt, p + first * width, scratch);
+        for (size_t i = 0; i < lanes * rows && first * rows + i < choices * rows; ++i) {
+            double *x = scratch + i * count;
+            double *target = out + (first * rows + i) * kept;
+            size_t k = 0;
+            while (k < count && x[k] == 0) {
+                ++k;
+            }
+            if (k < count) {
+                for (; k < count; ++k) {
+                    x[k] *= weight[k];
+                }
+                tendon_decimate_f64(kept, factor, taps, kernel, x, target);
+            } else {
+                for (k = 0; k < kept; ++k) {
+                    target[k] = 0;
+                }
+            }
+        }
     }
 }

@@ -32,7 +32,22 @@ typedef struct {
     const double *ratio;
     const double *qdd_next;
     const double *qdd_previous;
+    const double *moment_z;
+    const double *tip_load_x;
+    const double *tip_load_y;
+    const double *tip_load_z;
+    const double *tip_load_xx;
+    const double *tip_load_yy;
+    const double *tip_load_zz;
+    const double *tip_load_xy;
+    const double *tip_load_xz;
+    const double *tip_load_yz;
+    const double *coupling_rate;
+    const double *coupling_slope;
 } tendon_signals_f64;
+
+/* Columns along `count` samples, of one choice of parameters or, with a memory, of several at once. */
+typedef void tendon_columns_f64(size_t count, const tendon_signals_f64 *s, double dt, const double *p, double *out);
 
 /* coulomb_columns along `count` samples, 2 rows in `out`. */
 void tendon_coulomb_columns_batch_f64(
@@ -202,6 +217,14 @@ void tendon_lugre_states_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* lugre_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+void tendon_lugre_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* thermal_friction_columns along `count` samples, 3 rows in `out`. */
 void tendon_thermal_friction_columns_batch_f64(
     size_t count,
@@ -322,6 +345,14 @@ void tendon_spring_hysteresis_states_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+void tendon_spring_hysteresis_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* torque_ripple_columns along `count` samples, 3 rows in `out`. */
 void tendon_torque_ripple_columns_batch_f64(
     size_t count,
@@ -410,6 +441,14 @@ void tendon_elasticity_states_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* elasticity_columns of 8 choices of parameters, p (8, 2); out (8, 1, count). */
+void tendon_elasticity_columns_at_once_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* backlash_columns along `count` samples, 1 row in `out`. */
 void tendon_backlash_columns_batch_f64(
     size_t count,
@@ -428,6 +467,14 @@ void tendon_backlash_torque_batch_f64(
 
 /* backlash_states along `count` samples, 5 rows in `out`. */
 void tendon_backlash_states_batch_f64(
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* backlash_columns of 8 choices of parameters, p (8, 3); out (8, 1, count). */
+void tendon_backlash_columns_at_once_f64(
     size_t count,
     const tendon_signals_f64 *s,
     double dt,
@@ -538,6 +585,26 @@ void tendon_decimate_f64(
     size_t taps,
     const double *restrict kernel,
     const double *restrict x,
+    double *restrict out);
+
+/* Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes,
+ *   times weight (count), filtered and decimated: out (choices, rows, kept).
+ * lanes: choices that `columns` takes at once; scratch (lanes, rows, count). */
+void tendon_in_band_f64(
+    tendon_columns_f64 *columns,
+    size_t lanes,
+    size_t rows,
+    size_t width,
+    size_t choices,
+    size_t count,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    const double *restrict weight,
+    size_t factor,
+    size_t taps,
+    const double *restrict kernel,
+    double *restrict scratch,
     double *restrict out);
 
 #endif

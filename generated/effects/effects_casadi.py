@@ -982,33 +982,40 @@ def torque_delay_torque():
 
 
 def elasticity_torque():
-    """elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -J
-      delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
+    """elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -(J
+      delta_dd + c delta_d + g delta),  J delta_dd + d delta_d + k delta = load,  J, c and g how the link side's
+      torque grows with acceleration, rate and position
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
       the transmission carries: gravity, payloads, springs, contact
     in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+      effect's own: centrifugal, Coriolis and gyroscopic forces
+    in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+      the effect's own: gravity, and inertia that changes with the posture
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
     in   x (4) [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
     out  torque [N m]: added to the motor torque
     Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
       Control 109(4)
-    Operations: 2 operations (1 mul, 1 neg)
+    Operations: 6 operations (2 add, 3 mul, 1 neg)
     """
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
     coupling = ca.SX.sym("coupling")
+    coupling_rate = ca.SX.sym("coupling_rate")
+    coupling_slope = ca.SX.sym("coupling_slope")
     p = ca.SX.sym("p", 2)
     (p_stiffness, p_damping) = ca.vertsplit(p)
     x = ca.SX.sym("x", 4)
     (x_deflection, x_rate, x_acceleration, x_load) = ca.vertsplit(x)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
-    torque = ca.SX(-(coupling * x_acceleration))
-    inputs, outputs = [load, link_inertia, coupling, p, x, width], [torque]
-    return ca.Function("elasticity_torque", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["torque"])
+    torque = ca.SX(-(coupling_slope * x_deflection + (coupling * x_acceleration + coupling_rate * x_rate)))
+    inputs, outputs = [load, link_inertia, coupling, coupling_rate, coupling_slope, p, x, width], [torque]
+    return ca.Function("elasticity_torque", inputs, outputs, ["load", "link_inertia", "coupling", "coupling_rate", "coupling_slope", "p", "x", "width"], ["torque"])
 
 
 def elasticity_start():
@@ -1018,6 +1025,10 @@ def elasticity_start():
     in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+      effect's own: centrifugal, Coriolis and gyroscopic forces
+    in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+      the effect's own: gravity, and inertia that changes with the posture
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
     in   x (4) [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
@@ -1029,6 +1040,8 @@ def elasticity_start():
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
     coupling = ca.SX.sym("coupling")
+    coupling_rate = ca.SX.sym("coupling_rate")
+    coupling_slope = ca.SX.sym("coupling_slope")
     p = ca.SX.sym("p", 2)
     (p_stiffness, p_damping) = ca.vertsplit(p)
     x = ca.SX.sym("x", 4)
@@ -1036,8 +1049,8 @@ def elasticity_start():
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
     x_next = ca.SX(ca.vertcat(load / p_stiffness, 0.0, 0.0, load))
-    inputs, outputs = [load, link_inertia, coupling, p, x, width], [x_next]
-    return ca.Function("elasticity_start", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["x_next"])
+    inputs, outputs = [load, link_inertia, coupling, coupling_rate, coupling_slope, p, x, width], [x_next]
+    return ca.Function("elasticity_start", inputs, outputs, ["load", "link_inertia", "coupling", "coupling_rate", "coupling_slope", "p", "x", "width"], ["x_next"])
 
 
 def elasticity_step():
@@ -1047,6 +1060,10 @@ def elasticity_step():
     in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+      effect's own: centrifugal, Coriolis and gyroscopic forces
+    in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+      the effect's own: gravity, and inertia that changes with the posture
     in   dt [s]: step
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
     in   x (4) [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
@@ -1059,6 +1076,8 @@ def elasticity_step():
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
     coupling = ca.SX.sym("coupling")
+    coupling_rate = ca.SX.sym("coupling_rate")
+    coupling_slope = ca.SX.sym("coupling_slope")
     dt = ca.SX.sym("dt")
     p = ca.SX.sym("p", 2)
     (p_stiffness, p_damping) = ca.vertsplit(p)
@@ -1091,39 +1110,46 @@ def elasticity_step():
     t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22
     t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p_damping * p_stiffness))))
     x_next = ca.SX(ca.vertcat(t23, t24, t1 * (t8 - p_damping * t24 - p_stiffness * t23), load))
-    inputs, outputs = [load, link_inertia, coupling, dt, p, x, width], [x_next]
-    return ca.Function("elasticity_step", inputs, outputs, ["load", "link_inertia", "coupling", "dt", "p", "x", "width"], ["x_next"])
+    inputs, outputs = [load, link_inertia, coupling, coupling_rate, coupling_slope, dt, p, x, width], [x_next]
+    return ca.Function("elasticity_step", inputs, outputs, ["load", "link_inertia", "coupling", "coupling_rate", "coupling_slope", "dt", "p", "x", "width"], ["x_next"])
 
 
 def backlash_torque():
     """backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
-      other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
-      sgn(delta)
+      other flank. -(J delta_dd + c delta_d + g delta),  J delta_dd + T = load,  T = s (k x + d x_d)+ for x =
+      |delta| - gap/2 > 0, s = sgn(delta)
     in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
       the transmission carries: gravity, payloads, springs, contact
     in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+      effect's own: centrifugal, Coriolis and gyroscopic forces
+    in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+      the effect's own: gravity, and inertia that changes with the posture
     in   p (3) [rad, N m/rad, N m s/rad]: gap, stiffness, damping
     in   x (5) [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
     out  torque [N m]: added to the motor torque
     Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
       Processing 11(1)
-    Operations: 5 operations (1 sub, 3 mul, 1 neg)
+    Operations: 9 operations (2 add, 1 sub, 5 mul, 1 neg)
     """
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
     coupling = ca.SX.sym("coupling")
+    coupling_rate = ca.SX.sym("coupling_rate")
+    coupling_slope = ca.SX.sym("coupling_slope")
     p = ca.SX.sym("p", 3)
     (p_gap, p_stiffness, p_damping) = ca.vertsplit(p)
     x = ca.SX.sym("x", 5)
     (x_deflection, x_rate, x_acceleration, x_acceleration_before, x_load) = ca.vertsplit(x)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
-    torque = ca.SX(-(0.5 * (coupling * (3.0 * x_acceleration - x_acceleration_before))))
-    inputs, outputs = [load, link_inertia, coupling, p, x, width], [torque]
-    return ca.Function("backlash_torque", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["torque"])
+    t1 = coupling_slope * x_deflection + (coupling * (1.5 * x_acceleration - 0.5 * x_acceleration_before) + coupling_rate * x_rate)
+    torque = ca.SX(-t1)
+    inputs, outputs = [load, link_inertia, coupling, coupling_rate, coupling_slope, p, x, width], [torque]
+    return ca.Function("backlash_torque", inputs, outputs, ["load", "link_inertia", "coupling", "coupling_rate", "coupling_slope", "p", "x", "width"], ["torque"])
 
 
 def backlash_start():
@@ -1133,6 +1159,10 @@ def backlash_start():
     in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+      effect's own: centrifugal, Coriolis and gyroscopic forces
+    in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+      the effect's own: gravity, and inertia that changes with the posture
     in   p (3) [rad, N m/rad, N m s/rad]: gap, stiffness, damping
     in   x (5) [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
@@ -1144,6 +1174,8 @@ def backlash_start():
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
     coupling = ca.SX.sym("coupling")
+    coupling_rate = ca.SX.sym("coupling_rate")
+    coupling_slope = ca.SX.sym("coupling_slope")
     p = ca.SX.sym("p", 3)
     (p_gap, p_stiffness, p_damping) = ca.vertsplit(p)
     x = ca.SX.sym("x", 5)
@@ -1153,8 +1185,8 @@ def backlash_start():
     t1 = ca.fmax(-1.0, ca.fmin(1.0, load / width_force))
     t2 = t1 * t1
     x_next = ca.SX(ca.vertcat(load / p_stiffness + 0.0625 * (t1 * (p_gap * (3.0 * (t2 * t2) + (15.0 - 10.0 * t2)))), 0.0, 0.0, 0.0, load))
-    inputs, outputs = [load, link_inertia, coupling, p, x, width], [x_next]
-    return ca.Function("backlash_start", inputs, outputs, ["load", "link_inertia", "coupling", "p", "x", "width"], ["x_next"])
+    inputs, outputs = [load, link_inertia, coupling, coupling_rate, coupling_slope, p, x, width], [x_next]
+    return ca.Function("backlash_start", inputs, outputs, ["load", "link_inertia", "coupling", "coupling_rate", "coupling_slope", "p", "x", "width"], ["x_next"])
 
 
 def backlash_step():
@@ -1164,6 +1196,10 @@ def backlash_step():
     in   link_inertia [kg m^2]: inertia of the link side as this joint sees it, without the own rotor
     in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
       link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+    in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+      effect's own: centrifugal, Coriolis and gyroscopic forces
+    in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+      the effect's own: gravity, and inertia that changes with the posture
     in   dt [s]: step
     in   p (3) [rad, N m/rad, N m s/rad]: gap, stiffness, damping
     in   x (5) [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
@@ -1176,6 +1212,8 @@ def backlash_step():
     load = ca.SX.sym("load")
     link_inertia = ca.SX.sym("link_inertia")
     coupling = ca.SX.sym("coupling")
+    coupling_rate = ca.SX.sym("coupling_rate")
+    coupling_slope = ca.SX.sym("coupling_slope")
     dt = ca.SX.sym("dt")
     p = ca.SX.sym("p", 3)
     (p_gap, p_stiffness, p_damping) = ca.vertsplit(p)
@@ -1251,13 +1289,13 @@ def backlash_step():
     t66 = t64 / (t64 + (t63 * (p_damping * (t40 * t41)) + t65))
     t67 = t66 * (t55 * t60 - t61 * (0.6666666666666666 * t54 + t57 * (t42 * (p_damping * p_stiffness))))
     x_next = ca.SX(ca.vertcat(t62 * t66, t67, t44 * (t67 - x_rate), x_acceleration, load))
-    inputs, outputs = [load, link_inertia, coupling, dt, p, x, width], [x_next]
-    return ca.Function("backlash_step", inputs, outputs, ["load", "link_inertia", "coupling", "dt", "p", "x", "width"], ["x_next"])
+    inputs, outputs = [load, link_inertia, coupling, coupling_rate, coupling_slope, dt, p, x, width], [x_next]
+    return ca.Function("backlash_step", inputs, outputs, ["load", "link_inertia", "coupling", "coupling_rate", "coupling_slope", "dt", "p", "x", "width"], ["x_next"])
 
 
 def gravity_torque():
-    """gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m
-      the arm's first mass moment
+    """gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), in
+      space g_z dm_z/dq too, m the arm's first mass moment
     in   moment_x [N s^2]: derivative of the arm's first mass moment along base x by q
     in   moment_y [N s^2]: derivative of the arm's first mass moment along base y by q
     in   p (2) [m/s^2, m/s^2]: gx, gy
@@ -1281,7 +1319,7 @@ def gravity_torque():
 
 def payload_torque():
     """payload_torque: A mass at the end-effector that the model does not know, from a moment on. m tau_tip(q, qd, qdd)
-      for t > t_0, tau_tip the torque of a unit mass at the end-effector
+      for t > t_0, tau_tip the torque of a unit mass at the end-effector, in space at (x, y, z) from it
     in   elapsed [s]: time since the recording began, its runs one after another
     in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
     in   p (2) [kg, s]: mass, time

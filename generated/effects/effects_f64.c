@@ -422,18 +422,29 @@ double tendon_torque_delay_torque_f64(double predicted_rate, double time)
     return time * predicted_rate;
 }
 
-/* elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -J
- *   delta_dd,  J delta_dd + d delta_d + k delta = load,  J the inertia of the link side
+/* elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -(J
+ *   delta_dd + c delta_d + g delta),  J delta_dd + d delta_d + k delta = load,  J, c and g how the link side's
+ *   torque grows with acceleration, rate and position
  * in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+ *   effect's own: centrifugal, Coriolis and gyroscopic forces
+ * in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+ *   the effect's own: gravity, and inertia that changes with the posture
  * in   state [rad, rad/s, rad/s^2, N m]: deflection, rate, acceleration, load
  * out  torque [N m]: added to the motor torque
  * Source: Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and
  *   Control 109(4)
- * Operations: 2 operations (1 mul, 1 neg) */
-double tendon_elasticity_torque_f64(double coupling, const tendon_elasticity_state_f64 *state)
+ * Operations: 6 operations (2 add, 3 mul, 1 neg) */
+double tendon_elasticity_torque_f64(
+    double coupling,
+    double coupling_rate,
+    double coupling_slope,
+    const tendon_elasticity_state_f64 *state)
 {
-    return -(coupling * state->acceleration);
+    const double t1 = coupling_slope * state->deflection + (coupling * state->acceleration + coupling_rate *
+        state->rate);
+    return -t1;
 }
 
 /* elasticity_start: The memory of elasticity where a motion begins.
@@ -508,18 +519,28 @@ void tendon_elasticity_step_f64(
 }
 
 /* backlash_torque: The link hangs behind a gap: where the load changes its sign it is free, then it strikes the
- *   other flank. -J delta_dd,  J delta_dd + T = load,  T = s (k x + d x_d)+ for x = |delta| - gap/2 > 0, s =
- *   sgn(delta)
+ *   other flank. -(J delta_dd + c delta_d + g delta),  J delta_dd + T = load,  T = s (k x + d x_d)+ for x =
+ *   |delta| - gap/2 > 0, s = sgn(delta)
  * in   coupling [kg m^2]: inertia between this joint and the effect's own, link side; at the own joint
  *   link_inertia. An effect that reads it acts on all joints: what its own joint's link does is felt in the others
+ * in   coupling_rate [N m s/rad]: how the torque that the link side asks of this joint grows with the rate of the
+ *   effect's own: centrifugal, Coriolis and gyroscopic forces
+ * in   coupling_slope [N m/rad]: how the torque that the link side asks of this joint grows with the position of
+ *   the effect's own: gravity, and inertia that changes with the posture
  * in   state [rad, rad/s, rad/s^2, rad/s^2, N m]: deflection, rate, acceleration, acceleration_before, load
  * out  torque [N m]: added to the motor torque
  * Source: Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal
  *   Processing 11(1)
- * Operations: 5 operations (1 sub, 3 mul, 1 neg) */
-double tendon_backlash_torque_f64(double coupling, const tendon_backlash_state_f64 *state)
+ * Operations: 9 operations (2 add, 1 sub, 5 mul, 1 neg) */
+double tendon_backlash_torque_f64(
+    double coupling,
+    double coupling_rate,
+    double coupling_slope,
+    const tendon_backlash_state_f64 *state)
 {
-    return -(0.5 * (coupling * (3.0 * state->acceleration - state->acceleration_before)));
+    const double t1 = coupling * (1.5 * state->acceleration - 0.5 * state->acceleration_before) + coupling_rate *
+        state->rate;
+    return -(coupling_slope * state->deflection + t1);
 }
 
 /* backlash_start: The memory of backlash where a motion begins.
@@ -633,8 +654,8 @@ void tendon_backlash_step_f64(
     state->load = next_load;
 }
 
-/* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), m
- *   the arm's first mass moment
+/* gravity_torque: Gravity that the model leaves out, or a base that is not level. -(g_x dm_x/dq + g_y dm_y/dq), in
+ *   space g_z dm_z/dq too, m the arm's first mass moment
  * in   moment_x [N s^2]: derivative of the arm's first mass moment along base x by q
  * in   moment_y [N s^2]: derivative of the arm's first mass moment along base y by q
  * in   gx [m/s^2]: of gravity along base x, beyond the model file's
@@ -648,7 +669,7 @@ double tendon_gravity_torque_f64(double moment_x, double moment_y, double gx, do
 }
 
 /* payload_torque: A mass at the end-effector that the model does not know, from a moment on. m tau_tip(q, qd, qdd)
- *   for t > t_0, tau_tip the torque of a unit mass at the end-effector
+ *   for t > t_0, tau_tip the torque of a unit mass at the end-effector, in space at (x, y, z) from it
  * in   elapsed [s]: time since the recording began, its runs one after another
  * in   tip_load [N m/kg]: torque that a unit mass at the end-effector asks of this joint
  * in   mass [kg]: a point at the end-effector

@@ -58,6 +58,13 @@ static inline double tendon_sqrt_f64(double x)
     return __builtin_sqrt(x);
 }
 
+/* Before a function that takes in all that it calls. */
+#if defined(__GNUC__)
+#define TENDON_WHOLE __attribute__((flatten))
+#else
+#define TENDON_WHOLE
+#endif
+
 /* Before a loop over samples: rows of one array do not overlap. */
 #if defined(__clang__)
 #pragma clang diagnostic ignored "-Wpass-failed"

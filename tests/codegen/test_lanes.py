@@ -37,7 +37,7 @@ def pointer(array: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def one_by_one(call: ctypes._CFuncPtr, function: SymbolicFunction, arrays: list[np.ndarray], size: int) -> np.ndarray:
+def one_by_one(call: ctypes._CFuncPtr, arrays: list[np.ndarray], size: int) -> np.ndarray:
     parameters, *inputs = arrays
     results = np.zeros((size, inputs[0].shape[1]))
     for k, result in enumerate(results.T):
@@ -66,7 +66,7 @@ def test_every_sample_has_the_bits_of_its_own_call(
             batch = getattr(compiled, f"{name}_{function.name}_batch_f64")
             batch(ctypes.c_size_t(count), pointer(parameters), *map(pointer, inputs), pointer(found))
             call = getattr(compiled, f"{name}_{function.name}_f64")
-            expected = one_by_one(call, function, [parameters, *inputs], size)
+            expected = one_by_one(call, [parameters, *inputs], size)
             np.testing.assert_array_equal(found, expected, err_msg=f"{function.name} of {count}")
 
 

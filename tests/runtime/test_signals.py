@@ -174,9 +174,15 @@ def test_what_is_known_to_a_controller_follows_from_positions_and_rates(signal: 
 NAMES = frozenset(SIGNAL)
 COORDINATES = frozenset({"q", "qd", "qdd", "t"})
 """They are inputs of functions and columns of recordings as well."""
-PLACES = ("symbolic/effects/", "symbolic/described.py", "runtime/model/signals.py", "symbolic/grammar/")
+PLACES = (
+    "symbolic/effects/",
+    "symbolic/described.py",
+    "runtime/model/signals.py",
+    "symbolic/grammar/",
+    "codegen/verify/proof.py",
+)
 """Where signals are declared, of which quantities a grid may be a part (not all are signals), where those without a
-source are read, and where laws are made of them."""
+source are read, where laws are made of them, and where functions are proved that have the names of signals."""
 
 
 def strings(nodes: list[ast.expr | None]) -> set[str]:
