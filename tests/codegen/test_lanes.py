@@ -14,7 +14,6 @@ from codegen import render
 from codegen.c import c_lanes
 from codegen.tape.tape import Tape
 from codegen.toolchain import build
-from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
 from symbolic.model_file.arm import Arm, SpatialArm
 
