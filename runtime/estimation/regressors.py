@@ -297,7 +297,7 @@ class Regressors:
         if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
             return np.array([self._late(joint, self.ahead)] * len(shapes))
         parts = [
-            p.columns(term.effect, s.of(term, joint), shapes, joint)
+            p.columns(self.model.library, term.effect, s.of(term, joint), shapes, joint)
             for s, p in zip(self.signals, self.motion.pieces, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)

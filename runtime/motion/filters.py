@@ -120,15 +120,16 @@ class LowPass:
 
     def columns(
         self,
+        library: Library,
         effect: str,
         signals: Mapping[str, ArrayLike],
         choices: Sequence[Mapping[str, float]],
         dt: float,
         weights: Array,
     ) -> Array:
-        """(S, 1 + k, M) in-band columns of an effect for many choices of its shape, times weights (N,); the rest as
-        `Library.columns`."""
-        return self.library.columns_in_band(effect, signals, choices, dt, weights, self._centred, self.factor)
+        """(S, 1 + k, M) in-band columns of an effect of a library for many choices of its shape, times weights (N,);
+        the rest as `Library.columns`."""
+        return library.columns_in_band(effect, signals, choices, dt, weights, self._centred, self.factor)
 
     def noise(self, x: Array) -> Array:
         """x (..., N) -> (..., M): standard deviation of what comes out of white noise times x, over that of what comes

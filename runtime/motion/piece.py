@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.model.loader import Library
 from runtime.motion import turns
 from runtime.motion.band import Band
 from runtime.motion.clock import interpolated
@@ -126,10 +127,18 @@ class Piece:
         return self.low_pass(x * self.known[joint]) / self._weights[0][joint]
 
     def columns(
-        self, effect: str, signals: Mapping[str, ArrayLike], choices: Sequence[Mapping[str, float]], joint: int
+        self,
+        library: Library,
+        effect: str,
+        signals: Mapping[str, ArrayLike],
+        choices: Sequence[Mapping[str, float]],
+        joint: int,
     ) -> Array:
-        """(S, 1 + k, M) of an effect at a joint (0-based) for many choices of its shape, as `in_band`."""
-        rows = self.low_pass.columns(effect, signals, choices, self.dt, self.known[joint])
+        """(S, 1 + k, M) of an effect at a joint (0-based) for many choices of its shape, as `in_band`.
+
+        library   the effect's own: guesses are tried on a motion that was prepared without them
+        """
+        rows = self.low_pass.columns(library, effect, signals, choices, self.dt, self.known[joint])
         return rows / self._weights[0][joint]
 
     def in_band_each(self, x: Array) -> Array:
