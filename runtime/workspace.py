@@ -111,6 +111,12 @@ class Source:
 
         return editor.add_effect(text, str(self.path), self.library, effect, joint, values)
 
+    def name_of_next(self, effect: str, joint: int | None) -> str:
+        """Under which name the file gets an effect more: several of one kind are numbered."""
+        from symbolic.model_file import editor
+
+        return editor.name_of_next(self.text, str(self.path), self.library, effect, joint)
+
     def mounted(self, trajectory: Trajectory) -> str:
         """The text with the springs and the contact of a trajectory in place of its own."""
         from symbolic.model_file.editor import place_effect

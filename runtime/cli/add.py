@@ -28,11 +28,12 @@ def add(
     check_own(model)
     check_writable(json)
     source = opened(model, effects)
+    name = source.name_of_next(effect, joint)
     text = source.add(source.text, effect, joint)
     rendered = render_all(source, text, out)  # what cannot be generated is not written either
     source.replace(text)
     rendered.write()
-    added = effect if joint is None else f"{effect}@{joint}"
+    added = name if joint is None else f"{name}@{joint}"
     document = {"model": str(model), "added": added, **rendered.document()}
 
     def show(_: Any) -> None:

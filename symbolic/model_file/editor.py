@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count, pairwise
 from typing import TYPE_CHECKING, Any
@@ -49,8 +49,7 @@ def add_effect(
     place = Place(printable(where))
     owner = _owner(place, arm, library, effect, joint)
     active = _active(arm, owner)
-    if effect in library and library[effect].several:
-        effect = next(name for k in count(1) if (name := number_name(effect, k)) not in active)
+    effect = _free_name(library, effect, active)
     if effect in active:
         place.fail(f'effect "{effect}" is already there{at_joint(joint)}; nothing to add')
     replaced = [name for name in declared(effect, library).generalises if name in active]
@@ -63,6 +62,22 @@ def add_effect(
         table[effect] = table_of(new)
 
     return _edited(text, where, library, change, lambda lines: _add_lines(lines, owner, effect, new, replaced))
+
+
+def name_of_next(text: str, where: str, library: Mapping[str, Effect], effect: str, joint: int | None = None) -> str:
+    """The name under which `add_effect` would put the effect: with a number, where the joint has others of it.
+
+    Raises ModelError: not a model file, unknown effect, no such joint, wrong scope.
+    """
+    arm = parse(text, where, library)
+    owner = _owner(Place(printable(where)), arm, library, effect, joint)
+    return _free_name(library, effect, _active(arm, owner))
+
+
+def _free_name(library: Mapping[str, Effect], effect: str, active: Container[str]) -> str:
+    if effect not in library or not library[effect].several:
+        return effect
+    return next(name for k in count(1) if (name := number_name(effect, k)) not in active)
 
 
 def remove_effect(text: str, where: str, library: Mapping[str, Effect], effect: str, joint: int | None = None) -> str:

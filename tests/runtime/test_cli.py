@@ -262,6 +262,13 @@ def test_add_keeps_the_layout_and_regenerates(run, here):
     assert "already there" in refused(run, here, "add", "drive.toml", "stribeck", "--joint", "1")
 
 
+def test_add_says_the_name_of_another_ripple(run, here):
+    for name in ("torque_ripple", "torque_ripple_2"):
+        _, out, _ = run("add", "drive.toml", "torque_ripple", "--joint", "1")
+        assert f"{name}@1 added" in out
+        assert f"[joint.effects.{name}]" in (here / "drive.toml").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

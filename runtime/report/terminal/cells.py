@@ -58,13 +58,25 @@ def joints_table(document: Document) -> None:
 
 
 def delay_lines(document: Document) -> None:
-    """The whole delay from torque to motion, and how much of it is assumed."""
+    """The whole delay from torque to motion, and how much of it is assumed; joints that agree in one line."""
+    alike: dict[str, list[int]] = {}
     for d in document["delay"]:
-        parts = [f"{1e3 * d['assumed']:.3g} ms assumed, of a hold"] if d["assumed"] else []
-        parts += [f"{1e3 * d['estimated']:.3g} ms estimated"] if d["estimated"] else []
-        known = d["interval"]
-        within = f", 95 % in [{1e3 * known[0]:.3g}, {1e3 * known[1]:.3g}]" if known else ""
-        say(f"Delay from torque to motion, joint {d['joint']}: {1e3 * d['value']:.3g} ms{within} ({'; '.join(parts)}).")
+        alike.setdefault(_delay(d), []).append(d["joint"])
+    for text, joints in alike.items():
+        where = "every joint" if 1 < len(joints) == len(document["delay"]) else _joints(joints)
+        say(f"Delay from torque to motion, {where}: {text}.")
+
+
+def _joints(numbers: Sequence[int]) -> str:
+    return f"joint{'' if len(numbers) == 1 else 's'} {', '.join(map(str, numbers))}"
+
+
+def _delay(d: Document) -> str:
+    parts = [f"{1e3 * d['assumed']:.3g} ms assumed, of a hold"] if d["assumed"] else []
+    parts += [f"{1e3 * d['estimated']:.3g} ms estimated"] if d["estimated"] else []
+    known = d["interval"]
+    within = f", 95 % in [{1e3 * known[0]:.3g}, {1e3 * known[1]:.3g}]" if known else ""
+    return f"{1e3 * d['value']:.3g} ms{within} ({'; '.join(parts)})"
 
 
 def console() -> Console:

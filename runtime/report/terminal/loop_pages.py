@@ -175,9 +175,7 @@ def _finding(finding: Document, document: Document) -> None:
     behind = [e for e in finding["ranking"] if (e["effect"], e["joint"]) not in [*named, *rivals]]
     behind = [e for e in behind if e["joint"] in (None, finding["joint"]) or finding["joint"] is None]
     behind = [e for e in behind if e["evidence"]["share_of_excess"] > _WORTH_A_LINE][:_MOST_CLOSE]
-    if behind:
-        names = (f"{e['effect']}{at_joint(e['joint'])} ({percent(e['evidence']['share_of_excess'])})" for e in behind)
-        say(f"  ruled out, with what each would explain of that: {', '.join(names)}")
+    say(*(_set_aside(entry, finding) for entry in behind))
     if rivals:
         say(f"  this data cannot tell it from {', '.join(f'{effect}{at_joint(joint)}' for effect, joint in rivals)}")
         say(f"  what would: {finding['experiment']}")
@@ -186,6 +184,20 @@ def _finding(finding: Document, document: Document) -> None:
     if finding["remainder"]:
         say(f"  left over: {finding['remainder']}")
     say("")
+
+
+def _set_aside(other: Document, finding: Document) -> str:
+    """A candidate that would explain something by itself, and why the finding was named and not that."""
+    evidence, better = other["evidence"], finding["evidence"]["delta_bic"] - other["evidence"]["delta_bic"]
+    if evidence["failed_gates"]:
+        why = evidence["failed_gates"][0]
+    elif better > 0:
+        why = f"BIC prefers {finding['effect']} by {better:.0f}"
+    else:
+        why = "with it added and everything fitted again, the error falls less"
+    share = percent(min(evidence["share_of_excess"], 1.0))
+    where = f"{other['effect']}{at_joint(other['joint'])}"
+    return f"  rather than {where}, which by itself would explain {share} of what was missing, but {why}"
 
 
 def _found(document: Document) -> list[Document]:
