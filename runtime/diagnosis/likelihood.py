@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from runtime.diagnosis.evidence import Ground
+from runtime.diagnosis.settings import BIC_APART
 from runtime.diagnosis.steps import Step
 from runtime.estimation.folds import bic
 from runtime.estimation.problem import Problem
@@ -27,6 +28,22 @@ def whitened_bic(ground: Ground, steps: Sequence[Step]) -> list[float]:
         fit = sum(bic(float(e @ e), count, 0) for count, e in zip(counts, white, strict=True) if count)
         found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(sum(counts))))
     return found
+
+
+def outgrown(ground: Ground, terms: Sequence[Term], steps: Sequence[Step], best: int) -> list[Term]:
+    """Terms that are special cases of the best one and clearly less likely than it: steps, one a term.
+
+    Candidates are weighed under one variance for all joints, in which what a special case leaves at one or two hardly
+    counts on an arm of many, and Vuong's test is for models of which none contains the other. Refitted, every joint has
+    a variance of its own, and the likelihood alone sets them apart.
+    """
+    chosen = terms[best]
+    generalises = steps[best].identification.model.library.effects[chosen.effect].generalises
+    special = [k for k, t in enumerate(terms) if t.effect in generalises and t.joint == chosen.joint]
+    if not special:
+        return []
+    scores = whitened_bic(ground, steps)
+    return [terms[k] for k in special if scores[k] - scores[best] >= BIC_APART]
 
 
 def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:

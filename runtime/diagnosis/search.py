@@ -10,7 +10,7 @@ import numpy as np
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
-from runtime.diagnosis.likelihood import whitened_bic
+from runtime.diagnosis.likelihood import outgrown, whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -227,7 +227,9 @@ class Search:
             if preferred(after, steps[best], joint):
                 best = k
         lost = tuple(e.term for e, after in zip(tried, steps, strict=True) if refuted(after, steps[best]))
-        others = tuple(t for t in (evidence.term, *rivals) if t != tried[best].term)
+        terms = [e.term for e in tried]
+        gone = {terms[best], *outgrown(self._field_of(step).ground, terms, steps, best)}
+        others = tuple(t for t in (evidence.term, *rivals) if t not in gone)
         return Finding(tried[best], others, self.last, step, steps[best], lost)
 
     def instead(self, number: int, term: Term) -> Search | None:

@@ -9,7 +9,7 @@ import pytest
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.model.loader import Model
 from runtime.workspace import open_model
-from tests import wrist
+from tests import spatial_wrist, wrist
 from tests.variants import slow
 
 
@@ -17,6 +17,13 @@ from tests.variants import slow
 def pair(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Model:  # noqa: ARG001 - it is compiled there
     path = tmp_path_factory.mktemp("wrist") / "wrist.toml"
     path.write_text(wrist.MODEL)
+    return open_model(path)
+
+
+@pytest.fixture(scope="module")
+def six(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Model:  # noqa: ARG001 - it is compiled there
+    path = tmp_path_factory.mktemp("wrist") / "spatial_wrist.toml"
+    path.write_text(spatial_wrist.MODEL)
     return open_model(path)
 
 
@@ -46,3 +53,23 @@ def test_dry_friction_of_a_coupled_motor_alone_needs_no_gear(pair: Model) -> Non
 
 def test_without_a_coupled_motor_nothing_is_named(pair: Model) -> None:
     assert diagnose(pair, [wrist.record(wrist.CoupledMotor(), seed=3)]).verdict == "clean"
+
+
+@pytest.mark.parametrize("seed", [4, slow(3), slow(5), slow(6)])
+def test_a_coupled_wrist_in_space_is_no_dry_friction_of_two_joints(six: Model, seed: int) -> None:
+    """Of six joints the last two show it; nine seconds, with every rotor's inertia, friction and offset unknown."""
+    motor = wrist.CoupledMotor(1.4, 0.7, 0.01)
+    found = diagnose(six, [spatial_wrist.record(motor, seed, seconds=9.0)])
+    assert named(found) == ["coupled_gear@5"]
+    assert found.findings[0].rivals == ()
+    last = found.steps[-1]
+    values = last.identification.inference.values[found.findings[0].term]
+    assert values["ratio"].value == 1.0
+    for name, truth in (("coulomb", motor.dry), ("viscous", motor.viscous), ("inertia", motor.inertia)):
+        low, high = values[name].interval
+        assert low - 0.5 * (high - low) < truth < high + 0.5 * (high - low)
+    assert max(s.relative for s in last.joints[4:]) < 0.005
+
+
+def test_without_a_coupled_wrist_in_space_nothing_is_named(six: Model) -> None:
+    assert not diagnose(six, [spatial_wrist.record(wrist.CoupledMotor(), 4, seconds=9.0)]).findings
