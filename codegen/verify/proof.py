@@ -18,8 +18,8 @@ import sympy as sp
 
 from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
-from symbolic.model import ASSUMED_SHARE, ArmModel, derive
-from symbolic.model_file.arm import Arm, SpatialArm, SpatialLink
+from symbolic.model import ASSUMED_SHARE, ArmModel
+from symbolic.model_file.arm import SpatialArm, SpatialLink
 from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
 from symbolic.rigid_body.lumps import Lump
@@ -67,11 +67,10 @@ class FunctionProof:
         return self.differs is None
 
 
-def prove_arm(arm: Arm | SpatialArm, seed: int) -> tuple[FunctionProof, ...]:
+def prove_model(model: ArmModel, seed: int) -> tuple[FunctionProof, ...]:
     """Of all that is emitted of an arm in space. A planar arm's closed forms are the Lagrangian's own."""
-    if not isinstance(arm, SpatialArm):
+    if not isinstance(model.arm, SpatialArm):
         return ()
-    model = derive(arm)
     return tuple(prove(model, {f.name: Tape.of(f) for f in model.functions}, seed=seed))
 
 

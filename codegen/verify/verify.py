@@ -26,12 +26,12 @@ from codegen.c import c_effects
 from codegen.tape.tape import Lowering, Tape
 from codegen.toolchain import build
 from codegen.verify import sampling
-from codegen.verify.proof import FunctionProof, prove_arm
+from codegen.verify.proof import FunctionProof, prove_model
 from codegen.verify.reference import Reference
 from symbolic.controller_law import compensation
 from symbolic.effects.declaration import SIGNALS, Effect
 from symbolic.functions import SymbolicFunction
-from symbolic.model import derive
+from symbolic.model import ArmModel, derive
 from symbolic.primitives import WIDTHS
 
 if TYPE_CHECKING:
@@ -159,7 +159,8 @@ def verify(arm: Arm | SpatialArm, samples: int, seed: int, effects: Iterable[Eff
 
     chosen = tuple(LIBRARY.values()) if effects is None else tuple(effects)
     library = {**LIBRARY, **{effect.name: effect for effect in chosen}}
-    subjects = [*arm_subjects(arm), *controller_subjects(arm, library), *effect_subjects(chosen)]
+    model = derive(arm)
+    subjects = [*arm_subjects(model), *controller_subjects(model, library), *effect_subjects(chosen)]
     cases: list[FunctionCheck] = []
     vectors: list[Vector] = []
     for subject in subjects:
@@ -168,7 +169,7 @@ def verify(arm: Arm | SpatialArm, samples: int, seed: int, effects: Iterable[Eff
         found, vector = compare(subject, points)
         cases += found
         vectors += vector
-    return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors), prove_arm(arm, seed))
+    return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors), prove_model(model, seed))
 
 
 def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
@@ -246,9 +247,9 @@ def casadi_module(files: Mapping[str, str], name: str) -> Any:
     return module
 
 
-def arm_subjects(arm: Arm | SpatialArm) -> list[Subject]:
+def arm_subjects(model: ArmModel) -> list[Subject]:
     """Every function of the arm on every target."""
-    model = derive(arm)
+    arm = model.arm
     files = render.arm_files(model)
     compiled, module = libraries(files, arm.name), casadi_module(files, arm.name)
     others = {f.name: f for f in model.functions}
@@ -280,9 +281,9 @@ def _array(real: Any, symbols: Sequence[sp.Symbol], values: sampling.Values) -> 
     return (real * max(len(symbols), 1))(*(values[s] for s in symbols))
 
 
-def controller_subjects(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[Subject]:
+def controller_subjects(model: ArmModel, library: Mapping[str, Effect]) -> list[Subject]:
     """What the controller adds to the inverse dynamics, in C float."""
-    model = derive(arm)
+    arm = model.arm
     found = compensation(model, library)
     files = render.probe_files(model, library)
     compiled = ctypes.CDLL(str(build.shared_library(files, f"{arm.name}_probe_f32")))

@@ -14,6 +14,7 @@ from random_arms import MIXED, loaded
 from codegen.verify import verify
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL
+from symbolic.model import derive
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
 from tests.variants import slow
@@ -61,7 +62,7 @@ def test_an_effect_that_rises_to_one() -> None:
 
 @pytest.fixture(scope="module")
 def paper_subjects(vishard4: Arm) -> list[verify.Subject]:
-    return verify.arm_subjects(vishard4)
+    return verify.arm_subjects(derive(vishard4))
 
 
 @given(rng=RANDOM)
@@ -75,13 +76,13 @@ def test_arm_of_the_paper(paper_subjects: list[verify.Subject], rng: random.Rand
 
 @pytest.fixture(scope="module", params=[slow(x) if x in ("prr", "rrrr", "rrprrrr") else x for x in MIXED])
 def mixed_subjects(request: pytest.FixtureRequest) -> list[verify.Subject]:
-    return verify.arm_subjects(MIXED[request.param])
+    return verify.arm_subjects(derive(MIXED[request.param]))
 
 
 @pytest.fixture(scope="module", params=["paper", "rp", "rprrp"])
 def controller_subjects(request: pytest.FixtureRequest, vishard4: Arm) -> list[verify.Subject]:
     arm = vishard4 if request.param == "paper" else loaded(MIXED[request.param])
-    return verify.controller_subjects(arm, LIBRARY)
+    return verify.controller_subjects(derive(arm), LIBRARY)
 
 
 @given(rng=RANDOM)
@@ -122,7 +123,8 @@ def test_vectors_replay(vishard4: Arm) -> None:
     assert report.equal
     page = report.to_json()
     assert page["equal"] is True
-    every = [*verify.arm_subjects(vishard4), *verify.controller_subjects(vishard4, LIBRARY)]
+    model = derive(vishard4)
+    every = [*verify.arm_subjects(model), *verify.controller_subjects(model, LIBRARY)]
     subjects = {s.function.name: s for s in every}
     assert {v["function"] for v in page["vectors"]} == set(subjects)
     for vector in page["vectors"]:

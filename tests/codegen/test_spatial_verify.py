@@ -9,6 +9,7 @@ import spatial_arms
 
 from codegen.tape.tape import Node, Tape
 from codegen.verify import proof, verify
+from symbolic.model import derive
 
 
 @pytest.fixture(scope="module")
@@ -43,5 +44,5 @@ def test_a_wrong_tape_makes_the_report_unequal(monkeypatch: pytest.MonkeyPatch) 
         return Tape(tuple(nodes), tape.outputs, tape.names)
 
     monkeypatch.setattr(Tape, "of", wrong)
-    found = proof.prove_arm(spatial_arms.drawn("rr", 3, gravity=(1.0, 2.0, -9.0)), 0)
+    found = proof.prove_model(derive(spatial_arms.drawn("rr", 3, gravity=(1.0, 2.0, -9.0))), 0)
     assert [p.function for p in found if not p.equal] == ["gravity"]

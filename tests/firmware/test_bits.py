@@ -149,7 +149,7 @@ def test_on_unicorn_it_is_what_sympy_says(vishard4: Arm, tmp_path: Path, kind: s
     target, tools = cross.TARGETS["cortex-m4f"], cross.find(kind)
     image = cross.compile_image(tmp_path, motions.units(tmp_path), "motion.ld", target, tools, include=(".",))
     processor = Processor(image.elf)
-    for subject in [*verify.arm_subjects(vishard4), *verify.controller_subjects(vishard4, LIBRARY)]:
+    for subject in [*verify.arm_subjects(derived), *verify.controller_subjects(derived, LIBRARY)]:
         emulated = verify.Subject(subject.function, {"C float": called(processor, subject)}, subject.draw)
         rng = random.Random(3)
         cases, _ = verify.compare(emulated, [subject.draw(rng) for _ in range(40)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 import spatial_arms
 import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from random_arms import arm as planar_arm
 from spatial_arms import Array
@@ -184,6 +187,73 @@ def test_base_parameters_are_independent(types: str) -> None:
         arm = derive(spatial_arms.drawn(types, seed, gravity=(1.0, 2.0, -9.0)))
         rows = np.concatenate([call(arm, "regressor", *state(len(types), k)) for k in range(20)])
         assert np.linalg.matrix_rank(rows / np.linalg.norm(rows, axis=0), tol=1e-9) == len(arm.lumps)
+
+
+def nice(types: str, choices: Sequence[float]) -> SpatialArm:
+    """A chain of joints whose angles, axes and offsets are some of a drawing's: many are parallel, perpendicular or
+    meet, few along the axes of another's frame."""
+    numbers = iter(choices)
+    axes = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 3.0, 4.0), (0.0, -1.0, 0.0))
+    angles = (0.0, math.pi / 2, 0.3, math.pi / 6, -0.3, -math.pi / 2, math.pi / 3)
+
+    def origin() -> Frame:
+        rpy = [angles[next(numbers)] if turned == next(numbers) % 3 else 0.0 for turned in range(3)]
+        return Frame(tuple(0.1 * (next(numbers) % 3) for _ in range(3)), tuple(rpy))
+
+    link = SpatialLink(2.0, (0.1, -0.05, 0.02), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
+    joints = tuple(
+        SpatialJoint(
+            "revolute" if kind == "r" else "prismatic",
+            0.1,
+            50.0,
+            origin=origin(),
+            axis=axes[next(numbers) % 4],
+            link=link,
+        )
+        for kind in types
+    )
+    angle, size = angles[next(numbers)], (9.81, 0.0, 9.81)[next(numbers) % 3]
+    return SpatialArm("nice", (0.0, size * math.sin(angle), -size * math.cos(angle)), joints)
+
+
+def rank(arm: ArmModel) -> int:
+    """Of the regressor at random states, relative to the largest singular value of its columns scaled alike."""
+    n = len(arm.arm.joints)
+    rows = np.concatenate([call(arm, "regressor", *state(n, k)) for k in range(12 * n)])
+    values = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), compute_uv=False)
+    return int(np.sum(values > 1e-9 * values[0]))
+
+
+def skew_slide(gravity: tuple[float, float, float] = (0.5, 0.0, -9.81)) -> SpatialArm:
+    """The first and the third joint turn about perpendicular axes; a slide along neither of them lies between."""
+    origins = [
+        Frame((0, 0, 0.3), (0.1, 0, 0)),
+        Frame((0.1, 0, 0), (math.pi / 2, 0, 0)),
+        Frame((0, 0.2, 0), (0, 0.3, 0)),
+    ]
+    axes, kinds = [(0.0, 0.0, 1.0), (0.0, 3.0, 4.0), (1.0, 0.0, 0.0)], ("revolute", "prismatic", "revolute")
+    link = SpatialLink(2.0, (0.1, -0.05, 0.02), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
+    joints = zip(kinds, origins, axes, strict=True)
+    return SpatialArm(
+        "skew", gravity, tuple(SpatialJoint(k, 0.1, 50.0, origin=o, axis=a, link=link) for k, o, a in joints)
+    )
+
+
+def test_axes_across_a_slide_are_perpendicular_exactly() -> None:
+    derived = derive(skew_slide())
+    assert rank(derived) == len(derived.lumps) == 14
+    assert [p for p in prove(derived, {f.name: Tape.of(f) for f in derived.functions}, points=2) if not p.equal] == []
+
+
+@given(
+    types=st.text("rp", min_size=1, max_size=2) | st.sampled_from(["rpr", "ppr", "prr", "rppr", "rprr", "prpr", "rrr"]),
+    choices=st.lists(st.integers(0, 6), min_size=60, max_size=60),
+)
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_what_holds_in_the_file_holds_in_the_base_parameters(types: str, choices: list[int]) -> None:
+    """None is left that depends on others within the rounding of a file."""
+    derived = derive(nice(types, choices))
+    assert rank(derived) == len(derived.lumps)
 
 
 @pytest.mark.parametrize("seed", range(6))

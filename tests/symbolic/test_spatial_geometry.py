@@ -53,7 +53,7 @@ def by_dh(g: Geometry, q: Array) -> list[tuple[Array, Array]]:
     R, p = floats(g.base)
     frames = []
     for link, x in zip(g.links, q, strict=True):
-        p = p + R @ np.array([float(link.a), 0, 0])
+        p = p + R @ np.array([float(link.across(0 if link.revolute else x)), 0, 0])
         R = R @ turned((float(np.arctan2(float(link.twist.sin), float(link.twist.cos))), 0, 0))
         rest = Turn(Fraction(1), Fraction(0)) if link.rest == 0 else link.rest
         theta = sum(float(np.arctan2(float(t.sin), float(t.cos))) for t in (link.offset, rest))

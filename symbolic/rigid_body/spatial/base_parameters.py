@@ -30,7 +30,7 @@ from symbolic.rigid_body.exact_rank import (
 from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.moments import INERTIA, KINDS, Moments, body_values
 from symbolic.rigid_body.spatial.recursion import SpatialMotion, motion, named, turned, twisted, wrench
-from symbolic.rigid_body.spatial.vectors import Vector, dot
+from symbolic.rigid_body.spatial.vectors import Vector, dot, scaled
 from symbolic.straightline import Notes, Residues
 
 ROTOR = "I"
@@ -105,7 +105,7 @@ def columns(
     axes: list[tuple[Vector, Vector]] = []
     for i, m in enumerate(moving):
         axes = [_outwards(z, v, g, moving, i, f"{j + 1}_{i + 1}", notes) for j, (z, v) in enumerate(axes)]
-        unit: Vector = (0, 0, g.links[i].sign)
+        unit = scaled(g.links[i].sign, m.axis)
         nothing: Vector = (0, 0, 0)
         axes.append((unit, nothing) if g.links[i].revolute else (nothing, unit))
         for kind in (k for k, j in kept if j == i):

@@ -78,14 +78,16 @@ class JointStep:
 
     own         cosine and sine of frame j's x axis along the group's axes
     direction   of the group's x axis, along that before the group turns; (1, 0) if the joint is not its group's first
-    at          (3,) from the origin before to that of frame j, in the axes after the turn
-    twist       likewise
+    at          (3,) from the origin before to that of frame j, in the axes before the turn
+    axis        (3,) that joint j turns about or slides along, but for the sign, likewise
+    twist       of the axes before the turn, in frame j − 1; 0 if the joint is not its group's first
     """
 
     joint: int
     own: Direction
     direction: Direction
     at: Vector
+    axis: Vector
     twist: Direction
     notes: Notes
 
@@ -97,13 +99,15 @@ class JointStep:
             for i in group:
                 link, (c, s) = geometry.links[i], STRAIGHT
                 x, y, lift = link.a, 0, notes.let(f"r{i + 1}", link.reach(q[i]))
+                axis: Vector = (0, 0, 1)
                 if i == group[0]:
                     c, s = direction_along(geometry, i - 1, group[-1], q, notes)
                 else:
                     along = direction_along(geometry, group[-1], i - 1, q, notes)
-                    x, y = (notes.let(f"l{e}{i + 1}", link.a * part) for e, part in zip("cs", along, strict=True))
+                    way, axis = notes.let(f"x{i + 1}", link.across(q[i])), link.axis(along)
+                    x, y = (notes.let(f"l{e}{i + 1}", way * part) for e, part in zip("cs", along, strict=True))
                 own = direction_along(geometry, group[-1], i, q, notes)
-                steps.append(cls(i + 1, own, (c, s), (x, y, lift), link.twist.pair, notes))
+                steps.append(cls(i + 1, own, (c, s), (x, y, lift), axis, link.twist.pair, notes))
         return steps
 
     def named(self, names: Sequence[str], values: Sequence[Any]) -> tuple[Any, ...]:

@@ -91,8 +91,8 @@ def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Compos
     for i in reversed(range(geometry.n)):
         link, step, b, m = geometry.links[i], steps[i], wholes[i], motions[i]
         wrench = step.turned_wrench(carried, "")
-        first, own = _at_revolute(step, b, m) if link.revolute else _at_prismatic(b, m)
-        result[i] = link.sign * (first + (wrench[1][2] if link.revolute else wrench[0][2]))
+        first, own = _at_revolute(step, b, m) if link.revolute else _at_prismatic(step, b, m)
+        result[i] = link.sign * (first + dot(wrench[1] if link.revolute else wrench[0], step.axis))
         f, n = (
             step.named([f"{name}{e}" for e in "xyz"], added(u, v)) for name, u, v in zip("fn", wrench, own, strict=True)
         )
@@ -118,8 +118,8 @@ def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any
                 level = (w[0], w[1], step.notes.let(f"m{i + 1}", w[2] + half))
                 result.append(_Motion(level, step.named(("mx", "my", "mz"), added(al, tilt)), 0, twice, a, U))
             else:
-                result.append(_Motion(w, al, spin + half if turns else 0, twice, a, U))
-            a = a if turns else added(a, cross(now, (0, 0, twice)))
+                result.append(_Motion(w, al, spin + half, twice, a, U) if turns else _Motion(now, al, 0, twice, a, U))
+            a = a if turns else added(a, cross(now, scaled(twice, step.axis)))
             spin = step.notes.let(f"wz{i + 1}", spin + rate) if turns else spin
             if i == group[0]:
                 w, al, a = (step.unturned(v, name) for v, name in zip((w, al, a), ("w", "al", "a"), strict=True))
@@ -155,7 +155,8 @@ def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench
     return moment, ((-t * hx, -t * hy, m.twice * (x * hx + y * hy)), (m.twice * Y, -m.twice * X, 0))
 
 
-def _at_prismatic(b: Composite, m: _Motion) -> tuple[Any, Wrench]:
-    """Likewise, the force along z."""
-    field = cross(m.w, (0, 0, m.twice))
-    return dot(m.U[2], b.first) + b.m * m.a[2], (scaled(b.m, field), cross(b.first, field))
+def _at_prismatic(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
+    """Likewise, the force along the slide."""
+    field = cross(m.w, scaled(m.twice, step.axis))
+    force = added(applied(m.U, b.first), scaled(b.m, m.a))
+    return dot(step.axis, force), (scaled(b.m, field), cross(b.first, field))

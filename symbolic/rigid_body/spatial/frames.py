@@ -69,32 +69,43 @@ def file_axes(arm: SpatialArm, files: Sequence[Standing]) -> list[Vector]:
 
 
 def link_frames(arm: SpatialArm, files: Sequence[Standing]) -> list[Standing]:
-    """Frame j of every link, (n,): z along its joint's axis or, after a parallel axis, along that one's z."""
+    """Frame j of every link, (n,): z along its joint's axis or, after a parallel axis, along that one's z; of a slide
+    behind a revolute joint along that one's z."""
+    own = file_axes(arm, files)
     axes: list[Vector] = []
-    for z in file_axes(arm, files):
-        axes.append(axes[-1] if axes and _length(cross(axes[-1], z)) < PARALLEL else z)
+    turning = False
+    for joint, z in zip(arm.joints, own, strict=True):
+        stays = turning and joint.type == "prismatic"
+        axes.append(axes[-1] if stays or (axes and _length(cross(axes[-1], z)) < PARALLEL) else z)
+        turning = turning or joint.type == "revolute"
     frames: list[Standing] = []
     foot = files[0].at  # where the common normal from the joint before meets this axis
     for j, z in enumerate(axes):
         x, origin = None, foot
         if j + 1 < len(axes):
-            slides = arm.joints[j + 1].type == "prismatic"
-            x, origin, foot = _normal(foot, z, None if slides else files[j + 1].at, axes[j + 1])
+            if arm.joints[j + 1].type == "revolute":
+                x, origin, foot = _normal(foot, z, files[j + 1].at, axes[j + 1])
+            else:
+                x, origin = _slope(z, axes[j + 1], own[j + 1]), foot
         before = transposed(frames[-1].turn) if frames else transposed(BASE.turn)
         x = _across(z, before) if x is None else _nearer(x, before[0], z) if frames else x
         frames.append(Standing(transposed((x, cross(z, x), z)), origin))
     return frames
 
 
-def _normal(foot: Vector, z: Vector, point: Vector | None, z_next: Vector) -> tuple[Vector | None, Vector, Vector]:
-    """The common normal of two axes, a point and a direction each: direction, or None where any will do; its feet.
+def _slope(z: Vector, z_next: Vector, slide: Vector) -> Vector | None:
+    """x before a slide: across z and z_next or, where they are one, across z in the plane of the slide; None where any
+    will do."""
+    across = cross(z, z_next)
+    if _length(across) < PARALLEL:
+        across = cross(cross(z, slide), z)
+    return None if _length(across) < PARALLEL else _unit(across)
 
-    An axis without a point goes through that of the other one.
-    """
+
+def _normal(foot: Vector, z: Vector, point: Vector, z_next: Vector) -> tuple[Vector | None, Vector, Vector]:
+    """The common normal of two axes, a point and a direction each: direction, or None where any will do; its feet."""
     across = cross(z, z_next)
     size = _length(across)
-    if point is None:
-        return (None if size < PARALLEL else _unit(across)), foot, foot
     apart = less(point, foot)
     if size < PARALLEL:
         apart = less(apart, scaled(dot(apart, z), z))

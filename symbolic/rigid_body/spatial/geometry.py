@@ -5,23 +5,27 @@ frame j − 1 to frame j:
 
     turn by twist_j about x, move by a_j along x, turn by theta_j about z, move by d_j along z
 
-theta_j = offset_j + sign_j q_j of a revolute joint, d_j + sign_j q_j of a prismatic one. What the file leaves free is
-chosen so that most of it vanishes:
+theta_j = offset_j + sign_j q_j of a revolute joint. A prismatic one moves its link by sign_j q_j in the plane of
+x_(j−1) and z_j, tilted from z_j towards x_(j−1). What the file leaves free is chosen so that most of it vanishes:
 
 - Frame 0 is fixed to the base, with z_0 = z_1, and coincides with frame 1 where q1 = 0.
 - Parallel axes point the same way (sign_j = −1 where the file has them against each other): their twist is 0. What
   they are apart along themselves stands at the last of them.
-- A prismatic joint has a direction and no place: its axis goes through the origin before it.
+- A prismatic joint has a direction and no place: its axis goes through the origin before it. It does not turn its
+  link: behind a revolute joint, z stays that one's, so that the twist to the next revolute axis is the angle between
+  the two. Before the first revolute joint z is along the slide.
 - The last link's frame stands in the one before it where q_n = 0.
 
 Numbers are exact from here on: lengths are rounded to LENGTH_DIGITS, rotations to rational points of the unit circle
-or sphere, so that rotation matrices are orthogonal to the last digit in any ring and quarter turns are 0 and ±1.
+or sphere, so that rotation matrices are orthogonal to the last digit in any ring and quarter turns are 0 and ±1. Axes
+that are parallel, perpendicular or one in the file are so exactly: base parameters are counted on these numbers.
 
 Source: Khalil & Kleinfinger 1986 (modified Denavit-Hartenberg notation).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -30,15 +34,24 @@ from typing import Any
 import sympy as sp
 
 from symbolic.model_file.arm import SpatialArm
-from symbolic.rigid_body.spatial.frames import BASE, Standing, file_axes, file_frames, link_frames, transposed
-from symbolic.rigid_body.spatial.vectors import Matrix, Vector, dot
+from symbolic.rigid_body.spatial.frames import (
+    BASE,
+    PARALLEL,
+    Standing,
+    file_axes,
+    file_frames,
+    link_frames,
+    transposed,
+)
+from symbolic.rigid_body.spatial.vectors import Matrix, Vector, applied, cross, dot, less, scaled
 from symbolic.straightline import Notes, Turn
 
 LENGTH_DIGITS = 12
 """Decimals of a length in m: what floating point adds to a file's decimals lies beyond them."""
-TURN_DIGITS = 15
-"""Decimals of the tangent of half an angle, likewise."""
+TURN_DIGITS = 13
+"""Decimals of the tangent of half an angle, likewise: a chain of seven frames adds some 1e-15."""
 NO_ANGLE: Any = 0
+UPRIGHT = Turn(Fraction(1), Fraction(0))
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ class LinkFrame:
     a, d     m
     offset   cosine and sine of theta_j where q_j = 0; of a revolute joint its quarter turns alone, 0 and ±1, and
     rest     the angle beyond them: 0, a Turn, or a symbol
+    tilt     cosine and sine of a slide's angle from z_j towards x_(j−1); of a revolute joint 0
     body     the model file's joint frame, in which mass and inertia are stated, in frame j
     """
 
@@ -73,6 +87,7 @@ class LinkFrame:
     offset: Turn
     rest: Any
     d: Any
+    tilt: Turn
     body: Placement
 
     @property
@@ -92,8 +107,18 @@ class LinkFrame:
         return quarter_turned(notes.sincos(self.angle(q)), self.offset) if self.revolute else self.offset.pair
 
     def reach(self, q: Any) -> Any:
-        """d_j, and the way of a prismatic joint."""
-        return self.d if self.revolute else self.d + self.sign * q
+        """d_j, and the way of a prismatic joint along z_j."""
+        return self.d if self.revolute or self.tilt.cos == 0 else self.d + self.sign * self.tilt.cos * q
+
+    def across(self, q: Any) -> Any:
+        """a_j, and the way of a prismatic joint along x_(j−1)."""
+        return self.a if self.tilt.sin == 0 else self.a + self.sign * self.tilt.sin * q
+
+    def axis(self, before: tuple[Any, Any]) -> Vector:
+        """(3,) that the joint turns about or slides along, but for the sign, along axes that have z_j and in which
+        x_(j−1) has this cosine and sine."""
+        c, s = before
+        return (c * self.tilt.sin, s * self.tilt.sin, self.tilt.cos) if self.tilt.sin != 0 else (0, 0, self.tilt.cos)
 
 
 @dataclass(frozen=True)
@@ -125,6 +150,7 @@ class Geometry:
                 offset=_turn_over(link.offset, number),
                 rest=rest,
                 d=number(link.d),
+                tilt=_turn_over(link.tilt, number),
                 body=link.body.over(number),
             )
             for link, rest in zip(self.links, rests, strict=True)
@@ -172,27 +198,62 @@ def geometry(arm: SpatialArm) -> Geometry:
     frames = link_frames(arm, files)
     axes = file_axes(arm, files)
     before = [frames[0], *frames[:-1]]
+    links = tuple(
+        _link(joint.type == "revolute", axis, *standing)
+        for joint, axis, *standing in zip(arm.joints, axes, frames, before, files, strict=True)
+    )
     gravity = Standing(BASE.turn, arm.gravity).inside(Standing(frames[0].turn, (0.0, 0.0, 0.0))).at
     return Geometry(
-        tuple(
-            _link(joint.type == "revolute", axis, *standing)
-            for joint, axis, *standing in zip(arm.joints, axes, frames, before, files, strict=True)
-        ),
-        _vector([exact_length(g) for g in gravity]),
+        links,
+        _settled(_vector([exact_length(g) for g in gravity]), _still_axes(links)),
         _placement(frames[0]),
         _placement(files[-1].followed(arm.tip).inside(frames[-1])),
     )
 
 
 def _link(revolute: bool, axis: Vector, frame: Standing, before: Standing, file: Standing) -> LinkFrame:
-    sign = 1 if dot(axis, transposed(frame.turn)[2]) > 0 else -1
+    x, z = transposed(before.turn)[0], transposed(frame.turn)[2]
+    sign = 1 if dot(axis, z) > -PARALLEL else -1
+    tilt = UPRIGHT if revolute else exact_turn(sign * dot(axis, z), sign * dot(axis, x))
     step, reach = frame.inside(before)
     twist = exact_turn(step[2][2], -step[1][2])
     offset, rest = exact_turn(step[0][0], -step[0][1]), NO_ANGLE
     if revolute and 0 not in offset.pair:
-        offset, rest = Turn(Fraction(1), Fraction(0)), offset
+        offset, rest = UPRIGHT, offset
     a, d = exact_length(reach[0]), exact_length(dot(reach, (0.0, -float(twist.sin), float(twist.cos))))
-    return LinkFrame(revolute, sign, twist, a, offset, rest, d, _placement(file.inside(frame)))
+    return LinkFrame(revolute, sign, twist, a, offset, rest, d, tilt, _placement(file.inside(frame)))
+
+
+def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:
+    """The axes that stand still in frame 0: those up to the first revolute joint."""
+    axes: list[Vector] = []
+    turn: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    for link in links:
+        start = link.start.turn
+        turn = transposed([applied(turn, column) for column in transposed(start)])
+        axes.append(transposed(turn)[2])
+        if link.revolute:
+            break
+    return axes
+
+
+def _settled(gravity: Vector, axes: Sequence[Vector]) -> Vector:
+    """Gravity, along or across each of these unit vectors exactly where it is so but for rounding."""
+    size, level = math.hypot(*map(float, gravity)), None
+    for axis in axes:
+        pull = dot(gravity, axis)
+        if math.hypot(*map(float, cross(gravity, axis))) <= PARALLEL * size:
+            return scaled(pull, axis)
+        if abs(pull) > PARALLEL * size:
+            continue
+        normal = axis if level is None else cross(level, axis)
+        if not any(normal):
+            continue
+        if level is None:
+            gravity, level = less(gravity, scaled(pull, axis)), axis
+        else:
+            return scaled(dot(gravity, normal) / dot(normal, normal), normal)
+    return gravity
 
 
 def exact_length(value: float) -> Fraction:

@@ -53,7 +53,7 @@ class JointAxes:
     """Joints as seen along the axes of one frame, from its origin.
 
     before   (n,) of each joint: the x and y axes before it moves
-    along    (n,) z axes: what it turns about or slides along
+    along    (n,) what it turns about or slides along, but for the sign
     origin   (n,) of the frames that they move
     """
 
@@ -144,7 +144,7 @@ def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorde
         y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
         o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
         axes.before.append((x, y))
-        axes.along.append(z)
+        axes.along.append(along(step.axis, x, y, z))
         axes.origin.append(o)
         x, y = (
             step.named([f"{name}{e}" for e in "xyz"], vector)
@@ -215,7 +215,6 @@ def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder
     o, axes = negative(applied(list(zip(*geometry.tip.turn, strict=True)), geometry.tip.at)), JointAxes([], [], [])
     for step in reversed(steps):
         (c, s), (ct, st) = step.direction, step.twist
-        axes.along.append(z)
         axes.origin.append(o)
         x, y = (
             step.named([f"{name}{e}" for e in "xyz"], vector)
@@ -225,6 +224,7 @@ def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder
             )
         )
         axes.before.append((x, y))
+        axes.along.append(along(step.axis, x, y, z))
         o = step.named(("rx", "ry", "rz"), less(o, along(step.at, x, y, z)))
         y, z = added(scaled(ct, y), scaled(-st, z)), added(scaled(ct, z), scaled(st, y))
     pull = along(geometry.gravity, x, y, z)

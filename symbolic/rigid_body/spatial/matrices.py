@@ -8,9 +8,9 @@ from typing import Any
 from symbolic.functions import SymbolicFunction
 from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.spatial.composites import Composite, JointStep, MomentFlow, Wrench, composites
-from symbolic.rigid_body.spatial.geometry import Geometry
+from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame
 from symbolic.rigid_body.spatial.moments import Moments
-from symbolic.rigid_body.spatial.vectors import NOWHERE, Vector, cross, scaled
+from symbolic.rigid_body.spatial.vectors import NOWHERE, Vector, added, cross, dot, scaled
 
 NOTATION = {
     "c, s": "cosine and sine",
@@ -39,7 +39,7 @@ def inertia(
     geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rotors: Sequence[Any]
 ) -> Square:
     """D (n, n). `wholes`: the composites at the joints; `rotors`: (n,) added on the diagonal."""
-    columns = [_momentum(link.revolute, b) for link, b in zip(geometry.links, wholes, strict=True)]
+    columns = [_momentum(*joint) for joint in zip(geometry.links, steps, wholes, strict=True)]
     D = _along_axes(geometry, steps, columns, "")
     for i, link in enumerate(geometry.links):
         D[i][i] = (wholes[i].spin if link.revolute else wholes[i].m) + rotors[i]
@@ -48,11 +48,11 @@ def inertia(
     return D
 
 
-def _momentum(revolute: bool, b: Composite) -> Wrench:
+def _momentum(link: LinkFrame, step: JointStep, b: Composite) -> Wrench:
     """Momentum and its moment at unit rate of the joint."""
-    if revolute:
+    if link.revolute:
         return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
-    return (0, 0, b.m), (b.y, -b.x, 0)
+    return _uniform(b, step.axis)
 
 
 def _along_axes(geometry: Geometry, steps: Sequence[JointStep], columns: Sequence[Wrench], name: str) -> Square:
@@ -65,14 +65,14 @@ def _along_axes(geometry: Geometry, steps: Sequence[JointStep], columns: Sequenc
             if i < j:
                 wrench = steps[i].turned_wrench(wrench, f"{name}{j + 1}_")
             links = geometry.links
-            result[i][j] = links[i].sign * links[j].sign * _along(links[i].revolute, wrench)
+            result[i][j] = links[i].sign * links[j].sign * _along(links[i], steps[i], wrench)
             wrench = steps[i].carried(wrench, f"{name}{j + 1}_")
     return result
 
 
-def _along(revolute: bool, wrench: Wrench) -> Any:
+def _along(link: LinkFrame, step: JointStep, wrench: Wrench) -> Any:
     """What a joint feels of a wrench."""
-    return wrench[1][2] if revolute else wrench[0][2]
+    return dot(wrench[1] if link.revolute else wrench[0], step.axis)
 
 
 def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite]) -> list[Any]:
@@ -80,7 +80,7 @@ def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Com
     result, pull = [], geometry.gravity
     for link, step, b in zip(geometry.links, steps, wholes, strict=True):
         x, y, z = step.untwisted(pull)
-        result.append(link.sign * (b.y * x - b.x * y if link.revolute else -b.m * z))
+        result.append(link.sign * (b.y * x - b.x * y if link.revolute else -b.m * dot(step.axis, (x, y, z))))
         pull = step.unturned((x, y, z), "g")
     return result
 
@@ -108,8 +108,8 @@ def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Co
     """C (n, n) from Christoffel symbols."""
     rates = signed(geometry, qd)
     flows, turns = _flows(geometry, steps, wholes, rates), turning(geometry, steps, rates)
-    joints = list(zip(geometry.links, wholes, flows, turns, rates, strict=True))
-    C = _along_axes(geometry, steps, [_field(link.revolute, *rest) for link, *rest in joints], "c")
+    joints = list(zip(geometry.links, steps, wholes, flows, turns, rates, strict=True))
+    C = _along_axes(geometry, steps, [_field(*joint) for joint in joints], "c")
     rate_of_D = _rates_along_axes(geometry, steps, joints, rates)
     for i in range(geometry.n):
         for j in range(i):
@@ -128,16 +128,17 @@ def _flows(
     ):
         flow = step.turned_flow(carried)
         result.append(flow)
-        carried = step.carried_flow(_with_joint(link.revolute, step, b, flow, rate))
+        carried = step.carried_flow(_with_joint(link, step, b, flow, rate))
     return result[::-1]
 
 
-def _with_joint(revolute: bool, step: JointStep, b: Composite, flow: MomentFlow, rate: Any) -> MomentFlow:
+def _with_joint(link: LinkFrame, step: JointStep, b: Composite, flow: MomentFlow, rate: Any) -> MomentFlow:
     """Relative to the link before the joint."""
     (hx, hy, hz), x, y, z = flow.h, flow.x, flow.y, flow.z
-    if not revolute:
-        z = (z[0] + rate * b.x, z[1] + rate * b.y, z[2] + rate * b.z)
-        return MomentFlow((hx, hy, hz + rate * b.m), x, y, z)
+    if not link.revolute:
+        v = scaled(rate, step.axis)
+        x, y, z = (added(row, scaled(e, b.first)) for row, e in zip((x, y, z), v, strict=True))
+        return MomentFlow(added(flow.h, scaled(b.m, v)), x, y, z)
     x = (x[0] - rate * b.xy, x[1] - rate * b.yy, x[2] - rate * b.yz)
     y = (y[0] + rate * b.xx, y[1] + rate * b.xy, y[2] + rate * b.xz)
     x = step.named(("kxx", "kxy", "kxz"), x)
@@ -146,10 +147,11 @@ def _with_joint(revolute: bool, step: JointStep, b: Composite, flow: MomentFlow,
     return MomentFlow((h[0], h[1], hz), x, y, z)
 
 
-def _field(revolute: bool, b: Composite, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
-    """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × z; w of the link moved."""
-    if not revolute:
-        return _uniform(b, (w[1], -w[0], 0))
+def _field(link: LinkFrame, step: JointStep, b: Composite, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
+    """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × axis; w of the link
+    moved."""
+    if not link.revolute:
+        return _uniform(b, cross(w, step.axis))
     wx, wy, wz = w[0], w[1], w[2] + rate
     f = (-wz * b.x - k.h[1], -wz * b.y + k.h[0], wx * b.x + wy * b.y)
     n = (
@@ -166,32 +168,32 @@ def _rates_along_axes(
     """dD/dt above the diagonal: momenta carried inwards with their rates, which a turning joint turns along."""
     n = geometry.n
     result: Square = [[0] * n for _ in range(n)]
-    for j, (link, b, k, _, _) in enumerate(joints):
-        now, rate = _momentum(link.revolute, b), _momentum_rate(link.revolute, k)
+    for j, (link, at, b, k, _, _) in enumerate(joints):
+        now, rate = _momentum(link, at, b), _momentum_rate(link, at, k)
         for i in range(j, -1, -1):
             step, own = steps[i], geometry.links[i]
             if i < j:
                 now, rate = step.turned_wrench(now, f"{j + 1}_"), step.turned_wrench(rate, f"d{j + 1}_")
-                result[i][j] = own.sign * link.sign * _along(own.revolute, rate)
-            rate = _seen_from_before(own.revolute, now, rate, rates[i])
+                result[i][j] = own.sign * link.sign * _along(own, step, rate)
+            rate = _seen_from_before(own, step, now, rate, rates[i])
             now, rate = step.carried(now, f"{j + 1}_"), step.carried(rate, f"d{j + 1}_")
     return result
 
 
-def _momentum_rate(revolute: bool, k: MomentFlow) -> Wrench:
+def _momentum_rate(link: LinkFrame, step: JointStep, k: MomentFlow) -> Wrench:
     """Rate of _momentum in the axes of the link that the joint moves."""
-    if revolute:
+    if link.revolute:
         return (-k.h[1], k.h[0], 0), (-k.x[2] - k.z[0], -k.y[2] - k.z[1], 2 * (k.x[0] + k.y[1]))
-    return (0, 0, 0), (k.h[1], -k.h[0], 0)
+    return NOWHERE, cross(k.h, step.axis)
 
 
-def _seen_from_before(revolute: bool, now: Wrench, rate: Wrench, joint_rate: Any) -> Wrench:
-    """The rate of a wrench in the axes before a joint: turned along, or carried along z × f."""
+def _seen_from_before(link: LinkFrame, step: JointStep, now: Wrench, rate: Wrench, joint_rate: Any) -> Wrench:
+    """The rate of a wrench in the axes before a joint: turned along, or carried along axis × f."""
     (fx, fy, _), (nx, ny, _) = now
     (ax, ay, az), (bx, by, bz) = rate
     v = joint_rate
-    if not revolute:
-        return rate[0], (bx - v * fy, by + v * fx, bz)
+    if not link.revolute:
+        return rate[0], added(rate[1], cross(scaled(v, step.axis), now[0]))
     return (ax - v * fy, ay + v * fx, az), (bx - v * ny, by + v * nx, bz)
 
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, quarter_turned
 from symbolic.rigid_body.spatial.moments import Moments
-from symbolic.rigid_body.spatial.vectors import Vector
+from symbolic.rigid_body.spatial.vectors import Vector, added, cross, dot, scaled
 from symbolic.straightline import Notes, Turn
 
 Direction = tuple[Any, Any]
@@ -69,6 +69,7 @@ class SpatialMotion:
     reach       x and y from the origin before to its own, m, along the axes of the link before; 0 in the first of a
                 group
     lift        the same along z
+    axis        (3,) that its joint turns about or slides along, but for the sign
     a           (3,) acceleration of its origin less gravity, m/s²
     """
 
@@ -77,6 +78,7 @@ class SpatialMotion:
     before: Direction
     reach: tuple[Any, Any]
     lift: Any
+    axis: Vector
     U: Gradient
     a: Vector
 
@@ -104,16 +106,17 @@ def motion(
             reach: tuple[Any, Any] = (0, 0)
             if i > group[0]:
                 c, s = direction_along(g, at, i - 1, q, notes)
-                reach = notes.let(f"lc{k}", link.a * c), notes.let(f"ls{k}", link.a * s)
+                reach = _along_x(link.across(q[i]), (c, s), k, notes)
                 state = state.moved(found[-1].U.along(*reach, 0), k, notes)
             before = direction_along(g, axes[i], at, q, notes)
             state, at = _turned_state(state, before, k, notes), axes[i]
             lift = notes.let(f"r{k}", link.reach(q[i]))
             state = state.moved([e * lift for e in state.column], k, notes)
-            state = _jointed(state, link, qd[i], qdd[i], k, notes)
+            axis = (0, 0, 1) if i == group[0] else link.axis(direction_along(g, at, i - 1, q, notes))
+            state = _jointed(state, link, axis, qd[i], qdd[i], k, notes)
             U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
             found.append(
-                SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, U, state.a)
+                SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, axis, U, state.a)
             )
         if group[-1] < g.n - 1:
             state = _turned_state(state, direction_along(g, group[-1], at, q, notes), group[-1] + 1, notes)
@@ -134,7 +137,13 @@ class _State:
         return replace(self, a=named("a", k, [a + e for a, e in zip(self.a, by, strict=True)], notes))
 
 
-def _jointed(state: _State, link: LinkFrame, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
+def _along_x(a: Any, direction: Direction, k: int, notes: Notes) -> tuple[Any, Any]:
+    """A way along an x axis that has this direction."""
+    a, (c, s) = notes.let(f"x{k}", a), direction
+    return notes.let(f"lc{k}", a * c), notes.let(f"ls{k}", a * s)
+
+
+def _jointed(state: _State, link: LinkFrame, axis: Vector, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
     """Behind the joint."""
     wx, wy, wz = state.w
     rate, rise = (qd, qdd) if link.sign > 0 else (-qd, -qdd)
@@ -143,7 +152,7 @@ def _jointed(state: _State, link: LinkFrame, qd: Any, qdd: Any, k: int, notes: N
             state, w=(wx, wy, notes.let(f"wz{k}", wz + rate)), turning=notes.let(f"alz{k}", state.turning + rise)
         )
     twice = notes.let(f"qd{k}_2", 2 * rate)
-    return state.moved((twice * wy, -twice * wx, rise), k, notes)
+    return state.moved(added(scaled(rise, axis), cross(state.w, scaled(twice, axis))), k, notes)
 
 
 def _gradient(state: _State, outwards: bool, k: int, notes: Notes) -> Gradient:
@@ -255,7 +264,7 @@ def torques(
             link, m, k = g.links[i], moving[i], i + 1
             own_F, own_N = wrench(turned_moments(moments[i], m.direction, k, notes), m)
             F, N = named("F", k, _sum(F, own_F), notes), named("N", k, _sum(N, own_N), notes)
-            own = N[2] if link.revolute else F[2]
+            own = dot(N if link.revolute else F, m.axis)
             tau[i] = (own if link.sign > 0 else -own) + rotors[i] * qdd[i]
             N = named("N", k, _sum(N, (-m.lift * F[1], m.lift * F[0], 0)), notes)
             back = (m.before[0], -m.before[1])

@@ -45,7 +45,7 @@ def exact_file_chain(geometry: Geometry) -> ExactFileChain:
     return ExactFileChain(
         tuple(link.revolute for link in geometry.links),
         tuple(placements),
-        tuple(scaled(link.sign, link.body.turn[2]) for link in geometry.links),
+        tuple(_axis(link) for link in geometry.links),
         _joined(before, geometry.tip),
         applied(geometry.base.turn, geometry.gravity),
     )
@@ -80,6 +80,12 @@ def _rotation(rpy: Sequence[float]) -> list[list[float]]:
             v[i], v[j] = c * v[i] - s * v[j], s * v[i] + c * v[j]
         columns.append(v)
     return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _axis(link: LinkFrame) -> Vector:
+    """In the file's joint frame."""
+    c, s = link.offset.pair
+    return scaled(link.sign, applied(_transposed(link.body.turn), link.axis((c, -s))))
 
 
 def _start(link: LinkFrame) -> Placement:
