@@ -276,7 +276,7 @@ class _Search:
         if system is None:
             return None
         equal, above = self._missed(at)
-        dx, y = system(-slopes.gradient - self._pulled(slopes, sigma * above + pull), -equal)
+        dx, y = system(-slopes.gradient - self._pulled(slopes, sigma * above + pull), -equal, at.y)
         ds = self._ahead(slopes, dx) + above
         slope = float(slopes.gradient @ dx + pull @ ds)
         keep = max(_FRACTION, 1 - self.mu)
@@ -314,7 +314,7 @@ class _Search:
     ) -> _Iterate | None:
         """A second-order correction: the same step with what the constraints' curvature adds to the miss."""
         equal, above = (step * old + new for old, new in zip(self._missed(at), self._missed(trial), strict=True))
-        dx, _ = system(-slopes.gradient - self._pulled(slopes, sigma * above + pull), -equal)
+        dx, _ = system(-slopes.gradient - self._pulled(slopes, sigma * above + pull), -equal, at.y)
         ds = self._ahead(slopes, dx) + above
         far = min(self._room(at.s - self.low, -ds, keep), self._room(self.high - at.s, ds, keep))
         return self._moved(at, far * dx, far * ds)
@@ -388,9 +388,10 @@ class _System:
         negative = int((factor.diagonal()[single] < 0).sum()) + int((~single).sum()) // 2
         return cls(len(H), free, factor, pivots) if info == 0 and negative == m else None
 
-    def __call__(self, dual: Array, equal: Array) -> tuple[Array, Array]:
-        """Step of x, and the multipliers of the equalities."""
-        right = np.concatenate([dual[self.free], equal])
+    def __call__(self, dual: Array, equal: Array, y: Array) -> tuple[Array, Array]:
+        """Step of x, and the multipliers of the equalities, which are y here: the shift acts on their change alone, so
+        that equalities are met where it ends."""
+        right = np.concatenate([dual[self.free], equal - _EQUALITY_SHIFT * y])
         solved, _ = lapack.dsytrs(self.factor, self.pivots, right, lower=1)
         dx = np.zeros(self.size)
         dx[self.free] = solved[: len(self.free)]

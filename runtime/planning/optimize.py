@@ -105,7 +105,7 @@ class Planner:
     def __init__(self, model: Model, scenario: Scenario) -> None:
         self.model, self.scenario, self._started = model, scenario, time.perf_counter()
         task = Task(model, scenario)
-        self.coarse, self.fine = Solver(Program(task, _few), 1e-3, 150), Solver(Program(task, _many), 1e-6, 400)
+        self.coarse, self.fine = Solver(Program(task, _few), 1e-3, 150), Solver(Program(task, _many), 1e-8, 400)
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
         return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
