@@ -21,8 +21,11 @@ ROUNDS, REPETITIONS = sized((5, 60), (1, 2))
 EQUAL = 1e-9
 """Of the largest torque."""
 CASADI, RNEA = 1.6, 8.0
-"""How many times as fast as Pinocchio through CasADi to C, and as Pinocchio's rnea(), a call is at least; on a machine
-with nothing else to do 1.9 and 9.7."""
+"""How many times as fast as Pinocchio through CasADi to C, and as Pinocchio's rnea(), a call for the UR10e is at least:
+what holds in every run."""
+ASKED = 2.0, 17.0
+"""What is aimed at. Of rnea() it is not reached: 10 times for the UR10e, 9 to 10 for the Panda; through CasADi hardly: 1.9
+times, and 1.9 to 2.4. All of it was measured with other work on the machine."""
 OURS = """
 void loop_ours(size_t rounds, size_t count, const double *q, const double *qd, const double *qdd, double *tau)
 {{
@@ -106,8 +109,13 @@ def test_inverse_dynamics(name: str) -> None:
         times[case] = best(run, REPETITIONS) / (ROUNDS * SAMPLES)
     own = times["generated C, a call"]
     rows = [(case, f"{1e9 * seconds:.1f}", f"{seconds / own:.2f}") for case, seconds in times.items()]
-    notes = [f"{SAMPLES} random samples; every C by one compiler with the same flags; torques equal to 1e-9"]
+    reached = [times[case] / own for case in ("Pinocchio's model through CasADi to C", "Pinocchio, C++ rnea()")]
+    notes = [
+        f"{SAMPLES} random samples; every C by one compiler with the same flags; torques equal to 1e-9",
+        "times as fast as through CasADi, and as rnea(): "
+        + ", ".join(f"{found:.1f} (aimed at: {asked:g})" for found, asked in zip(reached, ASKED, strict=True)),
+    ]
     show(f"Inverse dynamics of the {name}", ("variant", "ns", "ratio"), rows, notes)
     if name == "ur10e" and not SHORT:
-        assert times["Pinocchio's model through CasADi to C"] > CASADI * own
-        assert times["Pinocchio, C++ rnea()"] > RNEA * own
+        assert reached[0] > CASADI
+        assert reached[1] > RNEA
