@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,9 @@ from runtime.diagnosis.branches import complete
 from runtime.diagnosis.diagnose import begin, judged
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
-from runtime.experiments.selection import WIDER, Freedom, Repertoire, TorqueLimit, peaks, plans
+from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
 from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
-from runtime.experiments.settings import TRIAL_SEEDS
+from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.simulation.settings import MARGIN, RATE
@@ -121,10 +122,10 @@ class Confirmation:
 def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
     """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); stops at a wrong answer."""
     trials: list[SimulatedDiagnosis] = []
-    for seed in seeds:
-        for truth in [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]:
-            trials.append(_trial(bench, motion, truth, seed))
-        if not all(trial.right for trial in trials):
+    truths = [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
+    for seed, truth in product(seeds, truths):
+        trials.append(_trial(bench, motion, truth, seed))
+        if not trials[-1].right:
             break
     return Confirmation(tuple(trials))
 
@@ -275,13 +276,7 @@ def propose(
     say("judging the pieces of motion")
     repertoire = Repertoire.of(bench, limit, Freedom())
     seeds = [settings.seed + s for s in TRIAL_SEEDS]
-    choices = repertoire.choices()
-    for choice in plans(choices):
-        motion = repertoire.motion(choice)
-        say(f"diagnosing {motion.shape[1] / RATE:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}")
-        confirmation = confirm(bench, motion, seeds)
-        if confirmation:
-            break
+    choice, motion, confirmation = _tried(bench, repertoire, seeds, say)
     say("diagnosing the ordinary excitation")
     ordinary = confirm(bench, bench.ordinary_path, seeds[:1])
     relief: tuple[tuple[str, float, bool], ...] = ()
@@ -299,6 +294,21 @@ def propose(
         confirmation,
         relief,
     )
+
+
+def _tried(
+    bench: TrialArm, repertoire: Repertoire, seeds: Sequence[int], say: Tell
+) -> tuple[PieceChoice, Array, Confirmation]:
+    """The first plan that is confirmed, or the last that was tried: the same wrong answer again ends it."""
+    wrong: list[str | None] = []
+    for choice in plans(repertoire.choices()):
+        motion = repertoire.motion(choice)
+        say(f"diagnosing {motion.shape[1] / RATE:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}")
+        confirmation = confirm(bench, motion, seeds)
+        wrong.append(confirmation.problem)
+        if confirmation or wrong.count(confirmation.problem) >= SAME_ANSWER:
+            break
+    return choice, motion, confirmation
 
 
 def _relief(bench: TrialArm, limit: TorqueLimit, freedom: Freedom, say: Tell) -> tuple[str, float, bool]:

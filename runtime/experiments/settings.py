@@ -22,6 +22,10 @@ EXACT: Final = 1e-4
 TRIAL_SEEDS: Final = (1, 2)
 """numbers beside the user's seed; of the noise of the recordings on which a motion must hold; time."""
 
+SAME_ANSWER: Final = 2
+"""number of motions; where a stronger one ends in the same wrong answer, it is not the motion that stands in the way:
+no further one is tried; time."""
+
 # what is enough -----------------------------------------------------------------------------------------------------
 
 SURE: Final = 8.0

@@ -236,7 +236,9 @@ def test_where_no_motion_separates_it_says_what_would(
     drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Over a radian to either side, the polynomial is the sine; a diagnosis that sees nothing does not matter here.
-    monkeypatch.setattr(design, "diagnose", lambda *_: SimpleNamespace(verdict="clean", findings=()))
+    for part in ("begin", "complete"):
+        monkeypatch.setattr(design, part, lambda *_: None)
+    monkeypatch.setattr(design, "judged", lambda _: SimpleNamespace(verdict="clean", findings=()))
     between, out = "gravity:gx=3,gy=0,cable@1:c1=2,c2=0,c3=1,c4=0", tmp_path / "motion.csv"
     status = output.run(app, ["experiment", str(DRIVE), "--between", between, "--out", str(out)])
     verdict = capsys.readouterr().out.splitlines()[0]
