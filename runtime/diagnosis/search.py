@@ -25,6 +25,7 @@ from runtime.diagnosis.settings import (
 from runtime.diagnosis.steps import Finding, Step, errors_elsewhere, seconds_moving
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.diagnosis.worth import (
+    falls,
     missing_at,
     needless,
     own_joints,
@@ -195,13 +196,18 @@ class Search:
         # What was taken back once would come and go for ever.
         able = [e for e in able if e.term not in self._taken_back]
         able.sort(key=lambda e: -e.delta_bic)
+        alike = [e.term for e in self.last.ranked[:1]] + [*self.last.rivals]
         for evidence in able:
             first = evidence is self.last.ranked[0]
             finding = self._refitted(step, evidence, self.last.rivals if first else ())
             if worth_its_name(step, finding.after, finding.term) and not self._rest_of_another(
                 (finding.term,), finding.after
             ):
-                return finding
+                # Where the first has no values that the data tell, the data do not tell the next from it either.
+                others = tuple(t for t in alike if t != finding.term) if finding.term in alike else ()
+                return finding if first else replace(finding, rivals=others)
+            if not any(falls(step, finding.after, i) for i in own_joints(self.model, finding.term)):
+                alike = [t for t in alike if t != finding.term]
         return None
 
     def _vouched(self, evidence: Evidence) -> bool:
