@@ -291,6 +291,10 @@ LINE_WIDTH: Final = 3
 """bins; a Hann window spreads a peak over so many to either side, and the trend over as many at the beginning; by
 construction."""
 
+LINE_BLURRED: Final = 2.0
+"""bins; a Hann window makes as much of one frequency of noise: 1 + 2 (2/3)² + 2 (1/6)² times its power, its neighbours
+by their correlation; by construction."""
+
 SLOW_PART: Final = 0.15
 """part of the cut-off; below lie slow disturbances; development recordings with disturbances from outside."""
 

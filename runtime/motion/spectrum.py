@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from runtime.motion.fourier import welch
 from runtime.motion.settings import (
     BURST_STRETCHES,
+    LINE_BLURRED,
     LINE_CHANCE,
     LINE_STANDS_OUT,
     LINE_WIDTH,
     RESIDUAL_SEGMENT,
+    ROWS_OVER_CUTOFF,
     SLOW_PART,
     WHITE_PART,
 )
@@ -41,8 +43,9 @@ def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
         return None
     peak = int(np.argmax(power[LINE_WIDTH:])) + LINE_WIDTH
     share = float(power[max(LINE_WIDTH, peak - LINE_WIDTH) : peak + LINE_WIDTH + 1].sum()) / total
-    frequencies = max(1.0, np.count_nonzero(residual) / 2)
-    chance = (np.log(frequencies) + LINE_CHANCE) / frequencies + 2 * LINE_WIDTH / len(power)
+    inside = len(power) * 2 / ROWS_OVER_CUTOFF
+    frequencies = max(1.0, min(np.count_nonzero(residual) / 2, inside / LINE_BLURRED))
+    chance = (np.log(inside) + LINE_CHANCE) / frequencies + 2 * LINE_WIDTH / inside
     if share <= max(LINE_STANDS_OUT, chance):
         return None
     return SpectralLine(float(np.fft.rfftfreq(len(residual), 1 / rate)[peak]), share)

@@ -81,6 +81,15 @@ def test_a_spring_without_stiffness_has_a_torque(drive: Model) -> None:
     assert all(np.isfinite(x) for x in fit.prediction.values[spring].values())
 
 
+@pytest.mark.parametrize("rows", [250, 470])
+def test_the_largest_chance_of_a_short_band_is_no_line(drive: Model, rows: int) -> None:
+    """Noise that is white up to a cut-off fills four fifths of the spectrum of its rows."""
+    rng, found, band = np.random.default_rng(0), 0, low_pass(20.0, 1000.0, drive.library)
+    for _ in range(200):
+        found += strongest_line(band(rng.standard_normal(rows * band.factor + 2 * band.half)), 50.0) is not None
+    assert found < 8
+
+
 def test_the_largest_chance_of_few_rows_is_no_line() -> None:
     """Of 120 rows among 400 the strongest frequency holds a tenth of the power; a line is found there nevertheless."""
     rng, found = np.random.default_rng(0), 0
