@@ -49,7 +49,7 @@ def _run(*arguments: str) -> tuple[float, float]:
     return seconds, _processor_time() - before
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", sized(("ur10", "panda"), ("ur10",)))
 def test_from_a_urdf(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each part is a process of its own, as a user starts it: its start and its imports are in its time. The proof
     derives the arm again."""

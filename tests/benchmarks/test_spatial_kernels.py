@@ -24,8 +24,8 @@ CASADI, RNEA = 1.6, 8.0
 """How many times as fast as Pinocchio through CasADi to C, and as Pinocchio's rnea(), a call for the UR10e is at least:
 what holds in every run."""
 ASKED = 2.0, 17.0
-"""What is aimed at. Of rnea() it is not reached: 10 times for the UR10e, 9 to 10 for the Panda; through CasADi hardly: 1.9
-times, and 1.9 to 2.4. All of it was measured with other work on the machine."""
+"""What is aimed at. Against rnea() it is not reached: 10 times for the UR10e, 9 to 10 for the Panda;
+through CasADi hardly: 1.9 times and 1.9 to 2.4. All was measured with other work on the machine."""
 OURS = """
 void loop_ours(size_t rounds, size_t count, const double *q, const double *qd, const double *qdd, double *tau)
 {{
