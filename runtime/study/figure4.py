@@ -20,7 +20,7 @@ def friction(found: JointFriction) -> Figure:
     measured = found.measured()
     for number, (speed, torque) in enumerate(measured):
         label = "experiment" if number == 0 else None
-        ax.plot(speed, torque, ".", color=FAINT, alpha=0.45, ms=1.0, label=label)
+        ax.plot(speed, torque, color=FAINT, alpha=0.45, lw=0.5, label=label)
     top = max(float(np.abs(speed).max()) for speed, _ in measured)
     # The map has no value at rest.
     branch = np.linspace(1e-6 * top, top, 200)
@@ -34,5 +34,5 @@ def friction(found: JointFriction) -> Figure:
     ax.set_xlabel(f"speed of joint {found.joint}, rad/s")
     ax.set_ylabel(f"friction torque of joint {found.joint}, N m")
     legend = ax.legend(frameon=False, loc="upper left")
-    legend.get_lines()[0].set(markersize=4.0, alpha=1.0)
+    legend.get_lines()[0].set(linewidth=1.6, alpha=1.0)
     return figure

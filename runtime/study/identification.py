@@ -194,16 +194,14 @@ class JointFriction:
         )
 
     def measured(self) -> list[tuple[Array, Array]]:
-        """Speed (M,) rad/s and friction torque (M,) N m in each trial, away from where the joint turns.
+        """Speed (M,) rad/s and friction torque (M,) N m in each trial.
 
-        The torque is the recorded one less that of the inverse dynamics, both and the speed within the band of the fit.
-        Next to a turn such means hold samples of both directions, and belong to no speed.
+        The torque is the recorded one less that of the inverse dynamics, both within the band of the fit.
         """
         found, i = self.identification, self.joint - 1
-        motion, clear = found.motion, found.motion.clear(i)
-        speed = np.concatenate([piece.in_band(piece.qd[i], i) for piece in motion.pieces])
-        torque = motion.torque(i, found.fit.skew) - found.problem.regressors.measured(i)
-        trials = [clear & (motion.row_piece == k) for k in range(len(motion.pieces))]
+        speed = found.motion.rows("qd")[i]
+        torque = found.motion.torque(i, found.fit.skew) - found.problem.regressors.measured(i)
+        trials = [found.motion.row_piece == k for k in range(len(found.motion.pieces))]
         return [(speed[trial], torque[trial]) for trial in trials]
 
     def friction(self, speeds: Array) -> Array:

@@ -168,10 +168,5 @@ def test_the_figure_shows_measured_torque_around_the_map(table: Table1) -> None:
     for speed, torque in measured:
         fast = np.abs(speed) > 0.5
         assert np.abs(torque - found.friction(speed))[fast].max() < 0.5
-    # Either direction is there, from beside the turns to the top.
-    every = np.concatenate([speed for speed, _ in measured])
-    for rate in (every, -every):
-        assert rate[rate > 0].min() < 0.5
-        assert rate.max() > 0.9 * np.abs(every).max()
     speeds = np.linspace(-4.0, 4.0, 80)
     assert np.abs(found.friction(speeds) - found.printed_friction(speeds)).max() < 0.03
