@@ -190,16 +190,13 @@ def in_band(precision: Precision) -> Routine:
 for (size_t first = 0; first < choices; first += lanes) {
     columns(count, s, dt, p + first * width, scratch);
     for (size_t i = 0; i < lanes * rows && first * rows + i < choices * rows; ++i) {
-        KIND *x = scratch + i * count;
+        const KIND *x = scratch + i * count;
         KIND *target = out + (first * rows + i) * kept;
         size_t k = 0;
         while (k < count && x[k] == 0) {
             ++k;
         }
         if (k < count) {
-            for (; k < count; ++k) {
-                x[k] *= weight[k];
-            }
             tendon_decimate_SUFFIX(kept, factor, taps, kernel, x, target);
         } else {
             for (k = 0; k < kept; ++k) {
@@ -212,7 +209,7 @@ for (size_t first = 0; first < choices; first += lanes) {
     return Routine(
         comment(
             "Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole "
-            "lanes, times weight (count), filtered and decimated: out (choices, rows, kept).",
+            "lanes, filtered and decimated: out (choices, rows, kept).",
             "lanes: choices that `columns` takes at once; scratch (lanes, rows, count).",
         ),
         declaration(
@@ -220,8 +217,8 @@ for (size_t first = 0; first < choices; first += lanes) {
             [
                 *(f"tendon_columns_{suffix} *columns", "size_t lanes", "size_t rows", "size_t width"),
                 *("size_t choices", "size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt"),
-                *(f"const {kind} *restrict p", f"const {kind} *restrict weight", "size_t factor", "size_t taps"),
-                *(f"const {kind} *restrict kernel", f"{kind} *restrict scratch", f"{kind} *restrict out"),
+                *(f"const {kind} *restrict p", "size_t factor", "size_t taps", f"const {kind} *restrict kernel"),
+                *(f"{kind} *restrict scratch", f"{kind} *restrict out"),
             ],
         ),
         indent(body.splitlines(), 1),

@@ -134,7 +134,6 @@ class CandidateField:
             noise=np.vstack([*noise, silent, -fixed_noise[None]]),
             index=index,
             use=self.motion.moving(joint),
-            clear=self.motion.clear(joint),
             piece=self.motion.row_piece,
             weight=1 / rms if rms else 0.0,
         )
@@ -156,13 +155,7 @@ class CandidateField:
             return self.regressors, self.ground
         parts = tuple(
             replace(
-                r,
-                y=r.y[rows],
-                base=r.base[:, rows],
-                noise=r.noise[:, rows],
-                use=r.use[rows],
-                clear=r.clear[rows],
-                piece=motion.row_piece,
+                r, y=r.y[rows], base=r.base[:, rows], noise=r.noise[:, rows], use=r.use[rows], piece=motion.row_piece
             )
             for r in self.ground.rows
         )

@@ -95,8 +95,8 @@ class Rows:
     """One joint's equations.
 
     y (M,), base (b, M), noise (b + 1, M) of base and y; index (b,): which unknowns of the ground the base's
-    columns belong to; use (M,): rows that count, at least some; clear (M,): those of them that are whitened, as their
-    noise has one spectrum; piece (M,): the stretch of time of a row; weight: 1/σ of the joint.
+    columns belong to; use (M,): rows that count, at least some; piece (M,): the stretch of time of a row;
+    weight: 1/σ of the joint.
     """
 
     y: Array
@@ -104,7 +104,6 @@ class Rows:
     noise: Array
     index: NDArray[np.intp]
     use: Mask
-    clear: Mask
     piece: NDArray[np.intp]
     weight: float
 
@@ -164,12 +163,12 @@ class Rows:
         return self.used(self.noise)
 
     def whiten(self, x: Array, ar: Array) -> Array:
-        """x (..., M) through the filter; rows that are not clear enter as zero on both sides of the equation."""
-        return whiten(x, ar, self.clear, self.piece)
+        """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
+        return whiten(x, ar, self.use, self.piece)
 
     def autoregression(self, residual: Array) -> Array:
         """(1, a1, ..., ap) of a residual (M,)."""
-        return autoregression(residual, self.clear, self.piece)
+        return autoregression(residual, self.use, self.piece)
 
 
 @dataclass(frozen=True)
@@ -297,7 +296,7 @@ class Ground:
     def whitened(self, ar: Sequence[Array]) -> Ground:
         """The same ground through an autoregressive filter (1, a1, ...) a joint."""
         rows = tuple(
-            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a), use=r.clear)
+            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a))
             for r, a in zip(self.rows, ar, strict=True)
         )
         return Ground.levelled(rows, self.lower, self.upper)

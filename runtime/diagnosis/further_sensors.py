@@ -28,7 +28,7 @@ from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import FOLDS, LARGEST_QUANTILE, LOADED
 from runtime.estimation.twist import late
 from runtime.model.terms import Term, joints_of
-from runtime.motion.piece import Piece
+from runtime.motion.motion import Piece
 from runtime.motion.sensors import Sensors
 
 Array = NDArray[np.float64]
@@ -125,8 +125,8 @@ class FurtherSensors:
             twist = self._aligned(piece).twist
             if deflection is None or twist is None:
                 return ()
-            twists.append(piece.in_band(np.array([twist[own], deflection]), own))
-            loads.append(piece.in_band(signals.loads[own], own))
+            twists.append(piece.in_band(np.array([twist[own], deflection])))
+            loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
         largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
@@ -177,7 +177,7 @@ class FurtherSensors:
         def torque(signals: Signals, piece: Piece, joint: int) -> Array:
             twist_qdd = self._aligned(piece).twist_qdd
             assert twist_qdd is not None
-            return piece.in_band(-signals.coupling(joint, own) * twist_qdd[own], joint)
+            return piece.in_band(-signals.coupling(joint, own) * twist_qdd[own])
 
         pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
         return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
@@ -222,9 +222,9 @@ class FurtherSensors:
         the link side is, too, but for its shapes.
         """
         field, motion = self.field, self.field.motion
-        link = np.concatenate([p.in_band(_output_torque(p)[joint], joint) for p in motion.pieces])
+        link = np.concatenate([p.in_band(_output_torque(p)[joint]) for p in motion.pieces])
         link = link - field.regressors.measured(joint)
-        qdd = np.concatenate([p.in_band(p.qdd[joint], joint) for p in motion.pieces])
+        qdd = np.concatenate([p.in_band(p.qdd[joint]) for p in motion.pieces])
         free = [*field.regressors.rigid(joint), qdd, np.ones(len(link))]
         for term in field.problem.layout.terms:
             info = field.model.library.effects[term.effect]

@@ -21,12 +21,12 @@ def whitened_bic(ground: Ground, steps: Sequence[Step]) -> list[float]:
     weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(rows, f.fit.residual, strict=True)) for f in fits]
     best = fits[int(np.argmin(weighted))].fit.residual
     noise = [r.autoregression(e) for r, e in zip(rows, best, strict=True)]
-    counts = [int(r.clear.sum()) for r in rows]
+    total = sum(r.count for r in rows)
     found = []
     for f in fits:
         white = [r.whiten(e, ar) for r, e, ar in zip(rows, f.fit.residual, noise, strict=True)]
-        fit = sum(bic(float(e @ e), count, 0) for count, e in zip(counts, white, strict=True) if count)
-        found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(sum(counts))))
+        fit = sum(bic(float(e @ e), r.count, 0) for r, e in zip(rows, white, strict=True) if r.count)
+        found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
     return found
 
 

@@ -77,8 +77,7 @@ def _weighed(
     own = len(rows.base) - equation.along
     index, free = np.arange(own), np.full(own, np.inf)
     heard = np.vstack([noise.base[:own], noise.twist])
-    clear = rows.use & motion.clear(joint)
-    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, clear, motion.row_piece, 1.0)
+    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece, 1.0)
     before = float(np.sqrt(Ground.levelled((row,), -free, free).solve().sse / row.count))
     row = replace(row, weight=1 / before if before else 0.0)
     ground = Ground.levelled((row,), -free, free)

@@ -59,11 +59,11 @@ def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
     motion = problem.motion
     gram, moment = np.zeros((len(jacobian[0]), len(jacobian[0]))), np.zeros(len(jacobian[0]))
     for i, x in enumerate(jacobian):
-        clear, residual = motion.clear(i), fit.residual[i]
-        if not clear.any():
+        use, residual = motion.moving(i), fit.residual[i]
+        if not use.any():
             continue
-        ar = autoregression(residual, clear, motion.row_piece)
-        white = whiten(np.vstack([x, residual]), ar, clear, motion.row_piece)[:, clear]
+        ar = autoregression(residual, use, motion.row_piece)
+        white = whiten(np.vstack([x, residual]), ar, use, motion.row_piece)[:, use]
         weight = 1 / max(float(white[-1] @ white[-1]) / white.shape[1], 1e-300)
         gram += weight * white[:-1] @ white[:-1].T
         moment += weight * white[:-1] @ white[-1]

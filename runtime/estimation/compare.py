@@ -241,7 +241,7 @@ def _torque(signals: Signals, joint: int) -> Array:
         for term in signals.prediction.values:
             if joint in joints_of(signals.model, term):
                 total += signals.torque(term, joint)
-    return signals.piece.in_band(total, joint)
+    return signals.piece.in_band(total)
 
 
 def warnings(identification: Identification) -> list[str]:

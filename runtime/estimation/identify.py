@@ -312,8 +312,8 @@ class Identification:
         drivable = _drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction)
         if not self.fit.skew_free or not drivable:
             return None
-        known = {t: dict(v) for t, v in self.fit.shapes.items()}
-        return infer(*solve(self.model, self.motion.with_standstill, known, 0.0, self.fit))
+        every = replace(self.motion, standstill=np.zeros(self.model.n), quiet=np.full(self.model.n, np.inf))
+        return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
     def delay_json(self) -> list[dict[str, Any]]:
         """The whole delay from torque to motion of every joint."""

@@ -124,10 +124,9 @@ SMOOTHING_BIAS: Final = 0.5
 """standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise;
 the truth lies between the two, which a 95 % interval of that width holds; development recordings with elasticity."""
 
-WHITENED_BIAS: Final = 0.75
-"""standard deviations per shift of a parameter between plain and whitened rows; whitening takes about all of the bias
-away, which half as much again holds at the end of a 95 % interval; development recordings with elasticity and a
-disturbance on the link."""
+WHITENED_BIAS: Final = 1.5
+"""standard deviations per shift of a parameter between plain and whitened rows; whitening takes a third to all of the
+bias away; development recordings with elasticity and a disturbance on the link."""
 
 SHAPE_STEP: Final = 1e-3
 """part of a shape's value (its unit where that is 0); over it a derivative is taken; between rounding and curvature."""

@@ -30,8 +30,7 @@ from runtime.estimation.settings import (
     SUSPICION_SAMPLES,
     TURNED_FALLS_TO,
 )
-from runtime.motion.motion import Motion
-from runtime.motion.piece import Piece
+from runtime.motion.motion import Motion, Piece
 from runtime.recordings.columns import UNITS
 
 Array = NDArray[np.float64]
@@ -148,7 +147,7 @@ class _Trials:
 
         standing = np.where(np.isinf(self.motion.standstill), 0.0, self.motion.standstill)
         standstill = np.where(np.isinf(self.motion.standstill), np.inf, mix @ standing)
-        motion = _changed(self.motion, change).resting_below(standstill)
+        motion = replace(_changed(self.motion, change), standstill=standstill)
         return self._errors(motion, self._equations_of(Problem(self.model, motion, self.terms, self.prediction)))
 
     def _whole(self, errors: Array) -> float:

@@ -212,7 +212,7 @@ def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regre
     for piece in motion.pieces:
         twist = piece.sensors.aligned(piece.t, piece.q, piece.qdd, shift).twist
         assert twist is not None
-        parts.append(piece.in_band(np.array([twist[joint], piece.qd[joint], piece.qdd[joint]]), joint))
+        parts.append(piece.in_band(np.array([twist[joint], piece.qd[joint], piece.qdd[joint]])))
     twists, rate, acceleration = np.concatenate(parts, axis=1)
     rotor = problem.model.joints[joint].rotor_inertia
     load = motion.torque(joint, fit.skew) - _at_the_motor(problem, fit, joint, regressors)

@@ -309,20 +309,17 @@ class Library:
         signals: Mapping[str, ArrayLike],
         choices: Sequence[Mapping[str, float]],
         dt: float,
-        weights: Array,
         kernel: Array,
         factor: int,
     ) -> Array:
-        """`columns` for many choices of the shape parameters, each times weights (N,) and through the filter of
-        `decimate`: (S, 1 + k, M)."""
+        """`columns` for many choices of the shape parameters, each through the filter of `decimate`: (S, 1 + k, M)."""
         info = self[effect]
         arrays, count = self._signals(info, signals)
         rows, lanes = 1 + len(info.coefficients), self._lanes if info.states and len(choices) > 1 else 1
         values = np.array([self._values(info, choice, False) for choice in choices])
         padded = np.concatenate([values, np.repeat(values[-1:], -len(values) % lanes, axis=0)])
         out = np.empty((len(choices), rows, max(0, (count - len(kernel)) // factor + 1)))
-        taps, counted = np.ascontiguousarray(kernel), np.ascontiguousarray(weights)
-        scratch = np.empty((lanes, rows, count))
+        taps, scratch = np.ascontiguousarray(kernel), np.empty((lanes, rows, count))
         columns = getattr(self._lib, f"tendon_{effect}_columns_{'at_once' if lanes > 1 else 'batch'}_f64")
         self._lib.tendon_in_band_f64(
             columns,
@@ -330,7 +327,6 @@ class Library:
             self._pointers(arrays),
             ctypes.c_double(dt),
             _pointer(padded),
-            _pointer(counted),
             *map(ctypes.c_size_t, (factor, len(kernel))),
             *map(_pointer, (taps, scratch, out)),
         )

@@ -125,17 +125,16 @@ class LowPass:
         signals: Mapping[str, ArrayLike],
         choices: Sequence[Mapping[str, float]],
         dt: float,
-        weights: Array,
     ) -> Array:
-        """(S, 1 + k, M) in-band columns of an effect of a library for many choices of its shape, times weights (N,);
-        the rest as `Library.columns`."""
-        return library.columns_in_band(effect, signals, choices, dt, weights, self._centred, self.factor)
+        """(S, 1 + k, M) in-band columns of an effect for many choices of its shape; the rest as `Library.columns`.
 
-    def noise(self, x: Array) -> Array:
-        """x (..., N) -> (..., M): standard deviation of what comes out of white noise times x, over that of what comes
-        out of the noise alone."""
-        square = self._centred**2
-        return np.sqrt(self.library.decimate(square / square.sum(), self.factor, x**2))
+        library   the effect's own: guesses are tried on a motion that was prepared without them
+        """
+        return library.columns_in_band(effect, signals, choices, dt, self._centred, self.factor)
+
+    def reach(self, there: NDArray[np.bool_]) -> Array:
+        """there (N,) -> (M,): how much of what is there, if it were 1 and of any sign, could at most come out."""
+        return self.library.decimate(np.abs(self._centred), self.factor, there.astype(np.float64))
 
     def _kernel(self, delay: float) -> Array:
         n = np.arange(-self.half, self.half + 1) - delay

@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library
-from runtime.motion import sensors
+from runtime.motion import sensors, turns
 from runtime.motion.band import Band, excitation
-from runtime.motion.clock import EvenGrid, Stretch, grid
-from runtime.motion.filters import Differentiator, LowPass, differentiator, low_pass, smoother
-from runtime.motion.piece import Piece
+from runtime.motion.clock import EvenGrid, Stretch, grid, interpolated
+from runtime.motion.filters import Differentiator, LowPass, Smoother, differentiator, low_pass, smoother
 from runtime.motion.rates import MeasuredRate
+from runtime.motion.sensors import NOTHING, Sensors
 from runtime.motion.settings import (
     EXCERPT_WINDOW_KERNELS,
     EXCERPT_WINDOWS,
     HELD_RANGE,
     KEPT_SKEWS,
     LEAST_ROWS,
+    MOST_DELAY,
+    SPLINE_DEGREE,
     STANDSTILL_NOISE,
     STANDSTILL_OF_TOP_SPEED,
     TEMPERATURE_START,
@@ -35,15 +37,120 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
+class Piece:
+    """One gap-free stretch of one recording, on the recording's even grid.
+
+    t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
+    warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
+    were taken from which it was interpolated; None where they are those of the grid; rate_measured: joints
+    (0-based) whose qd and qdd are those of a measured rate; began: s from the recording's start to that of the run,
+    the runs one after another.
+    """
+
+    recording: int
+    run: int
+    dt: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    slow: Array
+    tau: Array
+    warmth: Array
+    measured: Mask
+    low_pass: LowPass
+    derive: Differentiator
+    excited: tuple[Smoother, ...]
+    rate_measured: tuple[int, ...] = ()
+    sensors: Sensors = NOTHING
+    places: Array | None = None
+    began: float = 0.0
+
+    def perturbed(self, band: Band, seed: int) -> Piece:
+        """The piece as its encoders might have read it another time: other places of the steps, other noise.
+
+        Errors of coarse steps are no white noise where the motion is slow, so the steps themselves are taken again.
+        """
+        rng = np.random.default_rng(seed)
+        noise = []
+        for q, step, density in zip(self.q, band.resolution, band.position_density, strict=True):
+            noise.append(self.derive(self._misread(q, step, density, rng)))
+        parts = np.array(noise)
+        rates, accelerations = parts[:, 1].copy(), parts[:, 2].copy()
+        for i in self.rate_measured:
+            error = self._misread(self.qd[i], 0.0, band.rate_noise(i) or 0.0, rng)
+            rates[i], accelerations[i], _ = self.derive(error)
+        q, qd, qdd = self.q + parts[:, 0], self.qd + rates, self.qdd + accelerations
+        slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
+        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(parts[:, 0], parts[:, 2]))
+
+    def _misread(self, q: Array, step: float, density: float, rng: np.random.Generator) -> Array:
+        """(N + 2 half,) errors of another reading of q (N,) on the grid: made where the samples were taken, and
+        interpolated as those were."""
+        path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
+        on_grid = np.arange(len(path)) - self.derive.half
+        if self.places is not None:
+            path = np.interp(self.places, on_grid, path)
+        shifted = path + step * rng.uniform()
+        error = step * np.round(shifted / step) - shifted if step else np.zeros_like(path)
+        rounding = step**2 / 12
+        rest = max(density / (2 * self.dt) - rounding, 0.0)
+        error += np.sqrt(rest) * rng.standard_normal(len(path))
+        return error if self.places is None else interpolated(self.places, error, on_grid)
+
+    def cut(self, window: slice) -> Piece:
+        """The piece within a window of its samples."""
+
+        def part(x: Array) -> Array:
+            return np.ascontiguousarray(x[:, window])
+
+        return replace(
+            self,
+            t=self.t[window],
+            q=part(self.q),
+            qd=part(self.qd),
+            qdd=part(self.qdd),
+            slow=part(self.slow),
+            tau=part(self.tau),
+            warmth=part(self.warmth),
+            sensors=self.sensors.cut(window),
+            places=self._places_in(window),
+        )
+
+    def _places_in(self, window: slice) -> Array | None:
+        """The samples that the kernels see from a window, and some beyond, from which its ends were interpolated."""
+        if self.places is None:
+            return None
+        reach = self.derive.half + 2 * SPLINE_DEGREE
+        first, last = np.searchsorted(self.places, (window.start - reach, window.stop + reach))
+        return self.places[first:last] - window.start
+
+    @cached_property
+    def centres(self) -> NDArray[np.intp]:
+        return self.low_pass.centres(len(self.t))
+
+    def in_band(self, x: Array) -> Array:
+        """x (..., N) -> (..., M)."""
+        return self.low_pass(x)
+
+    def moving(self, joint: int, standstill: float, quiet: float) -> Mask:
+        """(M,) as `turns.moving`, at a joint (0-based)."""
+        return turns.moving(self.qd[joint], self.dt, self.low_pass, standstill, quiet)
+
+
+@dataclass(frozen=True)
 class Motion:
     """All pieces, and which of their in-band rows may be used for each joint.
 
     standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
+    quiet (n,): torque noise in the band over the joint's dry friction: how much of that must not leak, through the
+    band's filter, from where it is not known into a row that counts.
     """
 
     band: Band
     pieces: tuple[Piece, ...]
     standstill: Array
+    quiet: Array
 
     @property
     def n(self) -> int:
@@ -109,26 +216,11 @@ class Motion:
         """(M,) rows at which the joint (0-based) moves."""
         return self._moving[joint]
 
-    def clear(self, joint: int) -> Mask:
-        """(M,) rows from which no standstill of the joint (0-based) takes anything: their noise has one spectrum."""
-        return self._clear[joint]
-
-    @cached_property
-    def _clear(self) -> list[Mask]:
-        return [np.concatenate([p.clear(i) for p in self.pieces]) for i in range(self.n)]
-
     @cached_property
     def _moving(self) -> list[Mask]:
-        return [np.concatenate([p.moving(i) for p in self.pieces]) for i in range(self.n)]
-
-    def resting_below(self, standstill: Array) -> Motion:
-        """The same motion with joints at rest below other rates (n,)."""
-        return replace(self, pieces=tuple(p.resting_below(standstill) for p in self.pieces), standstill=standstill)
-
-    @property
-    def with_standstill(self) -> Motion:
-        """The same motion with every row of every joint, whether it rests or not."""
-        return replace(self, pieces=tuple(replace(p, known=np.ones_like(p.known)) for p in self.pieces))
+        return [
+            np.concatenate([p.moving(i, self.standstill[i], self.quiet[i]) for p in self.pieces]) for i in range(self.n)
+        ]
 
     @cached_property
     def row_piece(self) -> NDArray[np.intp]:
@@ -155,7 +247,7 @@ class Motion:
         if skew not in kept:
             if len(kept) >= KEPT_SKEWS:
                 kept.clear()
-            kept[skew] = np.concatenate([p.torque(joint, skew) for p in self.pieces])
+            kept[skew] = np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
             kept[skew].flags.writeable = False
         return kept[skew]
 
@@ -166,7 +258,17 @@ class Motion:
 
     def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s later than recorded."""
-        return np.concatenate([p.torque(joint, skew + time / p.dt) for p in self.pieces])
+        return np.concatenate([_late(p, p.tau[joint], skew + time / p.dt) for p in self.pieces])
+
+
+def _late(piece: Piece, x: Array, delay: float) -> Array:
+    """In-band x, `delay` samples late; by whole samples what the filter has no room for, the ends held."""
+    whole = round(delay) if abs(delay) > MOST_DELAY - 0.5 else 0
+    if whole:
+        reach = min(abs(whole), len(x))
+        padded = np.pad(x, reach, mode="edge")
+        x = np.ascontiguousarray(padded[reach - whole : reach - whole + len(x)])
+    return piece.low_pass(x, delay - whole)
 
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
@@ -176,6 +278,12 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
     count = max(1, min(EXCERPT_WINDOWS, samples // length))
     starts = np.linspace(0, max(0, len(piece.t) - length), count) // factor * factor
     return [slice(int(s), int(s) + length) for s in starts]
+
+
+def _dry_friction(motion: Motion, joint: int) -> float:
+    use = motion.moving(joint)
+    q, qd, qdd = (motion.rows(name)[joint, use] for name in ("q", "qd", "qdd"))
+    return turns.dry_friction(q, qd, qdd, motion.torque(joint, 0.0)[use])
 
 
 def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
@@ -208,11 +316,12 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
     # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
     held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
-    motion = Motion(band, tuple(pieces), standstill).resting_below(np.where(held, np.inf, standstill))
+    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill), np.full(n, np.inf))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
-    return motion
+    friction = np.maximum([_dry_friction(motion, i) for i in range(n)], 1e-300)
+    return replace(motion, quiet=band.torque_floor()[:n] / friction)
 
 
 def _began(recording: Recording, run: int) -> float:
@@ -270,7 +379,6 @@ def _piece(
         tau,
         warmth,
         measured,
-        np.ones_like(q),
         band_filter,
         derive,
         excited,

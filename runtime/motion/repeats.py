@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.motion.fourier import convolved
-from runtime.motion.motion import Motion
-from runtime.motion.piece import Piece
+from runtime.motion.motion import Motion, Piece
 from runtime.motion.settings import (
     REPEAT_ALIKE,
     REPEAT_ALIKE_RATE,

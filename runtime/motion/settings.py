@@ -180,7 +180,7 @@ MOST_DELAY: Final = 4.0
 # standstill ---------------------------------------------------------------------------------------------------------
 
 STANDSTILL_S: Final = 0.004
-"""s; samples this close to standstill are left out, as the sign of the rate is noise there; development recordings."""
+"""s; rows this close to standstill are left out, as the sign of the rate is noise there; development recordings."""
 
 STANDSTILL_SHARP_HZ: Final = 50.0
 """Hz; below this cut-off the encoder limits the band, and blurs when standstill was; development recordings."""
@@ -201,18 +201,15 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
-STANDSTILL_TAPER: Final = 0.75
-"""part of a period of the cut-off; over it, samples beside a standstill begin to count: a shorter passage lets noise of
-the accelerations from above the band into a row, a longer one takes rows away; development recordings with coarse
-encoders."""
+STICKING_OVER_NOISE: Final = 8.0
+"""ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
+more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
+recordings with little noise, and a real axis, whose slow rows tell a law that fewer would not."""
 
-CLEAR: Final = 0.02
-"""part of the filter's kernel; a row to which a standstill takes more of it holds noise from above the band, which
-whitening makes large: it is fitted, and not whitened; development recordings with elasticity."""
-
-MOST_AMPLIFIED: Final = 1.1
-"""ratio of the noise of a row that holds a standstill to that of others; a row with more is left out: the floor is that
-of undisturbed rows, and a residual a tenth above it is still taken for noise; development recordings."""
+TURNING_OVER_NOISE: Final = 6.0
+"""ratio to the torque noise in the band; a row is left out if dry friction that turned a whole sample earlier or later
+would come to more in it: the instant is anywhere within a sample, which is 0.29 of it, RMS; uniform distribution, and
+development recordings at 100 to 500 Hz."""
 
 HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
 """rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development

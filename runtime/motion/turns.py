@@ -1,44 +1,49 @@
-"""Where a joint rests or turns: what its dry friction is there, nobody knows, and no equation holds it."""
+"""Where a joint rests or turns: what its dry friction is there, nobody knows, and the band's filter spreads it."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.motion.filters import LowPass
 from runtime.motion.settings import (
     STANDSTILL_BLUR,
     STANDSTILL_PERIODS,
     STANDSTILL_S,
     STANDSTILL_SHARP_HZ,
-    STANDSTILL_TAPER,
+    STICKING_OVER_NOISE,
+    TURNING_OVER_NOISE,
 )
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def known(qd: Array, dt: float, cutoff: float, standstill: float) -> Array:
-    """(N,) how much samples of a joint's rate qd (N,) at steps of dt count: 0 at rest and where it turns, as any torque
-    below its friction holds it there; 1 away from that, with a soft passage between.
+def moving(qd: Array, dt: float, low_pass: LowPass, standstill: float, quiet: float) -> Mask:
+    """(M,) in-band rows of a joint's rate qd (N,) at steps of dt that no rest and no turn spoils.
 
-    What is equal at every sample is equal in any weighted sum of them, whatever the weights: a row that passes over a
-    turn is then an equation without it. A hard edge would let the noise above the band into that row.
-    standstill: the rate below which it rests.
+    A joint that sticks holds any torque below its friction, and where it turns the instant is not known within a
+    sample: what either may leak into a row must be small against the noise there.
+    standstill: the rate below which it rests; quiet: torque noise in the band over dry friction.
     """
+    still = np.abs(qd) < standstill
+    turning = np.append((np.diff(np.sign(qd)) != 0) & ~(still[1:] & still[:-1]), False)
+    cutoff, centres = low_pass.cutoff, low_pass.centres(len(qd))
     blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
-    reach, taper = (max(1, round(x / dt)) for x in (max(STANDSTILL_S, blurred), STANDSTILL_TAPER / cutoff))
-    lost = _mean(np.abs(qd) < standstill, reach) > 0
-    turning = np.diff(np.sign(qd)) != 0
-    lost[:-1] |= turning
-    lost[1:] |= turning
-    around = (_mean(lost, taper) > 0).astype(np.float64)
-    kept: Array = 1 - _mean(_mean(around, taper - taper // 2), taper // 2)
-    return kept
+    reach = max(1, round(max(STANDSTILL_S, blurred) / dt))
+    count = np.concatenate([[0], np.cumsum(still)])
+    lo = np.clip(centres - reach, 0, len(still))
+    hi = np.clip(centres + reach + 1, 0, len(still))
+    stuck = low_pass.reach(still) >= STICKING_OVER_NOISE * quiet
+    turned = low_pass.reach(turning) >= TURNING_OVER_NOISE * quiet
+    return (count[hi] == count[lo]) & ~stuck & ~turned
 
 
-def _mean(x: Array | Mask, half: int) -> Array:
-    """(N,) means of x (N,) over as many samples to either side, as far as there are any."""
-    total, at = np.concatenate([[0], np.cumsum(x)]), np.arange(len(x))
-    low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, len(x))
-    mean: Array = (total[high] - total[low]) / (high - low)
-    return mean
+def dry_friction(q: Array, qd: Array, qdd: Array, tau: Array) -> float:
+    """N m (N), about: the jump of a torque where a joint turns, beside what is smooth in its own motion, (M,) each."""
+    if not len(q):
+        return 0.0
+    columns = np.array([np.sign(qd), qd, qdd, np.ones_like(q), np.sin(q), np.cos(q)])
+    size = np.linalg.norm(columns, axis=1)
+    found = np.linalg.lstsq((columns / size[:, None]).T, tau, rcond=1e-9)[0]
+    return max(float(found[0] / size[0]), 0.0)

@@ -25,8 +25,7 @@ from runtime.model.signals import OF_OTHERS
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
-from runtime.motion.motion import Motion
-from runtime.motion.piece import Piece
+from runtime.motion.motion import Motion, Piece
 from runtime.recordings.recording import MIN_SAMPLES, Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import (
@@ -208,11 +207,11 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
     t = np.arange(count) / rate
     # Rounding must not decide in which direction a joint at rest has friction.
     qd = np.where(np.abs(qd) < AT_REST * np.abs(qd).max(), 0.0, qd)
-    none, all_of_it = np.zeros((n, count)), np.ones((n, count))
+    none = np.zeros((n, count))
     warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
     filters = low_pass(SIZING_CUTOFF, rate, library), differentiator(SIZING_CUTOFF, rate)
     exact = (Smoother(np.ones(1)),) * n
-    return Piece(0, 1, 1 / rate, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), all_of_it, *filters, exact)
+    return Piece(0, 1, 1 / rate, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
@@ -242,7 +241,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     info = model.library.effects[term.effect]
     silent = np.zeros(model.n)
     band = Band(SIZING_CUTOFF, "simulated", silent, silent, silent)
-    motion = Motion(band, (piece,), np.zeros(model.n))
+    motion = Motion(band, (piece,), np.zeros(model.n), np.full(model.n, np.inf))
     regressors = Regressors(model, motion, Prediction(model.lump_values, others))
     with np.errstate(divide="ignore", invalid="ignore"):
         grid = points(regressors, term)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from codegen import effect_functions
 from runtime.estimation.problem import LinearUnknowns, Problem
 from runtime.model.terms import Term, Values, joints_of
-from runtime.motion.piece import Piece
+from runtime.motion.motion import Piece
 from symbolic import primitives
 from symbolic.effects import LIBRARY
 from symbolic.functions import SymbolicFunction
@@ -76,7 +76,7 @@ class NumPyFit:
                     columns = self.columns(term, shapes[term], signals.of(term, i), len(piece.t))
                     x[0] += columns[0]
                     x[1 + part.start : 1 + part.stop] = columns[1:]
-            out.append(piece.in_band(x, i))
+            out.append(piece.in_band(x))
         return out
 
 

@@ -55,16 +55,12 @@ def from_text(cell: str) -> list[Covered]:
 
 
 FAMILY: dict[str, tuple[str, Callable[[Row, Row], Values]]] = {
-    "coulomb": ("friction", lambda p, _: {"torque": 0.5 * (p["DRY_POSITIVE"] + p["DRY_NEGATIVE"])}),
+    "coulomb": ("friction", lambda p, _: {"torque": p["DRY_POSITIVE"]}),
     "viscous_asymmetric": (
         "friction",
         lambda p, _: {"positive": p["VISCOUS_POSITIVE"], "negative": p["VISCOUS_NEGATIVE"]},
     ),
-    "viscous_power": (
-        "friction",
-        # A slope is a power of one, and beside a slope of the model file's own any part of it.
-        lambda p, _: {"torque": p["POWER"], "exponent": p["POWER_EXPONENT"]} if "POWER" in p else {"exponent": 1.0},
-    ),
+    "viscous_power": ("friction", lambda p, _: {"torque": p["POWER"], "exponent": p["POWER_EXPONENT"]}),
     "stribeck": ("friction", lambda p, _: {"torque": p["CREEP"], "speed": p["CREEP_SPEED"]}),
     "load_friction": ("friction", lambda p, _: {"coefficient": p["LOAD"]}),
     "friction_patch": (

@@ -12,7 +12,7 @@ def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Ro
     use = np.ones(len(y), dtype=bool)
     silent = np.zeros((len(base) + 1, len(y)))
     given = silent if noise is None else noise
-    return Rows(y, base, given, np.arange(len(base)), use, use, np.zeros(len(y), dtype=int), 1.0)
+    return Rows(y, base, given, np.arange(len(base)), use, np.zeros(len(y), dtype=int), 1.0)
 
 
 def ground(*joints: Rows) -> Ground:
@@ -118,9 +118,7 @@ def test_vuong_tells_better_from_equal() -> None:
 
 def test_folds_are_contiguous_and_even() -> None:
     use = np.random.default_rng(5).random(997) > 0.3
-    row = Rows(
-        np.zeros(997), np.zeros((0, 997)), np.zeros((1, 997)), np.zeros(0, int), use, use, np.zeros(997, int), 1.0
-    )
+    row = Rows(np.zeros(997), np.zeros((0, 997)), np.zeros((1, 997)), np.zeros(0, int), use, np.zeros(997, int), 1.0)
     sizes = [f.stop - f.start for f in row.folds]
     assert len(sizes) == FOLDS
     assert sum(sizes) == use.sum()
