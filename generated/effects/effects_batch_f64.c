@@ -1936,7 +1936,7 @@ void tendon_decimate_f64(
 }
 
 /* Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes,
- *   times weight (count), filtered and decimated: out (choices, rows, kept).
+ *   filtered and decimated: out (choices, rows, kept).
  * lanes: choices that `columns` takes at once; scratch (lanes, rows, count). */
 void tendon_in_band_f64(
     tendon_columns_f64 *columns,
@@ -1948,7 +1948,6 @@ void tendon_in_band_f64(
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
-    const double *restrict weight,
     size_t factor,
     size_t taps,
     const double *restrict kernel,
@@ -1959,16 +1958,13 @@ void tendon_in_band_f64(
     for (size_t first = 0; first < choices; first += lanes) {
         columns(count, s, dt, p + first * width, scratch);
         for (size_t i = 0; i < lanes * rows && first * rows + i < choices * rows; ++i) {
-            double *x = scratch + i * count;
+            const double *x = scratch + i * count;
             double *target = out + (first * rows + i) * kept;
             size_t k = 0;
             while (k < count && x[k] == 0) {
                 ++k;
             }
             if (k < count) {
-                for (; k < count; ++k) {
-                    x[k] *= weight[k];
-                }
                 tendon_decimate_f64(kept, factor, taps, kernel, x, target);
             } else {
                 for (k = 0; k < kept; ++k) {

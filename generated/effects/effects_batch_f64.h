@@ -588,7 +588,7 @@ void tendon_decimate_f64(
     double *restrict out);
 
 /* Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes,
- *   times weight (count), filtered and decimated: out (choices, rows, kept).
+ *   filtered and decimated: out (choices, rows, kept).
  * lanes: choices that `columns` takes at once; scratch (lanes, rows, count). */
 void tendon_in_band_f64(
     tendon_columns_f64 *columns,
@@ -600,7 +600,6 @@ void tendon_in_band_f64(
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
-    const double *restrict weight,
     size_t factor,
     size_t taps,
     const double *restrict kernel,

@@ -33,8 +33,7 @@ def named(found: Diagnosis) -> list[str]:
 @pytest.mark.parametrize("seed", [1, slow(2), slow(3), slow(4)])
 def test_gravity_that_is_left_out_belongs_to_the_load(seed: int, opened) -> None:
     found = diagnose(opened(), [record(Upright(gravity=9.81, by_load=0.1 + 0.05 * seed), seed)])
-    # Where the load's friction is the larger part, it comes first.
-    assert sorted(named(found)) == ["gravity", "load_friction@1"]
+    assert named(found) == ["gravity", "load_friction@1"]
     values = found.steps[-1].identification.inference.values
     # A weight that hardly turns is nearly an offset, which the friction of the two directions holds, too.
     assert values[Term("gravity")]["gy"].value == pytest.approx(-9.81, rel=0.1)
@@ -67,8 +66,8 @@ def test_what_sticks_at_a_turn_does_not_bend_the_friction(opened) -> None:
 def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
     """Over a small range a weight and a spring are one; over a large one that was not fitted they are not."""
     plant = Upright(gravity=9.81)
-    small = diagnose(opened(), [record(plant, 11, size=0.25)])
-    wide = diagnose(opened(), [record(plant, 11, size=0.25)], [record(plant, 9)])
+    small = diagnose(opened(), [record(plant, 8, size=0.25)])
+    wide = diagnose(opened(), [record(plant, 8, size=0.25)], [record(plant, 9)])
     assert small.findings[0].rivals
     assert named(wide) == ["gravity"]
     assert len(wide.findings[0].rivals) < len(small.findings[0].rivals)

@@ -1,0 +1,50 @@
+"""What is left where nothing is there: springs without stiffness, lines that chance makes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.estimation.identify import identify_motion, prepared
+from runtime.model.loader import Model
+from runtime.model.terms import Term, structure
+from runtime.motion.filters import low_pass
+from runtime.motion.spectrum import strongest_line
+from runtime.recordings.recording import Recording
+
+DT = 1e-3
+
+
+def test_a_spring_without_stiffness_has_a_torque(drive: Model) -> None:
+    """Its rest is nowhere: a quotient of nothing, which a transmission beside it would have to carry."""
+    t = np.arange(8000) * DT
+    q = 0.5 * np.sin(2 * np.pi * 0.5 * t)
+    tau = 0.2365 * np.gradient(np.gradient(q, DT), DT) + 0.5 * np.sign(np.cos(2 * np.pi * 0.5 * t)) - 0.4 * q
+    whole = np.zeros(len(t), dtype=np.int64)
+    recording = Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, len(t)),), (None,))
+    spring = Term("linear_spring", 1)
+    fit = identify_motion(drive, prepared(drive, [recording]), {**structure(drive), spring: {}}).fit
+    assert all(np.isfinite(x) for x in fit.prediction.values[spring].values())
+
+
+@pytest.mark.parametrize("rows", [250, 470])
+def test_the_largest_chance_of_a_short_band_is_no_line(drive: Model, rows: int) -> None:
+    """Noise that is white up to a cut-off fills four fifths of the spectrum of its rows."""
+    rng, found, band = np.random.default_rng(0), 0, low_pass(20.0, 1000.0, drive.library)
+    for _ in range(200):
+        found += strongest_line(band(rng.standard_normal(rows * band.factor + 2 * band.half)), 50.0) is not None
+    assert found < 8
+
+
+def test_the_largest_chance_of_few_rows_is_no_line() -> None:
+    """Of 120 rows among 400 the strongest frequency holds a tenth of the power; a line is found there nevertheless."""
+    rng, found = np.random.default_rng(0), 0
+    for _ in range(200):
+        noise = np.where(rng.random(400) < 0.3, rng.standard_normal(400), 0.0)
+        found += strongest_line(noise, 20.0) is not None
+    assert found < 8
+    line = strongest_line(noise + np.where(noise != 0, 2 * np.sin(np.arange(400)), 0.0), 20.0)
+    assert line is not None
+    assert line.frequency == pytest.approx(20.0 / (2 * np.pi), abs=0.06)
