@@ -267,4 +267,6 @@ class Problem:
         return Prediction(theta[self.layout.lumps], values, self.rotors)
 
     def _values(self, term: Term, theta: Array, shape: Values) -> Values:
-        return self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)
+        values = self.model.library.recover(term.effect, theta[self.layout.slices[term]], shape)
+        # What came out without any size has no place either (a spring's rest): any will do, as it makes no torque.
+        return {name: value if np.isfinite(value) else 0.0 for name, value in values.items()}
