@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import cycle, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +117,10 @@ class Planner:
         which torque at their joints is nearly free, or costs less.
         """
         if not self.scenario.springs:
-            return sorted((self.coarse.run(x, _SOFT) for x in guesses), key=self._rank)
+            # A large barrier carries all guesses into one wide basin, a small one leaves each in its own: which of them
+            # is the better is seen at the end.
+            ways = cycle((self.coarse.run, self.coarse.refine))
+            return sorted((way(x, _SOFT) for way, x in zip(ways, guesses, strict=False)), key=self._rank)
         sprung = []
         for k, share in enumerate(_SHARES):
             # Each guess serves one share, and a single one both.
