@@ -84,8 +84,10 @@ def test_a_part_elsewhere_that_raises_ends_the_work_and_one_that_dies_is_done_he
 @pytest.mark.skipif(sys.platform != "linux", reason="one process there")
 def test_an_interrupt_ends_all_processes_within_a_second() -> None:
     code = (
-        "import os, time\n"
+        "import os, signal, time\n"
         "from runtime.progress import of_each, on_cores\n"
+        # What is started in the background is born deaf to interrupts.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def work(part):\n"
         "    os.write(1, b'%d\\n' % part)\n"
         "    time.sleep(0.3 if part == 0 else 60)\n"
