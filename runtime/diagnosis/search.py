@@ -37,7 +37,6 @@ from runtime.diagnosis.worth import (
 )
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion
-from runtime.estimation.problem import Problem
 from runtime.estimation.suspicions import Suspicion
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, Values, joints_of
@@ -414,7 +413,3 @@ def _beside(identification: Identification, shown: Mapping[Term, Mapping[str, Es
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:
     """What could stand for a term beside the other of its pair."""
     return tuple(t for p in near if beside in p.terms for t in p.terms if t not in (beside, term))
-
-
-def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
-    return problem.layout.size + sum(len(s) for s in shapes.values())
