@@ -100,10 +100,10 @@ def _drafted(
 
 def check_draft(target: Path | None, effects_file: Path | None) -> None:
     """Refuse a file for a guess that is there and was not written as one, or that the call itself reads."""
-    from symbolic.effects.source import BANNER
-
     if target is None:
         return
+    from symbolic.effects.source import BANNER
+
     check_writable(target)
     if effects_file is not None and target.resolve() == effects_file.resolve():
         raise UsageError(f"{target}: is read by --effects; choose another name for --draft")
