@@ -66,4 +66,4 @@ for _verb in (
 
 def main() -> None:
     """Entry point of the `tendon` command."""
-    sys.exit(output.run(app, sys.argv[1:]))
+    output.leave(output.run(app, sys.argv[1:]))

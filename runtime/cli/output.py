@@ -6,26 +6,28 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
 
 import typer
 
 from runtime.plain_json import plain
 
-NO, BAD_INPUT = 1, 2
+NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """The exit status of `tendon ARGUMENTS`; whatever a user did wrong is one line on standard error."""
     try:
-        return int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
+        status = int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
+        # typer makes a status of Ctrl-C, and no word.
+        return _complain("interrupted", INTERRUPTED) if status == INTERRUPTED else status
     except BrokenPipeError:
         # The reader of our output has gone; do not complain again when Python flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted", 130)
+        return _complain("interrupted", INTERRUPTED)
     except OSError as error:
         return _complain(_reason(error), BAD_INPUT)
     except Exception as error:
@@ -35,6 +37,16 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         if _is_for_people(error):
             return _complain(str(error), BAD_INPUT)
         raise
+
+
+def leave(status: int) -> NoReturn:
+    """End the process; after Ctrl-C at once: what it holds in memory takes a second to be given back in order."""
+    if status == INTERRUPTED:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 def _is_for_people(error: Exception) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -9,6 +10,7 @@ import typer
 from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.progress import each
 
 app = typer.Typer()
 
@@ -29,7 +31,8 @@ def verify(
     from codegen.verify.verify import verify as verified
 
     with pages.working(f"comparing SymPy, C and CasADi of {arm.name}"):
-        document = verified(arm, samples, seed, source.library.values()).to_json()
+        told = partial(each, "functions")
+        document = verified(arm, samples, seed, source.library.values(), told).to_json()
     emit(json, document, pages.verify)
     if not document["equal"]:
         raise typer.Exit(NO)
