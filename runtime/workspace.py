@@ -48,6 +48,12 @@ def scenario_path(scenario: Path) -> Path:
     return _shipped(SCENARIOS, "scenario file here and no scenario", scenario.name) if is_name(scenario) else scenario
 
 
+def shipped_or_given(path: Path) -> Path:
+    """The file that a name of the toolkit stands for, if it is one; else the path."""
+    shipped = [folder / f"{path.name}.toml" for folder in (ARMS, SCENARIOS)] if is_name(path) else []
+    return next((file for file in shipped if file.exists()), path)
+
+
 def _shipped(folder: Path, kind: str, name: str) -> Path:
     names = sorted(path.stem for path in folder.glob("*.toml"))
     if name not in names:
