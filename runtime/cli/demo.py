@@ -32,7 +32,7 @@ def demo(
     shipped = Source.shipped("drive")
     with pages.working("recording a drive with a hidden effect"):
         paths = record_files(out)
-    source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
+    source = Source(out / "drive.toml", shipped.text)
     data = source.recordings(paths)
     fitted, held_out = paths[:1], tuple(paths[1:])
     invocation = invocation_of(source, nearby(shipped.path), fitted, None, None, False, held_out, source.path)

@@ -97,7 +97,9 @@ def _drafted(
 
 def check_draft(target: Path | None) -> None:
     """Refuse a file for a guess that is there and was not written as one."""
+    if target is None:
+        return
     from symbolic.effects.source import BANNER
 
-    if target is not None and target.exists() and not target.read_bytes().startswith(BANNER.encode()):
+    if target.exists() and not target.read_bytes().startswith(BANNER.encode()):
         raise UsageError(f"{target}: is there already and is no draft; choose another name")

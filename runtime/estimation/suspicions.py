@@ -31,7 +31,7 @@ from runtime.estimation.settings import (
     TURNED_FALLS_TO,
 )
 from runtime.motion.motion import Motion, Piece
-from runtime.recordings.columns import UNITS
+from runtime.recordings.units import UNITS
 
 Array = NDArray[np.float64]
 

@@ -12,74 +12,15 @@ import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import pi
 from typing import Any, NoReturn
 
+from runtime.recordings.contents import some
+from runtime.recordings.text import NUMBERED
+from runtime.recordings.units import EXAMPLES, UNITS, hint, normal
 from symbolic.model_file.checks import quote
 
 Fail = Callable[[str], NoReturn]
 
-_DEGREE = pi / 180
-_FACTORS = {
-    "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "angle": {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "urad": 1e-6,
-        "rev": 2 * pi,
-        "turn": 2 * pi,
-        "deg": _DEGREE,
-        "°": _DEGREE,
-        "mdeg": _DEGREE / 1e3,
-        "arcmin": _DEGREE / 60,
-        "arcsec": _DEGREE / 3600,
-    },
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "angular rate": {
-        "rad/s": 1.0,
-        "mrad/s": 1e-3,
-        "deg/s": _DEGREE,
-        "°/s": _DEGREE,
-        "rpm": pi / 30,
-        "rev/min": pi / 30,
-        "1/min": pi / 30,
-        "rev/s": 2 * pi,
-        "turn/s": 2 * pi,
-        "rps": 2 * pi,
-    },
-    "speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "m/min": 1 / 60, "mm/min": 1e-3 / 60},
-    "torque": {
-        "N m": 1.0,
-        "mN m": 1e-3,
-        "N cm": 1e-2,
-        "N mm": 1e-3,
-        "kN m": 1e3,
-        "Nm": 1.0,
-        "mNm": 1e-3,
-        "Ncm": 1e-2,
-        "Nmm": 1e-3,
-        "kNm": 1e3,
-        "uNm": 1e-6,
-    },
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
-    "temperature": {"degC": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0, "degF": 5 / 9, "°F": 5 / 9},
-}
-_ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
-UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
-"""unit: (dimension, factor to SI, its zero in SI); temperatures are kept in °C."""
-
-_EXAMPLES = {
-    "time": "s or ms",
-    "angle": "rad or deg",
-    "length": "m or mm",
-    "angular rate": "rad/s, deg/s or rpm",
-    "speed": "m/s or mm/s",
-    "torque": "N m or mNm",
-    "force": "N",
-    "current": "A or mA",
-    "temperature": "degC or K",
-}
 _ROTARY = {"position": "angle", "rate": "angular rate", "force": "torque"}
 _LINEAR = {"position": "length", "rate": "speed", "force": "force"}
 _JOINT_COLUMN = re.compile(r"(q|qd|dq|tau|temperature)(\d{1,3})((?:_desired|_link|_rigid)?)", re.ASCII)
@@ -103,27 +44,38 @@ IN_SPACE = {**IN_PLANE, "fz": "force", "mx": "torque", "my": "torque", "mz": "to
 
 @dataclass(frozen=True)
 class Column:
-    """A signal (`name`, e.g. "qd1") in cell `index` of every row; SI value = factor * cell + offset."""
+    """A signal (`name`, e.g. "qd1") in field `index` of a file; SI value = factor * cell + offset.
+
+    cell   what `--map` takes for the field, with the unit in which it is read and a minus where it is turned round
+    """
 
     name: str
     index: int
     factor: float
     offset: float
+    cell: str = ""
 
 
 def columns(
-    header: Sequence[str], joints: Sequence[Mapping[str, Any]], space: bool, mapping: Mapping[str, str], fail: Fail
+    header: Sequence[str],
+    known: Sequence[str],
+    joints: Sequence[Mapping[str, Any]],
+    space: bool,
+    mapping: Mapping[str, str],
+    fail: Fail,
 ) -> dict[str, Column]:
     """The columns of a recording by signal name.
 
-    header    the cells of the first line
+    header    the names of the file's fields
+    known     the same, those in other words that are understood in ours
     joints    "type" and "torque_constant" of each joint, as in metadata.json
     space     whether the arm is one in space
     mapping   signal name -> header cell, as `--map` gives it
     fail      raises the error with the file's name before it
     """
+    own = [_split(cell) for cell in known]
     if not space:
-        _check_planar([*mapping, *(_split(cell)[0] for cell in header)], fail)
+        _check_planar([*mapping, *(cell for cell, _ in own)], fail)
     split = [_split(cell) for cell in header]
     found: dict[str, Column] = {}
     for raw_name, wanted in mapping.items():
@@ -134,18 +86,20 @@ def columns(
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped twice")
         column = _column(name, index, unit, joints, fail)
+        column = replace(column, cell=wanted.strip() if unit is None or "[" in wanted else f"{wanted.strip()} [{unit}]")
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
             fail(f"--map {name}: {quote(wanted)} has a minus; expected one before positions, rates and torques only")
         found[name] = replace(column, factor=sign * column.factor)
     taken = {column.index for column in found.values()}
     mapped = set(found)
-    for index, (cell, unit) in enumerate(split):
+    for index, (cell, unit) in enumerate(own):
         name = cell.replace("dq", "qd", 1) if _JOINT_COLUMN.fullmatch(cell) and cell.startswith("dq") else cell
         if index in taken or name in mapped or not _is_signal(name, len(joints), fail):
             continue
         if name in found:
             fail(f"two columns are {name}: {quote(header[found[name].index])} and {quote(header[index])}; drop one")
-        found[name] = _column(name, index, unit, joints, fail)
+        cell = header[index].strip() if _split(header[index])[1] or not unit else f"{header[index].strip()} [{unit}]"
+        found[name] = replace(_column(name, index, unit, joints, fail), cell=cell)
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
         if name not in found:
@@ -165,16 +119,11 @@ def _check_planar(names: Sequence[str], fail: Fail) -> None:
 def _split(cell: str) -> tuple[str, str | None]:
     """`name [unit]` as (name, unit); `name (unit)` only where the brackets hold a unit that is known."""
     cell = cell.strip()
-    if match := re.fullmatch(r"([^\[\]]*)\[([^\[\]]*)\]", cell):
+    if (match := re.fullmatch(r"(.*?)\[([^\[\]]*)\]", cell)) and not match[2].strip().isdigit():
         return match[1].strip(), match[2].strip()
-    if (match := re.fullmatch(r"(.*)\(([^()]*)\)", cell)) and _normal(match[2]) in UNITS:
+    if (match := re.fullmatch(r"(.*)\(([^()]*)\)", cell)) and normal(match[2]) in UNITS:
         return match[1].strip(), match[2].strip()
     return cell, None
-
-
-def _normal(unit: str) -> str:
-    unit = unit.replace("µ", "u").replace("μ", "u")
-    return " ".join(re.sub(r"[·⋅*.]", " ", unit).split())
 
 
 def _kind(name: str, n: int) -> str | None:
@@ -207,19 +156,21 @@ def _mapped(
         fail(f"--map {name}: {len(hits)} columns are called {quote(wanted)}; expected one")
     if not hits:
         close = difflib.get_close_matches(wanted, [h.strip() for h in header], n=1, cutoff=0.5)
-        hint = f"did you mean {quote(close[0])}?" if close else f"the file has {_some(header)}"
+        hint = f"did you mean {quote(close[0])}?" if close else f"the file has {some(header)}"
         fail(f"--map {name}: no column {quote(wanted)}; {hint}")
     return hits[0], unit if unit is not None else split[hits[0]][1], sign
 
 
 def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]]) -> list[int]:
-    """The cells that a text means, the surest way to read it first."""
+    """The cells that a text means, the surest way to read it first; the last parts of a long name may do."""
     cell, unit = _split(wanted)
+    ends = (f".{cell}", f"/{cell}")
     ways = (
         [i for i, text in enumerate(header) if text.strip() == wanted.strip()],
         [i for i, (c, u) in enumerate(split) if c == cell and (u is None or unit is None or u == unit)],
         [i for i, (c, _) in enumerate(split) if c == cell],
         [i for i, text in enumerate(header) if text.strip() == cell],
+        [i for i, (c, _) in enumerate(split) if cell and c.endswith(ends)],
     )
     return next(filter(None, ways), [])
 
@@ -232,9 +183,9 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
         return Column(name, index, 1.0, 0.0)
     if unit is None or unit == "":
         return Column(name, index, 1.0, 0.0)
-    if _normal(unit) not in UNITS:
-        fail(f"{name} has the unknown unit {quote(unit)}; {_unit_hint(unit)}")
-    dimension, factor, offset = UNITS[_normal(unit)]
+    if normal(unit) not in UNITS:
+        fail(f"{name} has the unknown unit {quote(unit)}; {hint(unit)}")
+    dimension, factor, offset = UNITS[normal(unit)]
     expected, whose, joint = kind or "", "", None
     if match := _JOINT_COLUMN.fullmatch(name):
         joint = joints[int(match[2]) - 1]
@@ -247,31 +198,21 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
         return Column(name, index, factor * float(constant), 0.0)
     if dimension != expected:
         article = "an" if expected[0] in "aeiou" else "a"
-        fail(f"{name} is in [{unit}]; expected {article} {expected} such as {_EXAMPLES[expected]}{whose}")
+        fail(f"{name} is in [{unit}]; expected {article} {expected} such as {EXAMPLES[expected]}{whose}")
     return Column(name, index, factor, offset)
 
 
-def _unit_hint(unit: str) -> str:
-    if unit.lower() in ("counts", "count", "cts", "inc", "increments", "ticks", "lsb", "qc"):
-        return "convert it with the encoder's resolution first"
-    by_lower = {known.lower(): known for known in UNITS}
-    close = difflib.get_close_matches(_normal(unit).lower()[:40], by_lower, n=1, cutoff=0.5)
-    return f'did you mean "{by_lower[close[0]]}"?' if close else "write it in SI, without a unit"
-
-
 def _missing(name: str, header: Sequence[str], cells: Sequence[str], n: int) -> str:
+    if header[0] == NUMBERED.format(1):
+        count = len(header)
+        return f"its first line is no header but {count} numbers; name its {count} columns with --columns t,q1,tau1"
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
     close = difflib.get_close_matches(name, cells, n=1, cutoff=0.5)
     close = [header[cells.index(close[0])].strip()] if close else []
     example = close[0] if close else "Header [unit]"
-    return f"no column {name}{joints}; the file has {_some(header)}; name it with --map {name}={quote(example)}"
-
-
-def _some(header: Sequence[str]) -> str:
-    cells = [quote(cell.strip()) for cell in header]
-    return ", ".join(cells[:8]) + (f" and {len(cells) - 8} more" if len(cells) > 8 else "")
+    return f"no column {name}{joints}; the file has {some(header)}; name it with --map {name}={quote(example)}"
 
 
 def _signals(n: int, space: bool) -> str:

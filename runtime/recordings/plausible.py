@@ -16,12 +16,12 @@ _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of a clock and their length in s, the coarsest first."""
 
 
-def slow_clock(step: float) -> str | None:
-    """What is wrong with a time whose median step is `step` s, and the cure; None if nothing is."""
+def slow_clock(step: float, cell: str) -> str | None:
+    """What is wrong with a time, read from `cell`, of which the median step is `step` s, and the cure, if any."""
     if not step > SLOWEST_STEP:
         return None
     unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
-    cure = f'if t is in {unit}, pass --map t="t [{unit}]"' if unit else "write t in seconds"
+    cure = f'if t is in {unit}, pass --map t="{cell} [{unit}]"' if unit else "write t in seconds"
     return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
 
 

@@ -7,3 +7,42 @@ from typing import Final
 SLOWEST_STEP: Final = 0.2
 """s; a median step above it is no log of a moving joint but a time in another unit: field buses and loggers of motion
 run from some Hz to some kHz, and a clock in milliseconds reads 0.2 at 5 kHz; a choice between the two."""
+
+MIN_SAMPLES: Final = 200
+"""samples; fewer hold no motion from which inertia and friction could be told; a choice."""
+
+MIN_SEGMENT: Final = 50
+"""samples; a shorter piece between gaps is used up by the filters' edges; a choice."""
+
+GAP: Final = 3.0
+"""ratio of a step to the median one; above it the samples between were lost and are not only late; a choice."""
+
+ROUNDING: Final = 1e-6
+"""part of a step; what printing and arithmetic leave of times and of their differences; twelve printed digits."""
+
+LARGEST: Final = 1e12
+"""SI unit; no reading of a joint is larger, and its square must not overflow; a choice."""
+
+MAX_BYTES: Final = 2_000_000_000
+"""length in bytes; of a file, of what it unpacks to and of what is kept of it, so that a false length in it cannot fill
+the memory; a choice: an hour of seven joints at 1 kHz in CSV is 1 GB."""
+
+LARGEST_MATRIX: Final = 128
+"""number of columns; a variable with more in its shorter direction holds no joints' signals but pictures or tables."""
+
+MOST_FIELDS: Final = 10_000
+"""number of fields; a file that declares more is no recording of an arm, and its list would not be read by anyone."""
+
+MOST_LAYOUTS: Final = 64
+"""number of kinds; so many sets and orders of joints come in one topic's messages where several nodes share it; more
+is no topic that can be read as columns."""
+
+LONGEST_RECORD: Final = 1_000_000_000
+"""length in bytes; of a chunk of a log, packed or not: writers make them of some MB; a choice."""
+
+SPLINE_DEGREE: Final = 3
+"""power of the polynomials by which signals of another clock are brought to the instants of the positions: below a
+tenth of the sampling rate exact to a part in a thousand; de Boor, A Practical Guide to Splines, 1978."""
+
+SHARED_LENGTH: Final = 2
+"""samples; a variable with fewer is a setting and no signal."""

@@ -26,7 +26,8 @@ from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, 
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import Motion, Piece
-from runtime.recordings.recording import MIN_SAMPLES, Recording
+from runtime.recordings.recording import Recording
+from runtime.recordings.settings import MIN_SAMPLES
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import (
     AT_REST,

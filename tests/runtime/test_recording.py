@@ -312,7 +312,8 @@ def test_maps_that_do_not_fit(write, mapping, expected):
 
 
 def test_files_that_are_none(tmp_path):
-    assert said(tmp_path / "absent.csv") == "absent.csv: no such file; expected a recording in CSV, plain or gzip"
+    expected = "expected a recording in CSV, plain or gzip, or MCAP, a ROS 2 bag, MATLAB, HDF5, Parquet or NumPy"
+    assert said(tmp_path / "absent.csv") == f"absent.csv: no such file; {expected}"
     assert "is a directory" in said(tmp_path)
     assert "a\\x00b: cannot be read" in said(Path("a\0b"))
 

@@ -1,0 +1,105 @@
+"""The checks that every recording passes, whatever its format: values, runs, time, and that something moves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.recordings import plausible
+from runtime.recordings.contents import Array, Numbers, Table
+from runtime.recordings.errors import Refusal
+from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, ROUNDING
+
+
+def finite(table: Table, allow_gaps: bool, refuse: Refusal) -> Table:
+    """The signals without NaN, infinite or absurd values; samples with NaN are dropped if gaps are allowed."""
+    drop = np.zeros(len(table.numbers), dtype=bool)
+    for name, values in list(table.signals.items()):
+        absent = np.isnan(values)
+        large = np.abs(values, where=~absent, out=np.zeros_like(values)) > LARGEST
+        if large.any():
+            k = int(np.argmax(large))
+            what = "infinite" if np.isinf(values[k]) else f"{values[k]:.3g}, too large for a reading"
+            refuse(f"{name} is {what}; repair or drop the row", table.at(name, k))
+        if absent.any() and not allow_gaps:
+            refuse(f"{name} is NaN; drop the row or pass --allow-gaps", table.at(name, int(np.argmax(absent))))
+        if absent.any() and name.startswith("temperature"):
+            if absent.all():
+                del table.signals[name]
+            else:  # temperatures are slow, and often logged more slowly than the rest
+                rows = np.arange(len(values))
+                table.signals[name] = np.interp(rows, rows[~absent], values[~absent]).astype(np.float64)
+            continue
+        drop |= absent
+    return table.kept(~drop) if drop.any() else table
+
+
+def enough(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
+    """Refuses a recording that is too short for anything."""
+    if len(t) < MIN_SAMPLES:
+        left = " are left" if allow_gaps else ""
+        refuse(f"only {len(t)} samples{left}; expected at least {MIN_SAMPLES}")
+
+
+def runs(table: Table, refuse: Refusal) -> Numbers:
+    """(N,) number of each sample's run."""
+    run = table.signals.get("run")
+    if run is None:
+        return np.zeros(len(table.numbers), dtype=np.int64)
+    broken = run != np.round(run)
+    if broken.any():
+        k = int(np.argmax(broken))
+        refuse(f"run is {run[k]:g}; expected a whole number", table.at("run", k))
+    return run.astype(np.int64)
+
+
+def segments(table: Table, run: Numbers, cell: str, allow_gaps: bool, refuse: Refusal) -> tuple[slice, ...]:
+    """Gap-free pieces, each within one run. cell: the field of the time."""
+    t = table.signals["t"]
+    steps, same = np.diff(t), np.diff(run) == 0
+    back = same & (steps <= 0)
+    if back.any() and not allow_gaps:
+        k = int(np.argmax(back)) + 1
+        how = "stands still" if t[k] == t[k - 1] else "runs backwards"
+        refuse(
+            f"time {how}, {t[k]:.9g} s after {t[k - 1]:.9g} s; number the runs in a column run, or pass --allow-gaps",
+            table.at("t", k),
+        )
+    step = median_step(t, run)
+    if not step > 0:
+        refuse("time never advances by as much as it goes back; expected seconds in t")
+    if wrong := plausible.slow_clock(step, cell):
+        refuse(wrong)
+    gap = same & (steps > GAP * step * (1 + ROUNDING))
+    if gap.any() and not allow_gaps:
+        k = int(np.argmax(gap)) + 1
+        refuse(
+            f"a gap of {steps[k - 1]:.4g} s in t, over {GAP:g} times the median step of {step:.4g} s; "
+            "pass --allow-gaps to split there",
+            table.at("t", k),
+        )
+    edges = [0, *(np.flatnonzero(~same | back | gap) + 1).tolist(), len(t)]
+    pieces = tuple(slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SEGMENT)
+    if not pieces:
+        refuse(f"no piece without a gap has {MIN_SEGMENT} samples; expected a longer recording")
+    return pieces
+
+
+def median_step(t: Array, run: Numbers) -> float:
+    """s, within the runs; NaN if none has two samples."""
+    steps = np.diff(t)[np.diff(run) == 0]
+    return float(np.median(steps)) if len(steps) else math.nan
+
+
+def moving(q: Array, tau: Array, refuse: Refusal) -> None:
+    """Joints may be held or passive while others move, but something must move, and by a torque."""
+    still: NDArray[np.bool_] = np.ptp(q, axis=1) == 0
+    if still.all():
+        which = "q1 is" if len(q) == 1 else f"q1 to q{len(q)} are"
+        refuse(f"{which} constant; nothing moves, so nothing can be learned from this recording")
+    if not (~still & ~plausible.unpowered(tau)).any():
+        i = int(np.flatnonzero(~still)[0])
+        refuse(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is the right column recorded?")

@@ -1,0 +1,88 @@
+"""What every format gives: named fields, the clock of each, and the place of every sample for messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symbolic.model_file.checks import quote
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A column of a file, before it is read.
+
+    name     as the file has it, with `[unit]` where the file states one
+    clock    what is sampled together has one: a topic, a group, a struct; "" where the file has but one
+    place    what stands before the number of a sample in a message: "line", "/joint_states message", "rec.q column"
+    signal   what the format itself says that it is, without a joint: "t", "q", "qd", "tau"; None: it does not say
+    joint    the joint's name, where the format has names for joints
+    """
+
+    name: str
+    clock: str = ""
+    place: str = "line"
+    signal: str | None = None
+    joint: str | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Signals of one clock.
+
+    signals   name -> (N,)
+    numbers   (N,) of the samples in the file, as its tools count them
+    places    of each signal, what stands before that number
+    """
+
+    signals: dict[str, Array]
+    numbers: Numbers
+    places: Mapping[str, str]
+
+    def at(self, name: str, sample: int) -> str:
+        """Where in the file a signal's sample stands."""
+        return f"{self.places[name]} {self.numbers[sample]}"
+
+    def kept(self, samples: NDArray[np.bool_]) -> Table:
+        """Those samples (N,) alone."""
+        signals = {name: values[samples] for name, values in self.signals.items()}
+        return replace(self, signals=signals, numbers=self.numbers[samples])
+
+
+class Contents(Protocol):
+    """A file that was opened and is understood, as the module of its format has it.
+
+    format   its name, for people
+    header   where the names of the fields stand, for messages; "" where that is no place
+    fields   in the file's order
+    times    of a clock, the index of the field with its time; a clock without one is not among them
+    """
+
+    @property
+    def format(self) -> str: ...
+
+    @property
+    def header(self) -> str: ...
+
+    @property
+    def fields(self) -> Sequence[Field]: ...
+
+    @property
+    def times(self) -> Mapping[str, int]: ...
+
+    def load(self, wanted: Mapping[str, int]) -> Table:
+        """The fields of one clock by signal, as the file has them. wanted: signal -> index. Raises RecordingError."""
+        ...
+
+
+def some(names: Sequence[str], most: int = 8) -> str:
+    """Some of these names, for a message."""
+    quoted = [quote(name.strip()) for name in names[:most]]
+    return ", ".join(quoted) + (f" and {len(names) - most} more" if len(names) > most else "")

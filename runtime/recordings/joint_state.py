@@ -1,0 +1,289 @@
+"""Messages of ROS 2, `sensor_msgs/msg/JointState` in CDR, decoded many at once.
+
+Messages of one node are alike: the same joints, so the same bytes but for stamp and numbers. The first tells the
+layout; all that share it are read as columns of one matrix of bytes, what departs from it by a layout of its own.
+
+Source: OMG, DDS Interoperability Wire Protocol 2.5, 10.2 (CDR); ROS 2 common_interfaces, JointState.msg.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.recordings.contents import Array, Field, Table
+from runtime.recordings.errors import Refusal
+from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS
+
+TYPE = frozenset(("sensor_msgs/msg/JointState", "sensor_msgs/JointState"))
+_SIGNALS = {"position": "q", "velocity": "qd", "effort": "tau"}
+_ENCAPSULATION = 4
+"""bytes before a message: how it is encoded; alignment counts from behind them."""
+_STAMP = 8
+_NUMBER = 8
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Messages of one topic: message k is buffer[starts[k] : starts[k] + lengths[k]], logged at times[k] ns."""
+
+    topic: str
+    buffer: NDArray[np.uint8]
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    times: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where in a message what stands. joints: names in its order; at: of position, velocity and effort, the place of
+    the first number, None where there are none; fixed: bytes that all messages of this layout share."""
+
+    order: str
+    joints: tuple[str, ...]
+    at: tuple[int | None, ...]
+    fixed: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, message: bytes) -> Layout:
+        """The layout of one message. Raises ValueError, struct.error."""
+        if message[:1] != b"\0" or message[1] not in (0, 1):
+            raise ValueError(f"its encoding is {message[:2].hex()}, not plain CDR (0000 or 0001)")
+        order = "<" if message[1] else ">"
+        place = _ENCAPSULATION + _STAMP
+        texts = []
+        _, place = _text(message, place, order)
+        count, place = _count(message, place, order)
+        if count > LARGEST_MATRIX:
+            raise ValueError(f"it has {count} joints; expected at most {LARGEST_MATRIX}")
+        for _ in range(count):
+            text, place = _text(message, place, order)
+            texts.append(text)
+        if len(set(texts)) < len(texts):
+            raise ValueError("two of its joints have the same name")
+        fixed, at = [np.arange(_ENCAPSULATION + _STAMP, place)], []
+        for name in _SIGNALS:
+            before = place
+            size, place = _count(message, place, order)
+            fixed.append(np.arange(before, place))
+            if size not in (0, count):
+                raise ValueError(f"it has {count} joints and {size} numbers of {name}")
+            place += -(place - _ENCAPSULATION) % _NUMBER if size else 0
+            at.append(place if size else None)
+            place += _NUMBER * size
+        if place > len(message):
+            raise ValueError("it is cut off")
+        return cls(order, tuple(texts), tuple(at), np.concatenate([np.arange(2), *fixed]))
+
+
+def _count(message: bytes, place: int, order: str) -> tuple[int, int]:
+    place += -(place - _ENCAPSULATION) % 4
+    return struct.unpack_from(f"{order}I", message, place)[0], place + 4
+
+
+def _text(message: bytes, place: int, order: str) -> tuple[str, int]:
+    size, place = _count(message, place, order)
+    if size > len(message) - place:
+        raise ValueError(f"a text of {size} bytes in a message of {len(message)}")
+    return message[place : place + size].rstrip(b"\0").decode("utf-8"), place + size
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some messages of one set of joints: stamps (M,) ns, numbers (M,) counted on their topic from 1, values of
+    position, velocity and effort (joints, M) each."""
+
+    joints: tuple[str, ...]
+    stamps: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    values: Mapping[str, Array]
+
+
+class JointStates:
+    """The JointState messages of a log, collected batch by batch."""
+
+    def __init__(self, refuse: Refusal) -> None:
+        self.refuse = refuse
+        self._parts: dict[tuple[str, frozenset[str]], list[_Part]] = {}
+        self._counted: dict[str, int] = {}
+        self._layouts: dict[str, list[Layout]] = {}
+        self._bytes = 0
+
+    def add(self, batch: Batch) -> None:
+        """Decodes messages. Raises RecordingError."""
+        first = self._counted.get(batch.topic, 0) + 1
+        self._counted[batch.topic] = first + len(batch.starts) - 1
+        numbers = first + np.arange(len(batch.starts))
+        for length in np.unique(batch.lengths):
+            alike = batch.lengths == length
+            self._of_one_length(batch, int(length), batch.starts[alike], batch.times[alike], numbers[alike])
+
+    def _of_one_length(
+        self,
+        batch: Batch,
+        length: int,
+        starts: NDArray[np.int64],
+        times: NDArray[np.int64],
+        numbers: NDArray[np.int64],
+    ) -> None:
+        rows = np.lib.stride_tricks.sliding_window_view(batch.buffer, length)[starts] if length else None
+        while len(numbers):
+            if rows is None or length < _ENCAPSULATION + _STAMP:
+                self.refuse(f"has {length} bytes; expected a JointState", f"{batch.topic} message {numbers[0]}")
+            layout = self._layout(rows[0].tobytes(), batch.topic, int(numbers[0]))
+            same = np.all(rows[:, layout.fixed] == rows[0, layout.fixed], axis=1)
+            whole = bool(same.all())
+            self._keep(batch.topic, layout, rows if whole else rows[same], times[same], numbers[same])
+            if whole:
+                return
+            rows, times, numbers = rows[~same], times[~same], numbers[~same]
+
+    def _layout(self, message: bytes, topic: str, number: int) -> Layout:
+        known = self._layouts.setdefault(topic, [])
+        try:
+            found = Layout.of(message)
+        except (ValueError, struct.error, IndexError) as error:
+            self.refuse(f"is no whole JointState: {error}", f"{topic} message {number}")
+        if not any(found.joints == layout.joints and found.at == layout.at for layout in known):
+            known.append(found)
+        if len(known) > MOST_LAYOUTS:
+            self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", topic)
+        return found
+
+    def _keep(
+        self,
+        topic: str,
+        layout: Layout,
+        rows: NDArray[np.uint8],
+        times: NDArray[np.int64],
+        numbers: NDArray[np.int64],
+    ) -> None:
+        head = np.ascontiguousarray(rows[:, _ENCAPSULATION : _ENCAPSULATION + _STAMP])
+        seconds = head.view(f"{layout.order}i4")[:, 0].astype(np.int64)
+        nanoseconds = head.view(f"{layout.order}u4")[:, 1].astype(np.int64)
+        stamps = seconds * 1_000_000_000 + nanoseconds
+        values = {}
+        for name, place in zip(_SIGNALS, layout.at, strict=True):
+            if place is not None:
+                block = np.ascontiguousarray(rows[:, place : place + _NUMBER * len(layout.joints)])
+                values[name] = block.view(f"{layout.order}f8").astype(np.float64, copy=False)
+        self._bytes += sum(x.nbytes for x in values.values()) + 3 * stamps.nbytes
+        if self._bytes > MAX_BYTES:
+            self.refuse(f"holds more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
+        unset = stamps == 0
+        stamps = np.where(unset, times, stamps)
+        key = topic, frozenset(layout.joints)
+        self._parts.setdefault(key, []).append(_Part(layout.joints, stamps, numbers, values))
+
+    def contents(self, format: str, others: Mapping[str, str]) -> JointStateContents:
+        """What was collected. others: the other topics and their types."""
+        if not self._parts:
+            listed = ", ".join(f"{topic} ({kind})" for topic, kind in list(others.items())[:8])
+            self.refuse(f"has no messages of sensor_msgs/msg/JointState; its topics are {listed or 'none'}")
+        topics = [topic for topic, _ in self._parts]
+        streams = []
+        for (topic, joints), parts in self._parts.items():
+            several = topics.count(topic) > 1
+            name = f"{topic} ({', '.join(sorted(joints)[:2])}, …)" if several else topic
+            streams.append(_stream(name, topic, parts))
+        return JointStateContents(format, tuple(streams))
+
+
+@dataclass(frozen=True)
+class JointStream:
+    """All messages of a topic about one set of joints: stamps (N,) ns, numbers (N,), values name -> (joints, N)."""
+
+    clock: str
+    topic: str
+    joints: tuple[str, ...]
+    stamps: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    values: Mapping[str, Array]
+
+
+def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
+    """The parts one after the other, joints in the order of the first; a signal that some lack has NaN there."""
+    joints = parts[0].joints
+    names = [name for name in _SIGNALS if any(name in part.values for part in parts)]
+    values = {}
+    for name in names:
+        blocks = []
+        for part in parts:
+            block = part.values.get(name)
+            if block is None:
+                block = np.full((len(part.stamps), len(joints)), np.nan)
+            elif part.joints != joints:
+                block = block[:, [part.joints.index(joint) for joint in joints]]
+            blocks.append(block)
+        values[name] = np.concatenate(blocks).T
+    stamps = np.concatenate([part.stamps for part in parts])
+    numbers = np.concatenate([part.numbers for part in parts])
+    order = np.argsort(numbers, kind="stable")
+    if np.array_equal(order, np.arange(len(order))):
+        return JointStream(clock, topic, joints, stamps, numbers, values)
+    return JointStream(
+        clock, topic, joints, stamps[order], numbers[order], {name: x[:, order] for name, x in values.items()}
+    )
+
+
+@dataclass(frozen=True)
+class JointStateContents:
+    """Topics as clocks; `/joint_states.position.elbow` is the position of the joint elbow. Instants count from the
+    first stamp of all, so that a float holds their nanoseconds."""
+
+    format: str
+    streams: tuple[JointStream, ...]
+    header: str = ""
+
+    @cached_property
+    def _index(self) -> list[tuple[JointStream, str, int]]:
+        """Stream, signal and joint of every field; the time first."""
+        found = []
+        for stream in self.streams:
+            found.append((stream, "stamp", 0))
+            found += [(stream, name, k) for name in stream.values for k in range(len(stream.joints))]
+        return found
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        found = []
+        for stream, name, k in self._index:
+            place = f"{stream.topic} message"
+            if name == "stamp":
+                found.append(Field(f"{stream.clock}.stamp", stream.clock, place, "t"))
+            else:
+                joint = stream.joints[k]
+                found.append(Field(f"{stream.clock}.{name}.{joint}", stream.clock, place, _SIGNALS[name], joint))
+        return tuple(found)
+
+    @cached_property
+    def times(self) -> Mapping[str, int]:
+        return {stream.clock: i for i, (stream, name, _) in enumerate(self._index) if name == "stamp"}
+
+    @cached_property
+    def _origin(self) -> int:
+        return min(int(stream.stamps.min()) for stream in self.streams)
+
+    def load(self, wanted: Mapping[str, int]) -> Table:
+        stream = self._index[next(iter(wanted.values()))][0]
+        signals: dict[str, Array] = {}
+        for signal, index in wanted.items():
+            stream, name, k = self._index[index]
+            if name == "stamp":
+                signals[signal] = np.asarray((stream.stamps - self._origin) * 1e-9, dtype=np.float64)
+            else:
+                signals[signal] = np.ascontiguousarray(stream.values[name][k])
+        return Table(signals, stream.numbers, {signal: self.fields[i].place for signal, i in wanted.items()})
+
+
+def collected(batches: Iterable[Batch], refuse: Refusal) -> JointStates:
+    """All messages of these batches."""
+    states = JointStates(refuse)
+    for batch in batches:
+        states.add(batch)
+    return states

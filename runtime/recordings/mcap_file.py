@@ -1,0 +1,206 @@
+"""MCAP, the log of ROS 2 since 2023: chunks are read whole, their messages found by the index that follows each.
+
+Source: the MCAP file format specification, version 0 (mcap.dev/spec).
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.recordings.errors import Refusal
+from runtime.recordings.extras import require
+from runtime.recordings.joint_state import TYPE, Batch, JointStateContents, collected
+from runtime.recordings.settings import LONGEST_RECORD, MAX_BYTES
+
+MAGIC = b"\x89MCAP0\r\n"
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0F
+_RECORD = struct.Struct("<BQ")
+"""Before every record: its kind and its length."""
+_CURE = "repair it with: mcap recover FILE"
+_MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("logged", "<u8"), ("published", "<u8")])
+
+
+@dataclass
+class _Log:
+    """What was read of a file so far: schemas by number, and of each channel its topic, schema and encoding."""
+
+    schemas: dict[int, str] = field(default_factory=dict)
+    channels: dict[int, tuple[str, int, str]] = field(default_factory=dict)
+    unpacked: int = 0
+
+    def declare(self, kind: int, content: memoryview) -> None:
+        """A schema or a channel. Raises struct.error, ValueError."""
+        (number,) = struct.unpack_from("<H", content)
+        if kind == _SCHEMA:
+            self.schemas[number], _ = _text(content, 2)
+        elif kind == _CHANNEL:
+            (schema,) = struct.unpack_from("<H", content, 2)
+            topic, place = _text(content, 4)
+            encoding, _ = _text(content, place)
+            self.channels[number] = (topic, schema, encoding)
+
+    def types(self) -> dict[str, str]:
+        """Topic -> type."""
+        return {topic: self.schemas.get(schema, "no schema") for topic, schema, _ in self.channels.values()}
+
+    def is_wanted(self, channel: int) -> bool:
+        _, schema, encoding = self.channels.get(channel, ("", 0, ""))
+        return self.schemas.get(schema) in TYPE and encoding == "cdr"
+
+
+def opened(path: Path, refuse: Refusal) -> JointStateContents:
+    """The joint states of an MCAP file. Raises RecordingError."""
+    log = _Log()
+    with refuse.on((struct.error, ValueError), "the MCAP file is damaged", _CURE), open(path, "rb") as file:
+        # Not closed by hand: arrays look into it until the last of them is gone.
+        data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+        states = collected(_batches(data, log, refuse), refuse)
+    return states.contents("MCAP", log.types())
+
+
+def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Batch]:
+    """The messages of joint states, a chunk at a time."""
+    loose: list[tuple[int, int, int]] = []
+    chunk: memoryview | None = None
+    place = len(MAGIC)
+    while True:
+        kind, content, place = _record(data, place, refuse)
+        if kind == _INDEX and chunk is not None:
+            yield from _indexed(chunk, content, log)
+        elif kind != _INDEX:
+            chunk = None
+        if kind == _CHUNK:
+            chunk = _unpacked(content, log, refuse)
+            _declared_in(chunk, log, refuse)
+        elif kind in (_SCHEMA, _CHANNEL):
+            log.declare(kind, content)
+        elif kind == _MESSAGE:
+            loose.append((struct.unpack_from("<H", content)[0], place - len(content), len(content)))
+        elif kind == _DATA_END:
+            break
+    for channel in dict.fromkeys(c for c, _, _ in loose):
+        starts = np.array([(start, size) for c, start, size in loose if c == channel])
+        yield from _of_channel(np.frombuffer(data, np.uint8), channel, starts[:, 0], starts[:, 1], log)
+
+
+def _record(data: memoryview, place: int, refuse: Refusal) -> tuple[int, memoryview, int]:
+    """Kind and content of the record at a place, and the place behind it."""
+    if place + _RECORD.size > len(data):
+        refuse(f"the MCAP file is cut off before its end; {_CURE}")
+    kind, length = _RECORD.unpack_from(data, place)
+    start = place + _RECORD.size
+    if length > len(data) - start:
+        refuse(
+            f"the MCAP file is cut off: a record at byte {place} has {length} bytes, and {len(data) - start} are left; "
+            f"{_CURE}"
+        )
+    return kind, data[start : start + length], start + length
+
+
+def _text(content: memoryview, place: int) -> tuple[str, int]:
+    (size,) = struct.unpack_from("<I", content, place)
+    end = place + 4 + size
+    if end > len(content):
+        raise ValueError(f"a text of {size} bytes where {len(content) - place - 4} are left")
+    return bytes(content[place + 4 : end]).decode("utf-8"), end
+
+
+def _unpacked(content: memoryview, log: _Log, refuse: Refusal) -> memoryview:
+    """The records of a chunk; never more bytes than it states, and those within limits."""
+    _, _, size, checksum = struct.unpack_from("<QQQI", content)
+    packing, place = _text(content, 28)
+    (packed,) = struct.unpack_from("<Q", content, place)
+    records = content[place + 8 : place + 8 + packed]
+    log.unpacked += size
+    if size > LONGEST_RECORD or log.unpacked > 8 * MAX_BYTES or len(records) < packed:
+        refuse(f"the MCAP file has a chunk that states {size} bytes; {_CURE}")
+    if packing == "":
+        unpacked = records
+    elif packing == "lz4":
+        unpacked = memoryview(_lz4(records, size, refuse))
+    elif packing == "zstd":
+        unpacked = memoryview(_zstd(records, size, refuse))
+    else:
+        refuse(f"the MCAP file is packed with {packing}; expected lz4, zstd or none")
+    if len(unpacked) != size or (checksum and zlib.crc32(unpacked) != checksum):
+        refuse(f"the MCAP file has a damaged chunk; {_CURE}")
+    return unpacked
+
+
+def _lz4(packed: memoryview, size: int, refuse: Refusal) -> bytes:
+    require("lz4", "mcap", "an MCAP file packed with lz4", refuse)
+    from lz4.frame import LZ4FrameDecompressor
+
+    with refuse.on((RuntimeError,), "the MCAP file has a damaged chunk", _CURE):
+        unpacked: bytes = LZ4FrameDecompressor().decompress(packed, max_length=size)
+    return unpacked
+
+
+def _zstd(packed: memoryview, size: int, refuse: Refusal) -> bytes:
+    require("zstandard", "mcap", "an MCAP file packed with zstd", refuse)
+    from zstandard import ZstdDecompressor, ZstdError
+
+    with (
+        refuse.on((ZstdError, MemoryError), "the MCAP file has a damaged chunk", _CURE),
+        ZstdDecompressor(max_window_size=LONGEST_RECORD).stream_reader(packed) as reader,
+    ):
+        unpacked: bytes = reader.read(size)
+    return unpacked
+
+
+def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal) -> None:
+    """Schemas and channels of a chunk: they stand before its first message, others before that of their channel."""
+    place = 0
+    while place < len(chunk):
+        kind, content, place = _record(chunk, place, refuse)
+        if kind in (_SCHEMA, _CHANNEL):
+            log.declare(kind, content)
+        elif kind == _MESSAGE and struct.unpack_from("<H", content)[0] in log.channels:
+            break
+
+
+def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[Batch]:
+    """The messages of one channel in a chunk."""
+    channel, size = struct.unpack_from("<HI", content)
+    if not log.is_wanted(channel):
+        return
+    entries = np.frombuffer(content[6 : 6 + size], "<u8").reshape(-1, 2)
+    starts = entries[:, 1].astype(np.int64)
+    buffer = np.frombuffer(chunk, np.uint8)
+    if len(starts) and (starts.min() < 0 or int(starts.max()) + _RECORD.size + _MESSAGE_HEAD.itemsize > len(buffer)):
+        raise ValueError("an index points out of its chunk")
+    lengths = _gathered(buffer, starts + 1, 8).view("<u8")[:, 0].astype(np.int64)
+    yield from _of_channel(buffer, channel, starts + _RECORD.size, lengths, log)
+
+
+def _of_channel(
+    buffer: NDArray[np.uint8],
+    channel: int,
+    starts: NDArray[np.int64],
+    lengths: NDArray[np.int64],
+    log: _Log,
+) -> Iterator[Batch]:
+    """Messages whose contents begin at these places, in the order in which they were logged."""
+    if not log.is_wanted(channel) or not len(starts):
+        return
+    if lengths.min() < _MESSAGE_HEAD.itemsize or int((starts + lengths).max()) > len(buffer) or lengths.max() < 0:
+        raise ValueError("a message is longer than its chunk")
+    heads = _gathered(buffer, starts, _MESSAGE_HEAD.itemsize).view(_MESSAGE_HEAD)[:, 0]
+    if np.any(heads["channel"] != channel):
+        raise ValueError("an index names messages of another channel")
+    topic = log.channels[channel][0]
+    times = heads["logged"].astype(np.int64)
+    yield Batch(topic, buffer, starts + _MESSAGE_HEAD.itemsize, lengths - _MESSAGE_HEAD.itemsize, times)
+
+
+def _gathered(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
+    """(N, size) bytes from these places on."""
+    return np.lib.stride_tricks.sliding_window_view(buffer, size)[starts]

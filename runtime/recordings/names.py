@@ -1,0 +1,244 @@
+"""Names of other recorders in ours: joints by name, whole families of fields, and logs whose headers are known."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from runtime.recordings.columns import Fail
+from runtime.recordings.contents import Contents, Field, some
+
+_FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
+_OURS = re.compile(r"(?:q|qd|dq|tau|temperature)\d{1,3}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)
+_WHOLE = re.compile(r"(q|qd|dq|tau|temperature)((?:_desired|_link|_rigid)?)", re.ASCII)
+"""What `--map` may name without a joint's number: the signal of all joints."""
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A program whose logs are known.
+
+    signature   fields that tell its logs
+    signals     its name of a field, its joints counted from `first` in the place of {} -> our name and unit
+    note        what a person should know of its signals
+    """
+
+    name: str
+    signature: frozenset[str]
+    signals: Mapping[str, str]
+    first: int
+    note: str
+
+
+RECORDERS = (
+    Recorder(
+        "Universal Robots' RTDE recorder",
+        frozenset(("timestamp", "actual_q_0")),
+        {
+            "timestamp": "t [s]",
+            "actual_q_{}": "q{} [rad]",
+            "actual_qd_{}": "qd{} [rad/s]",
+            "target_q_{}": "q{}_desired [rad]",
+            "actual_current_{}": "tau{} [A]",
+            "joint_temperatures_{}": "temperature{} [degC]",
+        },
+        0,
+        "tau is actual_current, in A: the joints' torque_constant makes it a torque",
+    ),
+    Recorder(
+        "libfranka's log",
+        frozenset(("q[0]", "dq[0]", "tau_J[0]")),
+        {
+            "duration": "t [ms]",
+            "time": "t [ms]",
+            "q[{}]": "q{} [rad]",
+            "dq[{}]": "qd{} [rad/s]",
+            "q_d[{}]": "q{}_desired [rad]",
+            "tau_J[{}]": "tau{} [N m]",
+        },
+        0,
+        "tau is tau_J, measured behind the gears: what rubs before them is not in it",
+    ),
+)
+"""Headers as the programs write them: RTDE client library, example record.py; libfranka, logToCSV."""
+
+
+@dataclass(frozen=True)
+class Understood:
+    """A file's names in ours. known: of every field, in our words where they are understood, else as it is called;
+    mapping: `--map` with families spread over the joints; notes: what was assumed."""
+
+    known: tuple[str, ...]
+    mapping: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+
+def understood(
+    contents: Contents, joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+) -> Understood:
+    """The names of a file in ours for these joints. fail: raises the error with the file's name before it."""
+    spread = _spread(contents.fields, joints, mapping, fail)
+    if any(field.signal for field in contents.fields):
+        known, notes = _by_joint(contents, joints, spread, fail)
+        return Understood(known, spread, notes)
+    if recorder := _recorder(contents.fields):
+        notes = () if "tau1" in spread else (f"read as {recorder.name}: {recorder.note}",)
+        return Understood(_translated(contents.fields, recorder), spread, notes)
+    return Understood(_last_parts(contents.fields), spread)
+
+
+def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> int:
+    """How many joints a file's fields, or the mapping, name: q1, q2, …; at least one."""
+    if any(field.signal for field in contents.fields):
+        clock = _clock_of("q", contents.fields, fail)
+        return max(1, sum(field.signal == "q" and field.clock == clock for field in contents.fields))
+    recorder = _recorder(contents.fields)
+    known = _translated(contents.fields, recorder) if recorder else _last_parts(contents.fields)
+    named = {cell.split("[")[0].strip().lower() for cell in known} | set(mapping)
+    if "q" in mapping:
+        return max(1, len(_members(mapping["q"], contents.fields)[0]))
+    numbers = itertools.takewhile(lambda k: f"q{k}" in named, itertools.count(1))
+    return max(1, sum(1 for _ in numbers))
+
+
+def _bare(name: str) -> str:
+    """A name without its unit."""
+    return re.sub(r"\s*\[\D[^\[\]]*\]\s*$", "", name.strip())
+
+
+# --- families: one entry of --map for all joints ---
+
+
+def _spread(
+    fields: Sequence[Field], joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+) -> dict[str, str]:
+    """`q=actual_q` as q1=actual_q_0, q2=actual_q_1, …; what names one joint stands as it is, and before that."""
+    found: dict[str, str] = {}
+    for name, wanted in mapping.items():
+        whole = _WHOLE.fullmatch(name.strip())
+        if whole is None:
+            continue
+        members, sign, unit = _members(wanted, fields)
+        if len(members) < len(joints):
+            fail(
+                f"--map {name}: {len(members)} columns are called {wanted}1, {wanted}2 and so on; expected one of each "
+                f"of {len(joints)} joints; the file has {some([f.name for f in fields])}"
+            )
+        ordered = _named(members, joints) or members
+        for number, member in enumerate(ordered[: len(joints)], 1):
+            found[f"{whole[1]}{number}{whole[2]}"] = f"{sign}{member.name if not unit else _bare(member.name) + unit}"
+    return found | {name: wanted for name, wanted in mapping.items() if not _WHOLE.fullmatch(name.strip())}
+
+
+def _members(wanted: str, fields: Sequence[Field]) -> tuple[list[Field], str, str]:
+    """The fields of a family in its order, and the sign and the unit that were asked for."""
+    sign = "-" if wanted.strip().startswith("-") else ""
+    base = _bare(wanted.strip().removeprefix("-"))
+    unit = wanted.strip().removeprefix("-")[len(base) :].strip()
+    numbered: list[tuple[int, Field]] = []
+    for place, field in enumerate(fields):
+        bare = _bare(field.name)
+        if field.joint is not None and field.signal != "t":
+            stem, number = bare.removesuffix(f".{field.joint}"), place
+        elif match := _FAMILY.fullmatch(bare):
+            stem, number = match[1], int(match[2])
+        else:
+            continue
+        if stem == base or stem.endswith((f".{base}", f"/{base}")):
+            numbered.append((number, field))
+    return [field for _, field in sorted(numbered, key=lambda pair: pair[0])], sign, f" {unit}" if unit else ""
+
+
+# --- formats that say what their fields are ---
+
+
+def _by_joint(
+    contents: Contents, joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names of fields that know their signal and joint, and what was assumed of them."""
+    fields = contents.fields
+    known, notes = [field.name for field in fields], []
+    home = None if "q1" in mapping else _clock_of("q", fields, fail)
+    for signal in ("q", "qd", "tau"):
+        if f"{signal}1" in mapping:
+            continue
+        clocks = {field.clock for field in fields if field.signal == signal}
+        clock = home if home in clocks or signal == "qd" else _clock_of(signal, fields, fail)
+        members = [field for field in fields if field.signal == signal and field.clock == clock]
+        ordered = _named(members, joints)
+        if ordered is None:
+            ordered = members
+            if len(members) > len(joints):
+                fail(
+                    f"has {len(members)} joints, {some([str(m.joint) for m in members])}, and the model {len(joints)} "
+                    f'of other names; name them in the model file, or the fields with --map q1="{members[0].name}"'
+                )
+            if signal == "q" and len(members) > 1:
+                listed = ", ".join(f"{k} {member.joint}" for k, member in enumerate(members, 1))
+                notes.append(f"joints in the order of the file: {listed}")
+        for number, member in enumerate(ordered, 1):
+            known[fields.index(member)] = f"{signal}{number}"
+    if home is not None and "t" not in mapping and home in contents.times:
+        known[contents.times[home]] = "t [s]"
+    return tuple(known), tuple(notes)
+
+
+def _clock_of(signal: str, fields: Sequence[Field], fail: Fail) -> str | None:
+    """What a signal is sampled with, positions rather where the torques are; None if there is none."""
+    clocks = list(dict.fromkeys(field.clock for field in fields if field.signal == signal))
+    both = [clock for clock in clocks if any(f.signal == "tau" and f.clock == clock for f in fields)]
+    choice = both or clocks
+    if len(choice) > 1:
+        examples = " or ".join(
+            f'--map {signal}="{next(_stem(f) for f in fields if (f.signal, f.clock) == (signal, clock))}"'
+            for clock in choice[:2]
+        )
+        fail(f"{some(choice)} all have {signal}; choose one with {examples}")
+    return choice[0] if choice else None
+
+
+def _stem(field: Field) -> str:
+    return field.name.removesuffix(f".{field.joint}")
+
+
+def _named(members: Sequence[Field], joints: Sequence[Mapping[str, Any]]) -> list[Field] | None:
+    """The fields of the joints in the model's order, by their names; None where names do not tell."""
+    wanted, there = [str(joint.get("name")) for joint in joints], {str(field.joint): field for field in members}
+    return [there[name] for name in wanted] if all(name in there for name in wanted) else None
+
+
+# --- formats that do not ---
+
+
+def _recorder(fields: Sequence[Field]) -> Recorder | None:
+    names = {_last(field.name) for field in fields}
+    return next((recorder for recorder in RECORDERS if recorder.signature <= names), None)
+
+
+def _last(name: str) -> str:
+    """The last part of a name; libfranka's newer logs say state.q[0]."""
+    return re.split(r"[./]", _bare(name))[-1]
+
+
+def _translated(fields: Sequence[Field], recorder: Recorder) -> tuple[str, ...]:
+    """Each of a recorder's fields in our words, the first of a name where several have it."""
+    seen: set[str] = set()
+    known = []
+    for field in fields:
+        name = _last(field.name)
+        pattern, number = re.sub(r"\d+", "{}", name), re.search(r"\d+", name)
+        ours = recorder.signals.get(pattern, "")
+        ours = ours.format(int(number[0]) - recorder.first + 1) if number else ours
+        known.append(field.name if not ours or ours in seen else ours)
+        seen.add(ours)
+    return tuple(known)
+
+
+def _last_parts(fields: Sequence[Field]) -> tuple[str, ...]:
+    """Names whose last part alone is one of ours, where one field has it: arm.q1 is q1."""
+    parts = [re.split(r"[./]", field.name.strip())[-1] for field in fields]
+    counts = {part: parts.count(part) for part in set(parts) if _OURS.fullmatch(_bare(part))}
+    return tuple(part if counts.get(part) == 1 else field.name for part, field in zip(parts, fields, strict=True))
