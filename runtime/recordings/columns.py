@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
-from runtime.recordings.contents import some
+from runtime.recordings.contents import Array, some
 from runtime.recordings.text import NUMBERED
 from runtime.recordings.units import EXAMPLES, UNITS, hint, normal
 from symbolic.model_file.checks import quote
@@ -54,6 +54,10 @@ class Column:
     factor: float
     offset: float
     cell: str = ""
+
+    def in_si(self, values: Array) -> Array:
+        """Values (N,) of the field in SI."""
+        return values if (self.factor, self.offset) == (1.0, 0.0) else values * self.factor + self.offset
 
 
 def columns(
@@ -159,6 +163,12 @@ def _mapped(
         hint = f"did you mean {quote(close[0])}?" if close else f"the file has {some(header)}"
         fail(f"--map {name}: no column {quote(wanted)}; {hint}")
     return hits[0], unit if unit is not None else split[hits[0]][1], sign
+
+
+def fields_meant(wanted: str, header: Sequence[str]) -> list[int]:
+    """The cells of a header that an entry of `--map` means, with a minus or without."""
+    split = [_split(cell) for cell in header]
+    return _hits(wanted, header, split) or _hits(wanted.strip().removeprefix("-"), header, split)
 
 
 def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]]) -> list[int]:
