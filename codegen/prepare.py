@@ -102,15 +102,34 @@ def prepare_firmware(
     return build.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
 
 
-def prepare_effects(effects: Iterable[Effect] | None = None) -> Path:
-    """The directory that holds render.effect_files(effects) and `lib.so`; None stands for the library as shipped."""
+def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
+    """The directory that holds render.effect_files(effects) and `lib.so`; None stands for the library as shipped, as
+    planar arms have it or those in space."""
     chosen = None if effects is None else tuple(effects)
-    content = "library" if chosen is None else "\n".join(map(repr, chosen))
+    content = _shipped(space) if chosen is None else "\n".join(map(repr, chosen))
 
     def fill(directory: Path) -> None:
         from codegen import render
-        from symbolic.effects import LIBRARY
+        from symbolic.effects import shipped
 
-        _fill(directory, render.effect_files(tuple(LIBRARY.values()) if chosen is None else chosen))
+        _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen))
 
     return build.entry(f"effects-{build.key(_sources(), content)}", fill)
+
+
+def prepare_descriptions(space: bool) -> Path:
+    """effects.json of the library as shipped, as planar arms have it or those in space: nothing is compiled."""
+
+    def fill(directory: Path) -> None:
+        from codegen import metadata
+        from symbolic.effects import shipped
+
+        page = metadata.text(metadata.library(tuple(shipped(space).values())))
+        (directory / "effects.json").write_text(page, encoding="utf-8")
+
+    return build.entry(f"described-{build.key(_sources(), _shipped(space))}", fill) / "effects.json"
+
+
+def _shipped(space: bool) -> str:
+    """The name of the library as shipped among what is prepared."""
+    return "library in space" if space else "library"

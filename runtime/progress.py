@@ -69,6 +69,33 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if chosen is None else chosen
 
 
+@contextmanager
+def steps(what: str, parts: int) -> Iterator[Callable[[], None]]:
+    """Work that is no list of like parts: gives what is called as each of them is done. What the parts tell of
+    themselves is not heard within."""
+    tell, began, done = _listener.get(), time.monotonic(), 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        if tell is not None:
+            tell(Progress(what, done, parts, (time.monotonic() - began) / done * max(parts - done, 0)))
+
+    token = _listener.set(None)
+    try:
+        yield step
+    finally:
+        _listener.reset(token)
+
+
+def each(what: str, parts: Sequence[T]) -> Iterator[T]:
+    """The parts, one after the other here; each counts as done when the next one is asked for."""
+    with steps(what, len(parts)) as step:
+        for part in parts:
+            yield part
+            step()
+
+
 def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R]:
     """function(part) for each part, in their order; what: is being done, for people.
 

@@ -5,9 +5,11 @@ The one place where equations and recordings meet: command line, notebooks and p
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from runtime.model.loader import Model
     from runtime.planning.trajectory import Trajectory
     from runtime.recordings.recording import Recording
+    from symbolic.described import AnyEffect
     from symbolic.effects.declaration import Effect
     from symbolic.model_file.arm import Arm, SpatialArm, Values
     from symbolic.model_file.exchange.bodies import StatedBody
@@ -45,6 +48,12 @@ def scenario_path(scenario: Path) -> Path:
     return _shipped(SCENARIOS, "scenario file here and no scenario", scenario.name) if is_name(scenario) else scenario
 
 
+def shipped_or_given(path: Path) -> Path:
+    """The file that a name of the toolkit stands for, if it is one; else the path."""
+    shipped = [folder / f"{path.name}.toml" for folder in (ARMS, SCENARIOS)] if is_name(path) else []
+    return next((file for file in shipped if file.exists()), path)
+
+
 def _shipped(folder: Path, kind: str, name: str) -> Path:
     names = sorted(path.stem for path in folder.glob("*.toml"))
     if name not in names:
@@ -56,13 +65,12 @@ def _shipped(folder: Path, kind: str, name: str) -> Path:
 class Source:
     """A model file as read: its text, what it says, and the library that its effects come from.
 
-    own_effects   whether that is another than the planar arms' as it ships
+    own   the library, where it is another than the one that ships
     """
 
     path: Path
     text: str
-    library: Mapping[str, Effect]
-    own_effects: bool
+    own: Mapping[str, Effect] | None = None
 
     @classmethod
     def read(cls, model: Path, effects_file: Path | None) -> Source:
@@ -71,25 +79,47 @@ class Source:
 
         path = _shipped(ARMS, ARM, model.name) if is_name(model) else model
         text = reader.read_text(path)
-        space = reader.is_spatial(text)
-        return cls(path, text, effects_library(effects_file, space), space or effects_file is not None)
+        own = effects_library(effects_file, reader.is_spatial(text)) if effects_file else None
+        return cls(path, text, own)
 
     @classmethod
     def shipped(cls, name: str, effects_file: Path | None = None) -> Source:
         """An arm that comes with the toolkit. Raises UsageError."""
         return cls.read(_shipped(ARMS, ARM, name), effects_file)
 
+    @cached_property
+    def space(self) -> bool:
+        """Whether the arm is one in space."""
+        from symbolic.model_file import reader
+
+        return reader.is_spatial(self.text)
+
+    @cached_property
+    def library(self) -> Mapping[str, Effect]:
+        """The effects with their equations."""
+        return effects_library(None, self.space) if self.own is None else self.own
+
+    @cached_property
+    def described(self) -> Mapping[str, AnyEffect]:
+        """The same without equations where the library is the one that ships: no SymPy is loaded for it."""
+        if self.own is not None:
+            return self.own
+        from codegen.prepare import prepare_descriptions
+        from runtime.model.catalogue import effects_of
+
+        return effects_of(json.loads(prepare_descriptions(self.space).read_text(encoding="utf-8")))
+
     def arm(self, text: str | None = None) -> Arm | SpatialArm:
         from symbolic.model_file import reader
 
-        return reader.parse(self.text if text is None else text, str(self.path), self.library)
+        return reader.parse(self.text if text is None else text, str(self.path), self.described)
 
     def model(self, text: str | None = None) -> Model:
         """Derived, compiled (or found in the cache) and loaded."""
         from codegen.prepare import prepare_arm, prepare_effects
         from runtime.model.loader import load_library, load_model
 
-        effects = prepare_effects(tuple(self.library.values()) if self.own_effects else None)
+        effects = prepare_effects(None if self.own is None else tuple(self.own.values()), self.space)
         return load_model(prepare_arm(self.arm(text)), load_library(effects))
 
     def controller(self, target: str = "host", toolchain: str | None = None) -> Path:
@@ -109,20 +139,20 @@ class Source:
         """`text` with an effect more."""
         from symbolic.model_file import editor
 
-        return editor.add_effect(text, str(self.path), self.library, effect, joint, values)
+        return editor.add_effect(text, str(self.path), self.described, effect, joint, values)
 
     def name_of_next(self, effect: str, joint: int | None) -> str:
         """Under which name the file gets an effect more: several of one kind are numbered."""
         from symbolic.model_file import editor
 
-        return editor.name_of_next(self.text, str(self.path), self.library, effect, joint)
+        return editor.name_of_next(self.text, str(self.path), self.described, effect, joint)
 
     def mounted(self, trajectory: Trajectory) -> str:
         """The text with the springs and the contact of a trajectory in place of its own."""
         from symbolic.model_file.editor import place_effect
 
         text, arm, contact = self.text, self.arm(), trajectory.contact
-        springs = [name for name, effect in self.library.items() if effect.brought and effect.scope == "joint"]
+        springs = [name for name, effect in self.described.items() if effect.brought and effect.scope == "joint"]
         there = arm.contact.effects if arm.contact else {}
         places: dict[tuple[str, int | None], Values | None] = {
             **{(effect, joint): None for effect in springs for joint in range(1, len(arm.joints) + 1)},
@@ -130,7 +160,7 @@ class Source:
         }
         places |= {(trajectory.effects.get(j, springs[0]), j): dict(v) for j, v in trajectory.springs.items()}
         for (effect, joint), values in places.items():
-            text = place_effect(text, str(self.path), self.library, effect, joint, values)
+            text = place_effect(text, str(self.path), self.described, effect, joint, values)
         return text
 
     def drafting(self) -> Source:
@@ -138,7 +168,7 @@ class Source:
         from symbolic.grammar.laws import drafts
 
         guesses = {effect.name: effect for effect in drafts() if effect.name not in self.library}
-        return replace(self, library={**self.library, **guesses}, own_effects=True)
+        return replace(self, own={**self.library, **guesses})
 
     def guesses(self) -> tuple[Model, Set[str]]:
         """The model with guesses in its library, and their names."""
@@ -168,7 +198,7 @@ class Source:
         return editor.set_values(
             text,
             str(self.path),
-            self.library,
+            self.described,
             values,
             known({entry["name"]: entry["fit"] for entry in lumps}),
             {entry["joint"]: entry["fit"] for entry in rotor},
@@ -252,10 +282,10 @@ class Source:
 
 def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
     """The effects by name, as a planar arm or one in space has them: the library, and the user's own after it."""
-    from symbolic.effects import DECLARED, LIBRARY, load_user_effects
+    from symbolic.effects import load_user_effects, shipped
 
     own = load_user_effects(effects_file, space) if effects_file else ()
-    return {**(DECLARED if space else LIBRARY), **{effect.name: effect for effect in own}}
+    return {**shipped(space), **{effect.name: effect for effect in own}}
 
 
 def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> Source:

@@ -225,6 +225,10 @@ class DescribedEffect(Generic[P]):
         return next((p for p in self.parameters if p.gives == signal), None)
 
 
+AnyEffect = DescribedEffect[Any]
+"""With equations or without."""
+
+
 # --- several of an effect at one place ---
 
 _NUMBERED = re.compile(r"(.+)_([2-9]|[1-9][0-9]+)", re.ASCII)

@@ -149,10 +149,17 @@ class Subject:
         return {rule: (Reference(self.function, rule), Tape.of(self.function, rule)) for rule in lowerings}
 
 
-def verify(arm: Arm | SpatialArm, samples: int, seed: int, effects: Iterable[Effect] | None = None) -> VerifyReport:
+def verify(
+    arm: Arm | SpatialArm,
+    samples: int,
+    seed: int,
+    effects: Iterable[Effect] | None = None,
+    each: Callable[[Sequence[Subject]], Iterable[Subject]] = iter,
+) -> VerifyReport:
     """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each, and prove
     those of an arm in space.
 
+    each   gives the functions one after another; who says how far it is does so there
     Compiles what is not in the cache. ValueError or BuildError where the code cannot be made at all.
     """
     from symbolic.effects import LIBRARY
@@ -163,7 +170,7 @@ def verify(arm: Arm | SpatialArm, samples: int, seed: int, effects: Iterable[Eff
     subjects = [*arm_subjects(model), *controller_subjects(model, library), *effect_subjects(chosen)]
     cases: list[FunctionCheck] = []
     vectors: list[Vector] = []
-    for subject in subjects:
+    for subject in each(subjects):
         rng = random.Random(f"{seed} {subject.function.name}")
         points = [subject.draw(rng) for _ in range(samples)]
         found, vector = compare(subject, points)

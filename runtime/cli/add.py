@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_own, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile, check_own
 from runtime.cli.output import emit
+from runtime.cli.places import FILLED
 from runtime.cli.rendered import render_all
 
 app = typer.Typer()
@@ -20,17 +21,16 @@ def add(
     model: ModelFile,
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="As tendon effects lists it.")],
     joint: Annotated[int | None, typer.Option(help="Counted from 1; not for effects of the arm or contact.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME."), FILLED] = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
     """Put an effect into the model file and regenerate. Another torque_ripple is put beside those that are there."""
     check_own(model)
-    check_writable(json)
     source = opened(model, effects)
     name = source.name_of_next(effect, joint)
     text = source.add(source.text, effect, joint)
-    rendered = render_all(source, text, out)  # what cannot be generated is not written either
+    rendered = render_all(source, text, out, effects)  # what cannot be generated is not written either
     source.replace(text)
     rendered.write()
     added = name if joint is None else f"{name}@{joint}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from runtime.cli.loop import inputs, invocation_of, name_page, write_page
+from runtime.cli.loop import draw_page, inputs, invocation_of
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -13,8 +13,6 @@ from runtime.cli.options import (
     ModelFile,
     Recordings,
     Report,
-    check_directory,
-    check_writable,
 )
 from runtime.cli.output import emit
 
@@ -34,8 +32,6 @@ def compare(
     """Where does the model fail. The residual of each joint, its noise floor, and what it follows."""
     from runtime.report.terminal import loop_pages, pages
 
-    check_writable(json)
-    check_directory(report)
     source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.estimation.compare import compare as compared
 
@@ -44,6 +40,5 @@ def compare(
     from runtime.report.summary import ResultSummary
 
     summary = ResultSummary(result, invocation_of(source, model, recordings, effects, maps, allow_gaps))
-    page = write_page(report, summary)
     emit(json, summary.document, loop_pages.compare)
-    name_page(page, json)
+    draw_page(report, summary, json)

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.loop import improved_model, invocation_of, name_page, write_page
-from runtime.cli.options import Json, check_directory, check_writable, nearby
+from runtime.cli.loop import draw_page, improved_model, invocation_of
+from runtime.cli.options import Json, nearby
 from runtime.cli.output import emit
+from runtime.cli.places import FILLED
 from runtime.workspace import Source
 
 app = typer.Typer()
@@ -17,7 +18,7 @@ app = typer.Typer()
 
 @app.command(epilog="Example: tendon demo")
 def demo(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Recordings, improved model and report.")] = Path(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Recordings, improved model and report."), FILLED] = Path(
         "demo-report"
     ),
     json: Json = None,
@@ -27,18 +28,15 @@ def demo(
     from runtime.report.terminal import loop_pages, pages
     from runtime.simulation.demo import record_files
 
-    check_writable(json)
-    check_directory(out)
     out.mkdir(parents=True, exist_ok=True)
     shipped = Source.shipped("drive")
     with pages.working("recording a drive with a hidden effect"):
         paths = record_files(out)
-    source = Source(out / "drive.toml", shipped.text, shipped.library, own_effects=False)
+    source = Source(out / "drive.toml", shipped.text)
     data = source.recordings(paths)
     fitted, held_out = paths[:1], tuple(paths[1:])
     invocation = invocation_of(source, nearby(shipped.path), fitted, None, None, False, held_out, source.path)
     result, summary = improved_model(source, data[:1], data[1:], invocation)
-    page = write_page(out, summary)
     files.replace(source.path, result.model_text.encode())
     emit(json, summary.document, loop_pages.improvement)
-    name_page(page, json)
+    draw_page(out, summary, json)

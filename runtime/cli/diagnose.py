@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime.cli.loop import inputs, invocation_of, name_page, write_page
+from runtime.cli.loop import draw_page, inputs, invocation_of
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -17,10 +17,9 @@ from runtime.cli.options import (
     ModelFile,
     Recordings,
     Report,
-    check_directory,
-    check_writable,
 )
 from runtime.cli.output import NO, emit
+from runtime.cli.places import WRITTEN
 from runtime.workspace import UsageError
 
 if TYPE_CHECKING:
@@ -39,6 +38,7 @@ def diagnose(
     draft: Annotated[
         Path | None,
         typer.Option(metavar="FILE.py", help="If unexplained: declare a guess at what is missing, for --effects."),
+        WRITTEN,
     ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
@@ -48,9 +48,7 @@ def diagnose(
     """Which physical effect is missing? Exit 1 if the answer is "unexplained" or "refused"."""
     from runtime.report.terminal import loop_pages, pages
 
-    check_writable(json)
-    check_directory(report)
-    check_draft(draft, effects)
+    check_draft(draft)
     source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.diagnosis.diagnose import diagnose as diagnosed
 
@@ -60,13 +58,12 @@ def diagnose(
 
     invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps)
     summary = ResultSummary(result, invocation, drafted=draft is not None)
-    page = write_page(report, summary)
     document = summary.document
     if draft is not None:
         reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
         document = document | _drafted(source, result, draft, invocation, reading)
     emit(json, document, loop_pages.diagnosis)
-    name_page(page, json)
+    draw_page(report, summary, json)
     if result.verdict in ("unexplained", "refused"):
         raise typer.Exit(NO)
 
@@ -98,14 +95,11 @@ def _drafted(
     return {"draft": {**found.to_json(), "file": str(target), "next": following}}
 
 
-def check_draft(target: Path | None, effects_file: Path | None) -> None:
-    """Refuse a file for a guess that is there and was not written as one, or that the call itself reads."""
-    from symbolic.effects.source import BANNER
-
+def check_draft(target: Path | None) -> None:
+    """Refuse a file for a guess that is there and was not written as one."""
     if target is None:
         return
-    check_writable(target)
-    if effects_file is not None and target.resolve() == effects_file.resolve():
-        raise UsageError(f"{target}: is read by --effects; choose another name for --draft")
+    from symbolic.effects.source import BANNER
+
     if target.exists() and not target.read_bytes().startswith(BANNER.encode()):
         raise UsageError(f"{target}: is there already and is no draft; choose another name")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.workspace import UsageError, effects_library
 
@@ -23,7 +23,6 @@ def show_effects(
     from codegen import metadata
     from runtime.report.terminal import pages
 
-    check_writable(json)
     library = effects_library(effects, space=True)
     document = metadata.library(tuple(library.values()))
     if name is None:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
 from runtime.execution.options import ExecutionSettings
 from runtime.plain_json import plain
@@ -50,7 +51,7 @@ class _Asked:
 @with_settings
 def execute(
     model: ModelFile,
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="JSON of tendon optimize --out.")],
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="JSON of tendon optimize --out."), READ],
     on: Annotated[
         str,
         typer.Option(
@@ -73,10 +74,13 @@ def execute(
     arm: Annotated[
         bool, typer.Option("--arm", help="Move a real arm; without it, only what it would do is shown.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording; compressed if it ends in .gz.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Recording; compressed if it ends in .gz."), WRITTEN
+    ] = None,
     model_out: Annotated[
         Path | None,
         typer.Option("--model-out", metavar="FILE", help="The model with the springs and contact of TRAJECTORY."),
+        WRITTEN,
     ] = None,
     effects: EffectsFile = None,
     json: Json = None,
@@ -88,10 +92,6 @@ def execute(
 
     asked = _Asked(on, settings, hide or (), change or (), arm, json != "-")
     is_real = _is_real(asked)
-    check_writable(json, out, model_out)
-    for path in (out, model_out):
-        if path is not None and path.resolve() in {model.resolve(), trajectory.resolve()}:
-            raise UsageError(f"{path}: is read here; choose another name to write to")
     source = opened(model, effects)
     result, more = (_real if is_real else _simulated)(source, trajectory, asked)
     document = {**result.to_json(), **more}

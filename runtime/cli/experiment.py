@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.cli.places import WRITTEN
 from runtime.cli.setting_options import with_settings
 from runtime.experiments.options import ExperimentSettings
 
@@ -27,7 +28,9 @@ def experiment(
             help="Rivals to tell apart; one alone is told from the model as it is.",
         ),
     ],
-    out: Annotated[Path | None, typer.Option(metavar="MOTION.csv", help="For your arm, or simulate --motion.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="MOTION.csv", help="For your arm, or simulate --motion."), WRITTEN
+    ] = None,
     settings: ExperimentSettings = ExperimentSettings(),
     effects: EffectsFile = None,
     json: Json = None,
@@ -35,7 +38,6 @@ def experiment(
     """Which motion tells these effects apart? Within the joints' limits, confirmed in simulation; exit 1 if none."""
     from runtime.report.terminal import pages
 
-    check_writable(json, out)
     source = opened(model, effects)
     with pages.working("deriving and compiling the model"):
         loaded = source.model()

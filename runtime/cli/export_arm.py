@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import emit
+from runtime.cli.places import READ, WRITTEN
 from runtime.workspace import UsageError
 
 app = typer.Typer()
@@ -27,10 +28,11 @@ class Format(StrEnum):
 def export_arm(
     model: ModelFile,
     to: Annotated[Format, typer.Option(help="URDF, or MJCF of MuJoCo.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The new file.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The new file."), WRITTEN],
     onto: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="A URDF of the arm: --out is a copy of it, with the model's numbers in it."),
+        READ,
     ] = None,
     effects: EffectsFile = None,
     json: Json = None,
@@ -40,12 +42,8 @@ def export_arm(
     from runtime.report.terminal import exchange_pages
     from runtime.report.terminal.pages import working
 
-    check_writable(json, out)
     if onto is not None and to is not Format.URDF:
         raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
-    for path in (model, onto):
-        if path is not None and path.resolve() == out.resolve():
-            raise UsageError(f"{out}: is read here; choose another name to write to")
     source = opened(model, effects)
     with working("looking for bodies that can be"):
         data, document = source.exported(to.value, onto)

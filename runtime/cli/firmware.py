@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_directory, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.cli.places import FILLED, check_directory
 
 app = typer.Typer()
 
@@ -23,7 +24,7 @@ def firmware(
     toolchain: Annotated[
         str | None, typer.Option(metavar="NAME", help="gcc or zig, in place of what is found first.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME/firmware.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME/firmware."), FILLED] = None,
     check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if the files are stale.")] = False,
     effects: EffectsFile = None,
     json: Json = None,
@@ -31,7 +32,6 @@ def firmware(
     """Write the controller's firmware and compile it. Size, stack; files that do not say they are generated stay."""
     from runtime.report.terminal.pages import working
 
-    check_writable(json)
     source = opened(model, effects)
     name = source.arm().name
     directory = out if out is not None else Path("generated") / name / "firmware"

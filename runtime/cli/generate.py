@@ -9,8 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.cli.places import FILLED
 from runtime.cli.rendered import render_all
 
 app = typer.Typer()
@@ -19,15 +20,14 @@ app = typer.Typer()
 @app.command(epilog="Example: tendon generate vishard4")
 def generate(
     model: ModelFile,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME."), FILLED] = None,
     check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if the files are stale.")] = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
     """Derive the equations, emit C and CasADi. The library of effects goes beside it, into ../effects."""
-    check_writable(json)
     source = opened(model, effects)
-    rendered = render_all(source, source.text, out)
+    rendered = render_all(source, source.text, out, effects)
     stale = rendered.stale() if check else []
     if not check:
         rendered.write()

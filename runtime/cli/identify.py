@@ -15,7 +15,6 @@ from runtime.cli.options import (
     ModelFile,
     Recordings,
     check_own,
-    check_writable,
 )
 from runtime.cli.output import NO, emit
 
@@ -40,7 +39,6 @@ def identify(
 
     if write:
         check_own(model)
-    check_writable(json)
     source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
     from runtime.diagnosis.credibility import judged
     from runtime.estimation.identify import identify as fit

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
+from runtime.cli.places import READ, WRITTEN
 from runtime.workspace import UsageError, effects_library
 
 app = typer.Typer()
@@ -17,8 +18,8 @@ app = typer.Typer()
 
 @app.command("import", epilog="Example: tendon import ur10.urdf --out ur10.toml")
 def import_arm(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (with the package mujoco).")],
-    out: Annotated[Path, typer.Option(metavar="MODEL", help="The new model file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (with the package mujoco)."), READ],
+    out: Annotated[Path, typer.Option(metavar="MODEL", help="The new model file."), WRITTEN],
     base: Annotated[str | None, typer.Option(metavar="LINK", help="Where the arm begins; default: the root.")] = None,
     tip: Annotated[str | None, typer.Option(metavar="LINK", help="Where it ends; default: the only end.")] = None,
     lock: Annotated[
@@ -39,7 +40,6 @@ def import_arm(
     from runtime.report.terminal import exchange_pages
     from symbolic.model_file.exchange.importing import imported
 
-    check_writable(json, out)
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
     made = imported(file, effects_library(effects, space=True), base, tip, _locked(lock or []), friction)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.loop import improved_model, inputs, invocation_of, name_page, write_page
+from runtime.cli.loop import draw_page, improved_model, inputs, invocation_of
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -16,11 +16,10 @@ from runtime.cli.options import (
     ModelFile,
     Recordings,
     Report,
-    check_directory,
     check_own,
-    check_writable,
 )
 from runtime.cli.output import NO, emit
+from runtime.cli.places import READ, WRITTEN
 from runtime.workspace import UsageError
 
 app = typer.Typer()
@@ -31,10 +30,10 @@ def improve(
     model: ModelFile,
     recordings: Recordings,
     held_out: Annotated[
-        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted.")
+        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted."), READ
     ] = None,
     write: Annotated[bool, typer.Option("--write", help="Replace the model file by the improved one.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the improved model there.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the improved model there."), WRITTEN] = None,
     report: Report = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
@@ -48,8 +47,6 @@ def improve(
         raise UsageError("--write and --out exclude each other: the model is written to one place")
     if write:
         check_own(model)
-    check_writable(json, out)
-    check_directory(report)
     for path in held_out or ():
         if path.resolve() in {p.resolve() for p in recordings}:
             raise UsageError(f"{path}: is fitted and held out; give it once")
@@ -57,14 +54,13 @@ def improve(
     improved = model if write else out
     invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
     result, summary = improved_model(source, data[: len(recordings)], data[len(recordings) :], invocation)
-    page = write_page(report, summary)
+    emit(json, summary.document, loop_pages.improvement)
     if write:
         source.replace(result.model_text)
     elif out:
         from runtime import files
 
         files.replace(out, result.model_text.encode())
-    emit(json, summary.document, loop_pages.improvement)
-    name_page(page, json)
+    draw_page(report, summary, json)
     if result.found.verdict == "refused":
         raise typer.Exit(NO)

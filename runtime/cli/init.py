@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, check_writable
+from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
+from runtime.cli.places import READ, WRITTEN
 from runtime.workspace import UsageError
 
 app = typer.Typer()
@@ -22,8 +23,9 @@ def init(
         typer.Option(
             metavar="MODEL", help="It begins as a copy of this: drive, vishard4, emps, ur10, panda, or a file."
         ),
+        READ,
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The new model file.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The new model file."), WRITTEN],
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -31,7 +33,6 @@ def init(
     from runtime import files
     from runtime.report.terminal.pages import say
 
-    check_writable(json, out)
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
     source = opened(like, effects)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from runtime.cli.opening import opened
 from runtime.cli.options import mapping
+from runtime.cli.output import costs_itself
 from runtime.workspace import Source, is_name
 
 if TYPE_CHECKING:
@@ -62,19 +63,15 @@ def invocation_of(
     return Invocation(model, *read, improved, about(source.text))
 
 
-def write_page(directory: Path | None, summary: ResultSummary) -> str | None:
-    """The page's path, if one was asked for."""
+def draw_page(directory: Path | None, summary: ResultSummary, json: str | None) -> None:
+    """The page of a result that has been said already, if one was asked for."""
     if directory is None:
-        return None
+        return
     from runtime.report.page.html_page import write_report
-    from runtime.report.terminal.pages import working
+    from runtime.report.terminal.pages import say, working
 
-    with working("drawing the report"):
-        return str(write_report(directory, summary))
-
-
-def name_page(page: str | None, json: str | None) -> None:
-    if page and json != "-":
-        from runtime.report.terminal.pages import say
-
-        say(f"Report: {page}")
+    with costs_itself("the report"):
+        with working("drawing the report"):
+            page = write_report(directory, summary)
+        if json != "-":
+            say(f"Report: {page}")

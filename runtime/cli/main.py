@@ -24,6 +24,7 @@ from runtime.cli import (
     optimize,
     output,
     paper,
+    places,
     simulate,
     sweep,
     verify,
@@ -57,9 +58,12 @@ for _verb in (
     export_arm,
     paper,
 ):
+    for _command in _verb.app.registered_commands:
+        if _command.callback is not None:
+            _command.callback = places.guarded(_command.callback)
     app.add_typer(_verb.app)
 
 
 def main() -> None:
     """Entry point of the `tendon` command."""
-    sys.exit(output.run(app, sys.argv[1:]))
+    output.leave(output.run(app, sys.argv[1:]))

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from runtime.cli.opening import tell
-from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
-from runtime.cli.output import NO, emit
+from runtime.cli.options import EffectsFile, Json, ScenarioFile
+from runtime.cli.output import NO, costs_itself, emit
+from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import PlanningSettings
-from runtime.workspace import UsageError, scenario_path, scenario_source
+from runtime.workspace import scenario_path, scenario_source
 
 app = typer.Typer()
 
@@ -27,11 +28,17 @@ def optimize(
     ] = None,
     springs: Annotated[bool, typer.Option("--springs/--no-springs", help="With the file's springs, or bare.")] = True,
     settings: PlanningSettings = PlanningSettings(),
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The trajectory, for tendon execute.")] = None,
-    model_out: Annotated[
-        Path | None, typer.Option("--model-out", metavar="FILE", help="The model with the plan's springs and contact.")
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The trajectory, for tendon execute."), WRITTEN
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf).")] = None,
+    model_out: Annotated[
+        Path | None,
+        typer.Option("--model-out", metavar="FILE", help="The model with the plan's springs and contact."),
+        WRITTEN,
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf)."), WRITTEN
+    ] = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -42,14 +49,10 @@ def optimize(
     from runtime.planning import scenario_file
     from runtime.report.terminal import pages, plan_pages
 
-    targets = [path for path in (out, model_out, plot) if path is not None]
-    check_writable(json, *targets)
     scenario = scenario_path(scenario)
     asked = scenario_file.read(scenario)
     source = scenario_source(asked.model, scenario, effects)
-    for path in targets:
-        if path.resolve() in {scenario.resolve(), source.path.resolve()}:
-            raise UsageError(f"{path}: is read here; choose another name to write to")
+    keep([source.path], [Path(path) for path in (json, out, model_out, plot) if path])
     tell(source)
     with pages.working("deriving and compiling the model"):
         model = source.model()
@@ -73,8 +76,9 @@ def optimize(
         plan.trajectory.write(out)
     if model_out is not None:
         files.replace(model_out, source.mounted(plan.trajectory).encode())
+    emit(json, document, plan_pages.plan)
     if plot is not None:
         from runtime.report.plots import plan_plots, style
 
-        style.save(plan_plots.plan(document), plot)
-    emit(json, document, plan_pages.plan)
+        with costs_itself("the plot"):
+            style.save(plan_plots.plan(document), plot)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from runtime.cli.places import READ, WRITTEN, Role, check_writable
+from runtime.report import page
 from runtime.workspace import UsageError, is_name
 
 ModelFile = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps, ur10, panda.")
+    Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps, ur10, panda."), READ
 ]
 ScenarioFile = Annotated[
     Path,
     typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML); or scenario1, scenario2."),
+    READ,
 ]
 Recordings = Annotated[
     list[Path],
@@ -24,31 +26,26 @@ Recordings = Annotated[
         metavar="RECORDING...",
         help="CSV, plain or gzip: t,q1,tau1,... and, if measured, temperature1,q1_link,tau1_link,tau1_rigid,fx,fy.",
     ),
+    READ,
 ]
-Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON; - for stdout.")]
+Json = Annotated[
+    str | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON; - for stdout."), WRITTEN
+]
 EffectsFile = Annotated[
-    Path | None, typer.Option("--effects", metavar="FILE.py", help="Your own effects: Python that is run, so trust it.")
+    Path | None,
+    typer.Option("--effects", metavar="FILE.py", help="Your own effects: Python that is run, so trust it."),
+    READ,
 ]
 Map = Annotated[
     list[str] | None,
     typer.Option("--map", metavar='q1="Position1 [deg]"', help="Read a signal from a column of another name."),
 ]
 AllowGaps = Annotated[bool, typer.Option("--allow-gaps", help="Split at gaps and drop NaN rows instead of refusing.")]
-Report = Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write an HTML page with plots there.")]
-
-
-def check_writable(*targets: Path | str | None) -> None:
-    """Refuse before any work is done where a result could not be written after it."""
-    for target in targets:
-        if target in (None, "-"):
-            continue
-        path = Path(str(target))
-        if path.is_dir():
-            raise UsageError(f"{path}: is a directory; expected a file to write")
-        if not path.parent.is_dir():
-            raise UsageError(f"{path}: there is no directory {path.parent}; make it first")
-        if not os.access(path if path.exists() else path.parent, os.W_OK):
-            raise UsageError(f"{path}: cannot be written; check its permissions")
+Report = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="DIR", help="Write an HTML page with plots there."),
+    Role(writes=True, names=(page.NAME,)),
+]
 
 
 def check_own(model: Path) -> None:
@@ -59,12 +56,6 @@ def check_own(model: Path) -> None:
             f"tendon init --like {model} --out {model}.toml"
         )
     check_writable(model)
-
-
-def check_directory(target: Path | None) -> None:
-    """Refuse a directory to write into that is something else."""
-    if target is not None and target.exists() and not target.is_dir():
-        raise UsageError(f"{target}: is a file; expected a directory to write into")
 
 
 def nearby(path: Path) -> Path:

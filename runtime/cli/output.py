@@ -5,29 +5,31 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
 
 import typer
 
 from runtime.plain_json import plain
 
-NO, BAD_INPUT = 1, 2
+NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """The exit status of `tendon ARGUMENTS`; whatever a user did wrong is one line on standard error."""
     try:
-        return int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
+        status = int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
+        # typer makes a status of Ctrl-C, and no word.
+        return _complain("interrupted", INTERRUPTED) if status == INTERRUPTED else status
     except BrokenPipeError:
         # The reader of our output has gone; do not complain again when Python flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted", 130)
+        return _complain("interrupted", INTERRUPTED)
     except OSError as error:
-        named = f"{error.filename}: " if error.filename else ""
-        return _complain(f"{named}{error.strerror or error}", BAD_INPUT)
+        return _complain(_reason(error), BAD_INPUT)
     except Exception as error:
         # typer's usage errors come from one click or another; both can format themselves.
         if show := getattr(error, "format_message", None):
@@ -37,10 +39,25 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         raise
 
 
+def leave(status: int) -> NoReturn:
+    """End the process; after Ctrl-C at once: what it holds in memory takes a second to be given back in order."""
+    if status == INTERRUPTED:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
 def _is_for_people(error: Exception) -> bool:
     """Our own errors (ModelError, RecordingError, BuildError...) and only those; a bug keeps its traceback."""
     home = type(error).__module__.split(".")[0]
     return home in ("runtime", "symbolic", "codegen")
+
+
+def _reason(error: OSError) -> str:
+    named = f"{error.filename}: " if error.filename else ""
+    return f"{named}{error.strerror or error}"
 
 
 def _command(error: Exception) -> str:
@@ -57,13 +74,22 @@ def _complain(message: str, status: int) -> int:
 def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mapping[str, Any]], None]) -> None:
     """Print `document` for a person, or as JSON alone (`-`), or both a file and the print."""
     clean = plain(document)
+    text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
+    show(clean)
     if target is not None:
-        text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        if target == "-":
-            sys.stdout.write(text)
-            sys.stdout.flush()
-            return
         from runtime.files import replace
 
         replace(target, text.encode())
-    show(clean)
+
+
+@contextmanager
+def costs_itself(what: str) -> Iterator[None]:
+    """A drawing of what has been said already: that it cannot be written is said, and changes nothing else."""
+    try:
+        yield
+    except OSError as error:
+        _complain(f"{what} could not be written: {_reason(error)}", 0)

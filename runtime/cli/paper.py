@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from runtime.cli.options import Json, check_directory, check_writable
-from runtime.cli.output import NO, emit
+from runtime.cli.options import Json
+from runtime.cli.output import NO, costs_itself, emit
+from runtime.cli.places import FILLED
 from runtime.cli.setting_options import with_settings
 from runtime.study.options import TRIALS, Trials
 from runtime.workspace import Source, UsageError
@@ -21,7 +22,7 @@ ARM = "vishard4"
 @with_settings
 def paper(
     what: Annotated[str | None, typer.Argument(metavar="WHAT", help="table1 to table3, figure4 to figure8.")] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")] = Path("paper-study"),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go."), FILLED] = Path("paper-study"),
     trials: Trials = TRIALS,
     keep: Annotated[
         bool, typer.Option("--keep", help="Leave trajectories, recordings and models there, for tendon diagnose.")
@@ -38,17 +39,19 @@ def paper(
     if not trials and (what in study.EXECUTED or keep):
         raise UsageError(f"{what or '--keep'} is nothing without the experiment; leave out --trials 0")
     wanted = [name for name in everything if trials or name not in study.EXECUTED] if what is None else [what]
-    check_writable(json)
-    check_directory(out)
     source = Source.shipped(ARM)
     with pages.working("reproducing the study") as progress:
         made = study.Study(source.model(), source.controller(), trials, progress)
         document = {name: made.table(name) for name in wanted if name in study.TABLES}
-        drawn = write.figures(made, wanted, out)
+        drawn = write.figures(made, wanted)
         kept = write.recordings(made, out, source.mounted) if keep else []
     held = [claim["holds"] for page in document.values() for claim in page["claims"]]
     spread = {"spread": made.spread} if "figure5" in wanted else {}
-    emit(json, {**document, **spread, "figures": drawn, "kept": kept, "holds": all(held)}, _show)
+    paths = [str(out / f"{name}.png") for name in drawn]
+    emit(json, {**document, **spread, "figures": paths, "kept": kept, "holds": all(held)}, _show)
+    if drawn:
+        with costs_itself("the figures"):
+            write.save(drawn, out)
     if not all(held):
         raise typer.Exit(NO)
 

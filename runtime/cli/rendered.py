@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from runtime.cli.options import check_directory
+from runtime.cli.places import check_directory, keep
 from runtime.workspace import Source, UsageError
 
 
@@ -45,7 +45,8 @@ class Rendered:
         }
 
 
-def render_all(source: Source, text: str, out: Path | None) -> Rendered:
+def render_all(source: Source, text: str, out: Path | None, effects: Path | None) -> Rendered:
+    """All files of an arm; effects: the file of its user's own. Raises UsageError where one would replace either."""
     from codegen import render
     from runtime.report.terminal.pages import working
     from symbolic.model import derive
@@ -61,4 +62,6 @@ def render_all(source: Source, text: str, out: Path | None) -> Rendered:
         model = derive(arm)
         files = render.arm_files(model) | render.controller_files(model, source.library)
         effect_files = render.effect_files(tuple(source.library.values()))
+    places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
+    keep([source.path, *([effects] if effects else [])], places)
     return Rendered(arm.name, directory, beside, files, effect_files)

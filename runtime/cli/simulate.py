@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import emit
+from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
 from runtime.simulation.options import SimulationSettings
 
@@ -20,12 +21,14 @@ app = typer.Typer()
 @with_settings
 def simulate(
     model: ModelFile,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Recording to write; compressed if it ends in .gz.")],
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="Recording to write; compressed if it ends in .gz."), WRITTEN
+    ],
     hide: Annotated[
         list[str] | None,
         typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="An effect that the model file does not have."),
     ] = None,
-    motion: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with t,q1,... to follow.")] = None,
+    motion: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with t,q1,... to follow."), READ] = None,
     settings: SimulationSettings = SimulationSettings(),
     effects: EffectsFile = None,
     json: Json = None,
@@ -33,7 +36,6 @@ def simulate(
     """Record the model itself. With a hidden effect if wanted, to try a diagnosis on."""
     from runtime.report.terminal import pages
 
-    check_writable(json, out)
     source = opened(model, effects)
     with pages.working("deriving and compiling the model"):
         loaded = source.model()

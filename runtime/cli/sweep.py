@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from runtime.cli.opening import tell
-from runtime.cli.options import EffectsFile, Json, ScenarioFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ScenarioFile
 from runtime.cli.output import NO, emit
+from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import Starts
 from runtime.workspace import UsageError, effects_library, scenario_path, scenario_source
@@ -51,7 +52,9 @@ Dask workers (--scheduler) need tendon installed and the same kind of machine; t
 def sweep(
     scenario: ScenarioFile,
     over: Annotated[list[str], typer.Option("--over", metavar="NAME=VALUES", help="What varies; see above.")],
-    table: Annotated[Path, typer.Option(metavar="FILE", help="One row a job: .csv, or .parquet (needs pyarrow).")],
+    table: Annotated[
+        Path, typer.Option(metavar="FILE", help="One row a job: .csv, or .parquet (needs pyarrow)."), WRITTEN
+    ],
     starts: Starts = None,
     workers: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes here; by default one a processor.")
@@ -69,13 +72,12 @@ def sweep(
 
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes here, --scheduler is elsewhere; give one of them")
-    check_writable(json, table)
     tables.check(table)
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
     axes = grid.parse(over, effects_library(effects, space=True))
-    case, model = _read(scenario_path(scenario), effects)
+    case, model = _read(scenario_path(scenario), effects, [table, diary, *([Path(json)] if json else [])])
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)
     names = [axis.name for axis in axes]
@@ -105,13 +107,14 @@ def sweep(
         raise typer.Exit(NO)
 
 
-def _read(path: Path, effects: Path | None) -> tuple[Scenario, Model]:
-    """A scenario and its arm, compiled."""
+def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Scenario, Model]:
+    """A scenario and its arm, compiled; written: by the sweep, not to be among what is read."""
     from runtime.planning import scenario_file
     from runtime.report.terminal import pages
 
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, effects)
+    keep([path, source.path], written)
     tell(source)
     with pages.working("deriving and compiling the model"):
         model = source.model()

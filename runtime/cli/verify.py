@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
 
 from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, check_writable
+from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.progress import each
 
 app = typer.Typer()
 
@@ -24,13 +26,13 @@ def verify(
     """Is the generated code equal to SymPy? C double, C float and CasADi for this arm; exit 1 if not."""
     from runtime.report.terminal import pages
 
-    check_writable(json)
     source = opened(model, effects)
     arm = source.arm()
     from codegen.verify.verify import verify as verified
 
     with pages.working(f"comparing SymPy, C and CasADi of {arm.name}"):
-        document = verified(arm, samples, seed, source.library.values()).to_json()
+        told = partial(each, "functions")
+        document = verified(arm, samples, seed, source.library.values(), told).to_json()
     emit(json, document, pages.verify)
     if not document["equal"]:
         raise typer.Exit(NO)

@@ -23,6 +23,7 @@ from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term
 from runtime.planning.trajectory import Trajectory
+from runtime.progress import steps
 from runtime.recordings.recording import Recording
 from runtime.simulation.plant import Plant
 from runtime.simulation.settings import RATE
@@ -134,9 +135,11 @@ def execute(
             line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, 0]))
             session.identify()
             session.upload(told)
-            while len(done) < trials and not (done and done[-1].stop):
-                line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, len(done)]))
-                done.append(run(session, told, seconds, asked=asked))
+            with steps("trials", trials) as step:
+                while len(done) < trials and not (done and done[-1].stop):
+                    line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, len(done)]))
+                    done.append(run(session, told, seconds, asked=asked))
+                    step()
         finally:
             session.close()
     return Execution(

@@ -28,6 +28,7 @@ from runtime.experiments.separation import MotionGround, Pair, Separation, Trial
 from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
+from runtime.progress import steps
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
 
@@ -123,10 +124,12 @@ def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmatio
     """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); stops at a wrong answer."""
     trials: list[SimulatedDiagnosis] = []
     truths = [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
-    for seed, truth in product(seeds, truths):
-        trials.append(_trial(bench, motion, truth, seed))
-        if not trials[-1].right:
-            break
+    with steps("diagnoses", len(seeds) * len(truths)) as step:
+        for seed, truth in product(seeds, truths):
+            trials.append(_trial(bench, motion, truth, seed))
+            step()
+            if not trials[-1].right:
+                break
     return Confirmation(tuple(trials))
 
 

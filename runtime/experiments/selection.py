@@ -27,6 +27,7 @@ from runtime.experiments.settings import (
     VISIBLE,
 )
 from runtime.model.terms import joints_of
+from runtime.progress import each
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, excitation
 
@@ -118,7 +119,7 @@ class Repertoire:
         count = range(len(self.parts))
         broad = {k for k in count if self.names[k] in BROAD} or set(count)
         chosen = [c for size in (1, 2) for c in combinations(count, size) if not broad.isdisjoint(c)]
-        found = [self.choice(numbers) for numbers in chosen]
+        found = [self.choice(numbers) for numbers in each("choices of pieces", chosen)]
         for key in ("rms", "strength"):
             best = max(found, key=lambda c: (getattr(c, key), -c.seconds))
             while len(best.numbers) < min(MOST_PIECES, len(self.parts)):

@@ -135,3 +135,8 @@ _OPERATIONS: dict[str, Callable[[list[float]], float]] = {
 
 def effect_info(data: Mapping[str, Any]) -> EffectInfo:
     return cast(EffectInfo, from_json(EffectInfo, data))
+
+
+def effects_of(page: Mapping[str, Any]) -> dict[str, EffectInfo]:
+    """Those of effects.json, by name."""
+    return {e["name"]: effect_info(e) for e in page["effects"]}

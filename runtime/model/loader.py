@@ -22,7 +22,7 @@ from runtime.model.catalogue import (
     LoaderError,
     LumpInfo,
     SignalInfo,
-    effect_info,
+    effects_of,
     evaluate,
     joint_info,
 )
@@ -223,7 +223,7 @@ class Library:
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
         self._lanes: int = self.metadata["lanes"]
-        self.effects: dict[str, EffectInfo] = {e["name"]: effect_info(e) for e in self.metadata["effects"]}
+        self.effects: dict[str, EffectInfo] = effects_of(self.metadata)
         # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
         self.needs: dict[str, frozenset[str]] = {
             name: frozenset(self.signal[s].needs for s in info.signals) for name, info in self.effects.items()

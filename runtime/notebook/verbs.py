@@ -125,7 +125,7 @@ def import_(
     own = None if effects is None else Path(effects)
     library = effects_library(own, space=True)
     made = imported(Path(path), library, base, tip, lock, friction)
-    return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library, True), made.notes)
+    return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library), made.notes)
 
 
 def export(

@@ -20,6 +20,7 @@ from runtime.planning.springs import SoughtSpring, usual
 from runtime.planning.starts import random_start
 from runtime.planning.task import Task
 from runtime.planning.trajectory import Phase, Trajectory
+from runtime.progress import steps
 
 Array = NDArray[np.float64]
 
@@ -108,7 +109,15 @@ class Planner:
         self.coarse, self.fine = Solver(Program(task, _few), 1e-3, 150), Solver(Program(task, _many), 1e-8, 400)
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
-        return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
+        with steps("solutions", self._solutions(starts)) as step:
+            self.coarse.done = self.fine.done = step
+            return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
+
+    def _solutions(self, starts: int) -> int:
+        """How many solutions a plan takes, about."""
+        searched = max(starts, len(_SHARES)) + 2 * len(_SHARES) if self.scenario.springs else starts
+        bought = sum(bool(spring.catalogue) for spring in self.scenario.springs)
+        return searched + sum(map(len, _WAYS)) + (2**bought if bought else 0)
 
     def search(self, guesses: Sequence[Array]) -> list[Attempt]:
         """Coarse solutions, the best first.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +24,8 @@ _FAR, _THERE = (0.1, 1e-2), (1e-4, 1e-5)
 barrier would push it over the ridge into the next, as springs and friction make many."""
 _ROUGH = 1e-3
 """Accuracy of solutions that only show where to begin."""
+_INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
+"""What IPOPT says where Ctrl-C came between two iterations, and within one."""
 _QUIET = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 
 
@@ -58,11 +60,13 @@ class Attempt:
 
 class Solver:
     """Solves a program from given points: by the dense interior-point method, and where that ends without a solution by
-    IPOPT from the same point; accuracy: of the optimality conditions, relative to their scale."""
+    IPOPT from the same point; accuracy: of the optimality conditions, relative to their scale; done: called after each
+    solution."""
 
     def __init__(self, program: Program, accuracy: float, iterations: int) -> None:
         self.program, self.accuracy, self.iterations = program, accuracy, iterations
         started = time.perf_counter()
+        self.done: Callable[[], None] = lambda: None
         self._kernels = Kernels.of(program.blocks)
         self.setup_seconds = time.perf_counter() - started
         blocks = program.blocks
@@ -109,6 +113,7 @@ class Solver:
         if found.status != SOLVED:
             found = self._by_ipopt(manner, x, p, bounds)
         seconds = time.perf_counter() - began
+        self.done()
         return Attempt(found.x, found.cost, found.status, found.iterations, seconds, self._missed(found.rows))
 
     @cached_property
@@ -124,6 +129,9 @@ class Solver:
         found = solver(x0=np.clip(x, lower, upper), p=p, lbx=lower, ubx=upper, lbg=self._rows[0], ubg=self._rows[1])
         rows, stats = np.array(found["g"]).ravel(), solver.stats()
         x = np.array(found["x"]).ravel()
+        if stats["return_status"] in _INTERRUPTED:
+            # IPOPT takes Ctrl-C for a wish to have what it has, which is no solution.
+            raise KeyboardInterrupt
         return Minimum(x, float(found["f"]), rows, str(stats["return_status"]), int(stats["iter_count"]))
 
     def bounds(self, sizes: Mapping[int, float]) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
+from runtime.progress import each
 from runtime.study import identification, tables
 from runtime.study.cases import Plans, StudyCase
 from runtime.study.experiment import StudyBench
@@ -64,7 +65,10 @@ class Study:
     def curves(self) -> dict[StudyCase, float]:
         """Costs of scenario 1 over the cycle time, with springs as they are sought: what can be bought comes later."""
         cases = [StudyCase(letter, float(T)) for T in _TIMES for letter in "ABCD"]
-        return {case: optimize(self.model, case.scenario(self.model).with_any_spring()).cost for case in cases}
+        return {
+            case: optimize(self.model, case.scenario(self.model).with_any_spring()).cost
+            for case in each("plans", cases)
+        }
 
     @cached_property
     def spread(self) -> dict[float, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from runtime.planning.optimize import Plan
+from runtime.progress import each
 from runtime.study import published
 from runtime.study.cases import Plans, StudyCase
 from runtime.study.experiment import CaseRun, StudyBench
@@ -75,7 +76,7 @@ def table3(plans: Plans, bench: StudyBench | None) -> list[Row]:
 def _rows(plans: Plans, bench: StudyBench | None, cases: Mapping[StudyCase, Cost]) -> list[Row]:
     return [
         Row(case, plans.of(case), None if bench is None else bench.run(case, plans.of(case)), cost)
-        for case, cost in cases.items()
+        for case, cost in each("cases", tuple(cases.items()))
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from runtime.study.study import Study
 
 
-def figures(study: Study, wanted: Sequence[str], directory: Path) -> list[str]:
-    """Draws those that are wanted and can be; paths."""
+def figures(study: Study, wanted: Sequence[str]) -> dict[str, Figure]:
+    """Those that are wanted and can be drawn, by name."""
     makers: dict[str, Callable[[], Figure]] = {
         "figure4": lambda: figure4.friction(study.table1.joint(figure4.JOINT)),
         "figure5": lambda: draw.figure5(study.curves),
@@ -29,12 +29,14 @@ def figures(study: Study, wanted: Sequence[str], directory: Path) -> list[str]:
         "figure7": lambda: draw.figure7(study.table3),
         "figure8": lambda: draw.figure8(study.table3),
     }
-    able = [name for name in wanted if name in makers]
-    if able:
-        directory.mkdir(parents=True, exist_ok=True)
-    for name in able:
-        style.save(makers[name](), directory / f"{name}.png")
-    return [str(directory / f"{name}.png") for name in able]
+    return {name: makers[name]() for name in wanted if name in makers}
+
+
+def save(drawn: Mapping[str, Figure], directory: Path) -> None:
+    """Each under its name. Raises OSError."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, figure in drawn.items():
+        style.save(figure, directory / f"{name}.png")
 
 
 def recordings(study: Study, directory: Path, mounted: Callable[[Trajectory], str]) -> list[str]:

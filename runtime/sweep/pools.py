@@ -91,7 +91,8 @@ def _finished(executor: Executor, pool: Pool, jobs: deque[Job], width: int) -> I
     try:
         while jobs or running:
             while jobs and len(running) < width:
-                future = executor.submit(pool.task, jobs[0])
+                with _deaf():
+                    future = executor.submit(pool.task, jobs[0])
                 running[future] = jobs.popleft()
                 future.add_done_callback(done.put)
             future = done.get()
@@ -110,6 +111,16 @@ def _result(future: Future[Result], pool: Pool) -> Result:
         raise PoolError(pool.lost) from error
     except Exception as error:
         return failed(f"{type(error).__name__}: {error}")
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """What is started within never hears Ctrl-C, not even before it runs; here it is heard afterwards."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 # --- processes of this machine ---
@@ -142,18 +153,21 @@ class Local:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         context = multiprocessing.get_context("spawn")
         theirs, ours = context.Pipe(duplex=False)
+        others = set(multiprocessing.active_children())
         executor = ProcessPoolExecutor(self.workers, context, _begin, (theirs,))
         try:
             yield executor
         finally:
             ours.close()
+            # One that is yet to begin does not see that.
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.kill()
             executor.shutdown(cancel_futures=True)
             theirs.close()
 
 
 def _begin(lifeline: Connection) -> None:
-    """In a new worker: the parent alone hears Ctrl-C, and no worker outlives it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """In a new worker: none outlives its parent."""
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 
 

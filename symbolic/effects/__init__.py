@@ -19,6 +19,11 @@ LIBRARY: dict[str, Effect] = {name: effect.in_plane() for name, effect in DECLAR
 """The same as a planar arm has them."""
 
 
+def shipped(space: bool) -> dict[str, Effect]:
+    """The library as an arm in space has it, or a planar one."""
+    return DECLARED if space else LIBRARY
+
+
 class EffectsError(ValueError):
     """A user's file of effects cannot be used; the message says why."""
 

@@ -13,18 +13,15 @@ import tomllib
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from symbolic.described import declared, number_name, numbered
+from symbolic.described import AnyEffect, declared, number_name, numbered
 from symbolic.model_file.arm import ROTOR, SerialArm
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
-
-if TYPE_CHECKING:
-    from symbolic.effects.declaration import Effect
 
 DIGITS = 7
 Owner = tuple[str, int | None]
@@ -34,7 +31,7 @@ Owner = tuple[str, int | None]
 def add_effect(
     text: str,
     where: str,
-    library: Mapping[str, Effect],
+    library: Mapping[str, AnyEffect],
     effect: str,
     joint: int | None = None,
     values: Mapping[str, float] | None = None,
@@ -64,7 +61,7 @@ def add_effect(
     return _edited(text, where, library, change, lambda lines: _add_lines(lines, owner, effect, new, replaced))
 
 
-def name_of_next(text: str, where: str, library: Mapping[str, Effect], effect: str, joint: int | None = None) -> str:
+def name_of_next(text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None) -> str:
     """The name under which `add_effect` would put the effect: with a number, where the joint has others of it.
 
     Raises ModelError: not a model file, unknown effect, no such joint, wrong scope.
@@ -74,13 +71,15 @@ def name_of_next(text: str, where: str, library: Mapping[str, Effect], effect: s
     return _free_name(library, effect, _active(arm, owner))
 
 
-def _free_name(library: Mapping[str, Effect], effect: str, active: Container[str]) -> str:
+def _free_name(library: Mapping[str, AnyEffect], effect: str, active: Container[str]) -> str:
     if effect not in library or not library[effect].several:
         return effect
     return next(name for k in count(1) if (name := number_name(effect, k)) not in active)
 
 
-def remove_effect(text: str, where: str, library: Mapping[str, Effect], effect: str, joint: int | None = None) -> str:
+def remove_effect(
+    text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None
+) -> str:
     """`text` without the effect and what the file says of it.
 
     joint   counted from 1; None for effects of the arm and the contact
@@ -104,7 +103,7 @@ def remove_effect(text: str, where: str, library: Mapping[str, Effect], effect: 
 def place_effect(
     text: str,
     where: str,
-    library: Mapping[str, Effect],
+    library: Mapping[str, AnyEffect],
     effect: str,
     joint: int | None,
     values: Mapping[str, float] | None,
@@ -125,7 +124,7 @@ def place_effect(
 def set_values(
     text: str,
     where: str,
-    library: Mapping[str, Effect],
+    library: Mapping[str, AnyEffect],
     effects: Mapping[tuple[str, int | None], Mapping[str, float]],
     inertial: Mapping[str, float] | None = None,
     rotors: Mapping[int, float] | None = None,
@@ -170,7 +169,7 @@ def set_values(
 # --- what is asked for ---
 
 
-def _owner(place: Place, arm: SerialArm, library: Mapping[str, Effect], effect: str, joint: int | None) -> Owner:
+def _owner(place: Place, arm: SerialArm, library: Mapping[str, AnyEffect], effect: str, joint: int | None) -> Owner:
     known = numbered(effect, library)[0] in library
     scope = declared(effect, library).scope if known else "joint"
     if scope in ("joint", "joints"):
@@ -225,7 +224,7 @@ def _rounded(value: float) -> float:
 def _edited(
     text: str,
     where: str,
-    library: Mapping[str, Effect],
+    library: Mapping[str, AnyEffect],
     change: Callable[..., None],
     by_lines: Callable[[list[str]], list[str]],
 ) -> str:

@@ -10,9 +10,9 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from symbolic.described import declared, numbered
+from symbolic.described import AnyEffect, declared, numbered
 from symbolic.model_file import fields
 from symbolic.model_file.arm import (
     Arm,
@@ -34,15 +34,12 @@ from symbolic.model_file.keys import SPATIAL, fields_of
 from symbolic.model_file.physics import body_notes, check_distinct, check_inertia_seen
 from symbolic.model_file.snapping import Snapping
 
-if TYPE_CHECKING:
-    from symbolic.effects.declaration import Effect
-
 __all__ = ["ModelError", "check_effect", "is_spatial", "load", "parse", "read_text"]
 
 MAX_BYTES = 1_000_000
 
 
-def load(path: Path | str, effects: Mapping[str, Effect] | None = None) -> Arm | SpatialArm:
+def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Arm | SpatialArm:
     """The arm in the TOML file at `path`; `effects`: the library by name (None: the built-in one).
 
     Raises ModelError.
@@ -81,16 +78,16 @@ def is_spatial(text: str) -> bool:
         return False
 
 
-def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) -> Arm | SpatialArm:
+def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None) -> Arm | SpatialArm:
     """The arm described by `text`; `where` names the file in messages.
 
     effects   the library by name (None: the built-in one)
     Raises ModelError for the first thing that is wrong.
     """
     if effects is None:
-        from symbolic.effects import DECLARED, LIBRARY
+        from symbolic.effects import shipped
 
-        effects = DECLARED if is_spatial(text) else LIBRARY
+        effects = shipped(is_spatial(text))
     top = Place(printable(where))
     table = _toml(text, top)
     kind = fields_of(top, table)
@@ -100,13 +97,13 @@ def parse(text: str, where: str, effects: Mapping[str, Effect] | None = None) ->
     return arm
 
 
-def _planar_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) -> Arm:
+def _planar_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
     made = [Joint(**common, link=Link(**one["link"])) for one, common in _joints(top, said["joint"], effects)]
     contact = _contact(top, said["contact"], effects)
     return Arm(**_common(top, said, effects), joints=tuple(made), contact=contact)
 
 
-def _spatial_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) -> SpatialArm:
+def _spatial_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> SpatialArm:
     """Its angles and axes snapped to quarter turns, its bodies checked; what was found is in its notes."""
     made, snapping, notes = [], Snapping(), []
     for k, (one, common) in enumerate(_joints(top, said["joint"], effects), 1):
@@ -150,7 +147,7 @@ def _name(top: Place, name: str) -> str:
 # --- what all arms have ---
 
 
-def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) -> dict[str, Any]:
+def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> dict[str, Any]:
     return {
         "name": _name(top, said["name"]),
         "gravity": said["gravity"],
@@ -161,14 +158,14 @@ def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, Effect]) 
 
 
 def _joints(
-    top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, Effect]
+    top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, AnyEffect]
 ) -> Iterator[tuple[Mapping[str, Any], dict[str, Any]]]:
     """Of each joint, what its table says, and of that what every joint has."""
     for k, one in enumerate(said, 1):
         yield one, _joint(top.inside(f"joint {k}"), one, effects, k == len(said))
 
 
-def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, Effect], last: bool) -> dict[str, Any]:
+def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect], last: bool) -> dict[str, Any]:
     encoder = said["encoder"] or {"counts": None, "zero": 0}
     return {
         "type": said["type"],
@@ -193,7 +190,7 @@ def _control(top: Place, said: Mapping[str, float] | None) -> Control | None:
     return made
 
 
-def _contact(top: Place, said: Mapping[str, Any] | None, effects: Mapping[str, Effect]) -> Contact | None:
+def _contact(top: Place, said: Mapping[str, Any] | None, effects: Mapping[str, AnyEffect]) -> Contact | None:
     if said is None:
         return None
     return Contact(said["x"], _effects(top.inside("contact"), said["effects"], "contact", effects))
@@ -213,7 +210,7 @@ def _effects(
     place: Place,
     table: Mapping[str, Any],
     scope: str,
-    library: Mapping[str, Effect],
+    library: Mapping[str, AnyEffect],
     kind: str = "revolute",
     last: bool = False,
 ) -> dict[str, Values]:
@@ -222,7 +219,7 @@ def _effects(
 
 
 def _effect(
-    place: Place, name: str, value: Any, scope: str, library: Mapping[str, Effect], kind: str, last: bool
+    place: Place, name: str, value: Any, scope: str, library: Mapping[str, AnyEffect], kind: str, last: bool
 ) -> Values:
     check_effect(place, name, scope, library, last)
     effect = declared(name, library)
@@ -237,7 +234,7 @@ def _effect(
     }
 
 
-def check_effect(place: Place, name: str, scope: str, library: Mapping[str, Effect], last: bool = False) -> None:
+def check_effect(place: Place, name: str, scope: str, library: Mapping[str, AnyEffect], last: bool = False) -> None:
     """Raise ModelError unless `name` is an effect that may stand in a table of this scope.
 
     scope   "joint", "arm" or "contact"; last: the joint is the outermost one

@@ -118,7 +118,7 @@ class Referee:
 def without_rotors(made: ImportedArm) -> Model:
     """The generated code of an imported arm whose rotors, of which no URDF knows, are nothing."""
     text = re.sub(r"^gear_ratio", "rotor_inertia = 0.0\ngear_ratio", made.text, flags=re.MULTILINE)
-    return Source(Path(f"{made.arm.name}.toml"), text, DECLARED, True).model()
+    return Source(Path(f"{made.arm.name}.toml"), text, DECLARED).model()
 
 
 def states(n: int) -> Array:
@@ -165,11 +165,11 @@ def test_exported_arms_have_the_torques_of_the_model(number: int, tmp_path: Path
     file, base, tip = ARMS[number]
     made = imported(robots() / file, DECLARED, base, tip, friction=False)
     text = re.sub(r"^gear_ratio", "rotor_inertia = 0.4\ngear_ratio", made.text, flags=re.MULTILINE)
-    source = Source(Path("arm.toml"), text, DECLARED, True)
+    source = Source(Path("arm.toml"), text, DECLARED)
     model = source.model()
     lumps = model.lump_values * np.random.default_rng(1).normal(1.0, 0.03, len(model.lumps))
     values = "".join(f"{lump.name} = {float(v)!r}\n" for lump, v in zip(model.lumps, lumps, strict=True))
-    fitted = Source(source.path, f"{text}\n[inertial]\n{values}", DECLARED, True)
+    fitted = Source(source.path, f"{text}\n[inertial]\n{values}", DECLARED)
     urdf, document = fitted.exported("urdf")
     referee = Referee(
         urdf.decode(), [joint["name"] for joint in document["joints"]], "base", "tip", np.array(model.gravity)

@@ -16,6 +16,8 @@ from random_arms import MIXED
 from codegen import prepare
 from codegen.toolchain import build
 from runtime.model import loader
+from runtime.workspace import ARMS, open_model
+from symbolic.effects import shipped
 
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
 
@@ -122,6 +124,24 @@ def test_a_prepared_library_needs_no_sympy() -> None:
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("arm", ["drive", "ur10"])
+def test_a_prepared_arm_is_opened_without_sympy(arm: str) -> None:
+    open_model(ARMS / f"{arm}.toml")
+    script = (
+        "import sys; from pathlib import Path; from runtime.workspace import open_model; "
+        f"open_model(Path({str(ARMS / (arm + '.toml'))!r})); print('sympy' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
+
+
+def test_a_library_is_described_as_it_is_compiled() -> None:
+    for space in (False, True):
+        page = prepare.prepare_descriptions(space)
+        compiled = prepare.prepare_effects(tuple(shipped(space).values())) / "effects.json"
+        assert page.read_text() == compiled.read_text()
 
 
 def test_wider_vectors_change_no_bit(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001

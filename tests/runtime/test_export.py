@@ -373,7 +373,8 @@ def test_another_arm_of_the_same_names_is_told_apart(run: Run) -> None:
 
 
 def test_mujoco_takes_the_file_and_gives_the_torques(run: Run) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     said(run, "small.toml", "--to", "mjcf", "--out", "small.xml")
     there, model = mujoco.MjModel.from_xml_path("small.xml"), Source.read(Path("small.toml"), None).model()
     there.dof_damping[:], there.dof_frictionloss[:], there.jnt_stiffness[:] = 0, 0, 0
@@ -383,4 +384,5 @@ def test_mujoco_takes_the_file_and_gives_the_torques(run: Run) -> None:
     for k in range(own.shape[1]):
         data.qpos[:], data.qvel[:], data.qacc[:] = (x[:, k] for x in at)
         mujoco.mj_inverse(there, data)
-        assert data.qfrc_inverse == pytest.approx(own[:, k], rel=1e-9, abs=1e-9)
+        # To 1e-8: releases of MuJoCo differ in how closely they find the principal axes of an inertia.
+        assert data.qfrc_inverse == pytest.approx(own[:, k], rel=1e-8, abs=1e-8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.progress import Progress, heard_by, of_each, on_cores
+from runtime.progress import Progress, each, heard_by, of_each, on_cores, steps
+from runtime.report.terminal import pages
 
 
 @given(st.lists(st.integers(0, 5), max_size=30))
@@ -28,6 +30,31 @@ def test_every_part_is_told_and_the_time_left_falls_to_nothing() -> None:
     of_each("unheard", str, range(3))
     assert [(p.what, p.done, p.parts) for p in told] == [("waits", k, 8) for k in range(1, 9)]
     assert told[0].left > 0.0 == told[-1].left
+
+
+def test_steps_are_told_and_what_they_tell_of_themselves_is_not() -> None:
+    told: list[Progress] = []
+    with heard_by(told.append):
+        for part in each("outer", range(3)):
+            of_each("inner", str, range(part))
+    assert [(p.what, p.done, p.parts) for p in told] == [("outer", k, 3) for k in (1, 2, 3)]
+    assert told[-1].left == 0.0
+    with heard_by(told.append), steps("more than thought", 1) as step:
+        step()
+        step()
+    assert told[-1].left == 0.0
+
+
+def test_where_no_line_can_be_written_over_one_comes_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pages, "_EVERY", 0.1)
+    with pages.working("waiting"):
+        for _ in each("waits", range(30)):
+            time.sleep(0.05)
+    lines = capsys.readouterr().err.splitlines()
+    assert 2 <= len(lines) <= 15
+    assert all(re.fullmatch(r"waiting … waits \d+ of 30 \(\d+%\), \d+ s left", line) for line in lines)
 
 
 def test_an_exception_ends_the_work() -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from symbolic.effects import DECLARED
 from symbolic.model_file import reader
-from symbolic.model_file.arm import Frame, SpatialArm, SpatialLink
+from symbolic.model_file.arm import Frame, Limits, SpatialArm, SpatialLink
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.bodies import StatedBody, about_point, placed, together
@@ -109,11 +109,48 @@ def test_numbers_that_were_typed_to_have_some(values: list[float], invented: boo
     assert is_placeholder(values) is invented
 
 
-def test_placeholders_are_left_out_and_said(tmp_path: Path) -> None:
-    same = '<dynamics damping="0.5" friction="0"/>'
-    made = read(tmp_path, robot(*TWO[:3], joint("j1", "base", "a", inside=same), joint("j2", "a", "b", inside=same)))
-    assert all(values == {} for joint in made.arm.joints for values in joint.effects.values())
-    assert any("damping = 0.5" in note and "placeholder" in note for note in made.notes)
+def test_placeholders_are_taken_and_said(tmp_path: Path) -> None:
+    limit = '<limit lower="-1" upper="2" velocity="1000" effort="{}"/>'
+    dynamics = '<dynamics damping="0.5" friction="{}"/>'
+    one, two = (limit.format(effort) + dynamics.format(dry) for effort, dry in ((40, 0.2), (30, 0.3)))
+    made = read(tmp_path, robot(*TWO[:3], joint("j1", "base", "a", inside=one), joint("j2", "a", "b", inside=two)))
+    values = [sorted(v for values in each.effects.values() for v in values.values()) for each in made.arm.joints]
+    assert values == [[0.2, 0.2, 0.5], [0.3, 0.3, 0.5]]
+    assert [each.limits.speed for each in made.arm.joints] == [1000.0, 1000.0]
+    (note,) = (note for note in made.notes if "placeholder" in note)
+    assert note.startswith("damping = 0.5 and speed = 1000 at all joints: looks like a placeholder, taken as stated")
+
+
+def test_slides_and_turning_joints_have_placeholders_of_their_own(tmp_path: Path) -> None:
+    """As lifts with arms have them: their units differ, and so do the numbers."""
+    turning, sliding = ('<dynamics damping="1" friction="0"/>', '<dynamics damping="1000" friction="0"/>')
+    links = [link(name) for name in "abc"]
+    made = read(
+        tmp_path,
+        robot(
+            link("base"),
+            *links,
+            joint("j1", "base", "a", "prismatic", sliding),
+            joint("j2", "a", "b", inside=turning),
+            joint("j3", "b", "c", inside=turning),
+        ),
+    )
+    assert any(note.startswith("damping = 1 at joints 2, 3; damping = 1000 at joint 1: looks") for note in made.notes)
+
+
+def test_what_no_limit_or_friction_can_be_is_left_out_and_said(tmp_path: Path) -> None:
+    wrong = '<limit lower="2" upper="-1" velocity="-3" effort="-40"/><dynamics damping="-0.3" friction="0.2"/>'
+    made = read(tmp_path, robot(*TWO[:3], joint("j1", "base", "a"), joint("j2", "a", "b", inside=wrong)))
+    second = made.arm.joints[1]
+    assert second.limits == Limits()
+    assert sorted(v for values in second.effects.values() for v in values.values()) == [0.2, 0.2]
+    for said in (
+        "joint 2: its lower limit 2 is above the upper one, -1: left out, hence unknown",
+        "joint 2: its limit of velocity is -3: left out, hence unknown",
+        "joint 2: its limit of effort is -40: left out, hence unknown",
+        "damping = -0.3 of joint 2: left out, hence unknown; expected a number above 0",
+    ):
+        assert said in made.notes
 
 
 def test_gears_come_from_transmissions(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from runtime import files
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import as_written, structure_shares
 from runtime.loop.improve import Improvement
+from runtime.report.page import NAME
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
@@ -20,8 +21,6 @@ from runtime.report.summary import MORE_THAN_NOISE, Result, ResultSummary
 from runtime.wording import number, numbered, percent, quantity, sentence
 
 Row = dict[str, Any]
-
-NAME = "report.html"
 
 
 def write_report(directory: Path, result: Result | ResultSummary) -> Path:

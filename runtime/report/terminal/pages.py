@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -27,6 +28,7 @@ from runtime.report.terminal.cells import (
 from symbolic.model_file.checks import at_joint
 
 _PATIENCE = 2.0  # s
+_EVERY = 10.0  # s
 
 
 @contextmanager
@@ -45,14 +47,28 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
     timer.daemon = True
     timer.start()
     try:
-        yield lambda line: print(line, file=sys.stderr, flush=True)
+        with heard_by(_Lines(what)):
+            yield lambda line: print(line, file=sys.stderr, flush=True)
     finally:
         timer.cancel()
 
 
+class _Lines:
+    """Progress where no line can be written over: a line now and then, of what takes long."""
+
+    def __init__(self, what: str) -> None:
+        self.what, self.last = what, time.monotonic()
+
+    def __call__(self, progress: Progress) -> None:
+        if time.monotonic() - self.last >= _EVERY and progress.left >= 1:
+            self.last = time.monotonic()
+            print(f"{self.what} … {_how_far(progress)}", file=sys.stderr, flush=True)
+
+
 def _how_far(progress: Progress) -> str:
     """The part of a piece of work that is done, and the time that is left of it."""
-    done = f"{progress.what} {progress.done} of {progress.parts}"
+    share = min(progress.done / progress.parts, 1.0)
+    done = f"{progress.what} {progress.done} of {progress.parts} ({share:.0%})"
     return f"{done}, {progress.left:.0f} s left" if progress.left >= 1 else done
 
 

@@ -13,7 +13,7 @@ from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLin
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import model_text, urdf, xml_file
 from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, shortened, some
-from symbolic.model_file.exchange.tree import Tree
+from symbolic.model_file.exchange.tree import Tree, TreeJoint
 from symbolic.model_file.reader import parse
 from symbolic.model_file.snapping import listed
 
@@ -77,13 +77,15 @@ def imported(
     tree = read_tree(path)
     found = chain(tree, base, tip, locked or {})
     notes = [*tree.notes, *found.notes]
-    effects, beside = _effects(found, library, friction, notes)
+    effects = _effects(found, library, friction, notes)
+    doubtful = _placeholders(found, friction)
+    notes += doubtful
     arm = _arm(found, path, effects, notes)
     gears = ["" if joint.joint.gear is not None else "not stated" for joint in found.joints]
     gravity = (
         "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.base)} is taken to point up"
     )
-    text = model_text.text(arm, _head(found, path), gravity, gears, beside)
+    text = model_text.text(arm, [*_head(found, path), *doubtful], gravity, gears)
     made = parse(text, path.name, library)
     assert isinstance(made, SpatialArm)
     return ImportedArm(text, made, found, (*notes, *made.notes))
@@ -146,7 +148,8 @@ def _link(joint: ChainJoint) -> SpatialLink:
 
 def _left_out(found: TreeChain) -> list[str]:
     """What the file does not state, and what was not taken from it."""
-    notes = [f"{joint.doubt}: left out, hence unknown" for joint in found.joints if joint.doubt]
+    doubts = [f"joint {k}: {doubt}" for k, joint in enumerate(found.joints, 1) for doubt in joint.joint.doubts]
+    notes = [f"{doubt}: left out, hence unknown" for doubt in (*doubts, *(j.doubt for j in found.joints if j.doubt))]
     if found.held:
         notes.append(
             f"{some(found.held)} {'moves' if len(found.held) == 1 else 'move'} off the arm's way and {_is(found.held)} "
@@ -185,30 +188,18 @@ def _is(names: Sequence[str]) -> str:
 
 def _effects(
     found: TreeChain, library: Mapping[str, Effect], friction: bool, notes: list[str]
-) -> tuple[list[dict[str, Values]], list[str]]:
-    """The effects of every joint, and what is said beside the first of them."""
+) -> list[dict[str, Values]]:
+    """The effects of every joint; what the file has no number for is unknown."""
     assumed = [effect for effect in library.values() if effect.assumed and friction]
-    made: list[dict[str, Values]] = [{} for _ in found.joints]
-    placeholders = []
-    for effect in assumed:
-        words = {p.name: p.abroad for p in effect.parameters}
-        for word in dict.fromkeys(words.values()):
-            stated = [joint.joint.dynamics.get(word, 0.0) for joint in found.joints]
-            invented = is_placeholder(stated)
-            if invented:
-                placeholders.append(f"{word} = {max(stated):g}")
-            for values, value in zip(made, stated, strict=True):
-                known = {name: value for name, w in words.items() if w == word and value > 0 and not invented}
-                values.setdefault(effect.name, {}).update(known)
-    if placeholders:
-        notes.append(
-            f"{' and '.join(placeholders)}, where stated the same at every joint, looks like a placeholder: left out, "
-            "hence unknown"
-        )
-    for values, joint in zip(made, found.joints, strict=True):
-        values.update(_springs(joint.joint.dynamics, library))
-    beside = ["" if not values or any(values.values()) else "values unknown" for values in made]
-    return made, beside
+    made: list[dict[str, Values]] = []
+    for k, joint in enumerate(found.joints, 1):
+        stated = {word: value for word, value in joint.joint.dynamics.items() if word not in SIZES or value > 0}
+        wrong = [f"{word} = {value:g}" for word, value in joint.joint.dynamics.items() if word not in stated]
+        if wrong:
+            notes.append(f"{listed(wrong)} of joint {k}: left out, hence unknown; expected a number above 0")
+        known = {e.name: {p.name: stated[p.abroad] for p in e.parameters if p.abroad in stated} for e in assumed}
+        made.append({**known, **_springs(stated, library)})
+    return made
 
 
 def _springs(stated: Mapping[str, float], library: Mapping[str, Effect]) -> dict[str, Values]:
@@ -221,17 +212,49 @@ def _springs(stated: Mapping[str, float], library: Mapping[str, Effect]) -> dict
 
 STIFFNESS = "stiffness"
 """What MJCF calls that of a joint's spring."""
+SIZES = ("damping", "friction", STIFFNESS)
+"""Of what a file says of a joint, what cannot be negative."""
+
+
+def _placeholders(found: TreeChain, friction: bool) -> list[str]:
+    """What looks typed to have a number, in a line; it is taken as it stands."""
+    friction_words = ("friction", "damping") if friction else ()
+    seen: dict[str, list[bool]] = {}
+    for kind in ("revolute", "prismatic"):
+        here = [joint.type == kind for joint in found.joints]
+        for word in (*friction_words, "speed", "torque"):
+            stated = [_stated(joint.joint, word) if own else 0.0 for joint, own in zip(found.joints, here, strict=True)]
+            if is_placeholder(stated) if word in friction_words else is_round(stated):
+                seen[f"{word} = {max(stated):g}"] = [value > 0 for value in stated]
+    if not seen:
+        return []
+    places: dict[str, list[str]] = {}
+    for what, which in seen.items():
+        places.setdefault(_joints(which), []).append(what)
+    said = "; ".join(f"{listed(numbers)} at {where}" for where, numbers in places.items())
+    return [f"{said}: looks like a placeholder, taken as stated; delete what nobody measured: it is unknown then"]
+
+
+def _stated(joint: TreeJoint, word: str) -> float:
+    """0 where it states none, or none that can be."""
+    limits = {"speed": joint.speed or 0.0, "torque": joint.torque or 0.0}
+    return max(joint.dynamics.get(word, limits.get(word, 0.0)), 0.0)
 
 
 def is_placeholder(stated: Sequence[float]) -> bool:
     """Whether values of several joints were typed to have some: all that are not 0 are equal, or a single one is a
     power of ten."""
     values = {value for value in stated if value}
+    return len(values) == 1 and (sum(map(bool, stated)) > 1 or is_round(stated))
+
+
+def is_round(stated: Sequence[float]) -> bool:
+    """Whether all values that are not 0 are one power of ten; drives of one make have one limit, but hardly such."""
+    values = {value for value in stated if value}
     if len(values) != 1:
         return False
-    (value,) = values
-    power = math.log10(value)
-    return sum(map(bool, stated)) > 1 or abs(power - round(power)) < 1e-9
+    power = math.log10(values.pop())
+    return abs(power - round(power)) < 1e-9
 
 
 # --- names ---

@@ -25,7 +25,7 @@ UNSEEN = ("keys", "sensors", "pairs", "excludes", "skins", "equalities", "tendon
 def tree(path: Path) -> Tree:
     """The bodies and joints that an MJCF file describes; its sites are links without a body.
 
-    Raises ModelError: `mujoco` is not installed, or refuses the file.
+    Raises ModelError: `mujoco` is not installed or too old, or refuses the file.
     """
     try:
         mujoco = importlib.import_module("mujoco")
@@ -34,6 +34,11 @@ def tree(path: Path) -> Tree:
             f"{printable(str(path))}: MJCF is read by the package mujoco, which is not installed: pip install mujoco "
             "(the extra `mjcf`)"
         ) from None
+    if not hasattr(getattr(mujoco, "MjSpec", None), "delete"):
+        raise ModelError(
+            f"{printable(str(path))}: MJCF needs a newer mujoco than {printable(str(mujoco.__version__))}: pip install "
+            "--upgrade mujoco (the extra `mjcf`)"
+        )
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         related = len(spec.equalities) + len(spec.tendons)

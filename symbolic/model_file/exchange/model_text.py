@@ -14,16 +14,16 @@ COLUMN = 32
 """Where a comment begins, if there is room."""
 
 
-def text(arm: SpatialArm, head: Sequence[str], gravity: str, gears: Sequence[str], effects: Sequence[str]) -> str:
+def text(arm: SpatialArm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> str:
     """A model file that says what the arm does.
 
     head     lines of the comment at its top
-    gravity, gears, effects   what is said beside gravity, each joint's gear ratio and its first effect; may be empty
+    gravity, gears   what is said beside gravity and each joint's gear ratio; may be empty
     """
     lines = [*(f"# {line}".rstrip() for line in head), f'name = "{arm.name}"']
     lines += [_line("gravity", row(arm.gravity), gravity)]
-    for joint, gear, effect in zip(arm.joints, gears, effects, strict=True):
-        lines += ["", "[[joint]]", *_joint(joint, gear, effect)]
+    for joint, gear in zip(arm.joints, gears, strict=True):
+        lines += ["", "[[joint]]", *_joint(joint, gear)]
     lines += ["", "[tip]", _line("origin", _frame(arm.tip), "m, rad; flange or tool in the last joint's frame")]
     return "\n".join(lines) + "\n"
 
@@ -55,7 +55,7 @@ def _frame(frame: Frame) -> str:
     return f"{{ xyz = {row(frame.xyz)}, rpy = [{', '.join(repr(tidy(angle)) for angle in frame.rpy)}] }}"
 
 
-def _joint(joint: SpatialJoint, gear: str, effects: str) -> Iterator[str]:
+def _joint(joint: SpatialJoint, gear: str) -> Iterator[str]:
     revolute = joint.type == "revolute"
     if joint.name is not None:
         yield _line("name", f'"{joint.name}"')
@@ -67,8 +67,8 @@ def _joint(joint: SpatialJoint, gear: str, effects: str) -> Iterator[str]:
     yield _line("axis", row(joint.axis))
     yield from _link(joint.link)
     yield from _limits(joint.limits, revolute)
-    for k, (name, values) in enumerate(joint.effects.items()):
-        yield from _effect(name, values, effects if k == 0 else "")
+    for name, values in joint.effects.items():
+        yield from _effect(name, values)
 
 
 def _link(link: SpatialLink) -> Iterator[str]:
@@ -99,7 +99,7 @@ def _limits(limits: Limits, revolute: bool) -> Iterator[str]:
         yield from lines
 
 
-def _effect(name: str, values: Values, comment: str) -> Iterator[str]:
-    yield _beside(f"[joint.effects.{name}]", comment)
+def _effect(name: str, values: Values) -> Iterator[str]:
+    yield _beside(f"[joint.effects.{name}]", "" if values else "values unknown")
     for key, value in values.items():
         yield _line(key, repr(tidy(value)))

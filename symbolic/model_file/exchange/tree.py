@@ -38,6 +38,7 @@ class TreeJoint:
     dynamics   what simulators' files say of friction and springs at it, by their word (see DescribedParameter.abroad)
     rotor      inertia at the output, gear: turns of the motor a turn of the joint; None: not stated
     mimics     the joint that it follows
+    doubts     what the file states of its limits that none can be, an item each
     """
 
     name: str
@@ -53,6 +54,7 @@ class TreeJoint:
     rotor: float | None = None
     gear: float | None = None
     mimics: str | None = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def moves(self) -> bool:

@@ -5,7 +5,7 @@ Source: the specification at wiki.ros.org/urdf/XML; ros2_control for <mechanical
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TypeVar
 
 from symbolic.model_file.arm import Frame
@@ -88,6 +88,7 @@ def _joint(node: XmlNode, gears: Mapping[str, float]) -> TreeJoint:
         {key: value for key, value in stated.items() if value},
         gear=gears.get(name),
         mimics=None if mimic is None else mimic.word("joint"),
+        doubts=() if limit is None else tuple(_doubts(limit)),
     )
 
 
@@ -102,6 +103,17 @@ def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, floa
         speed if speed is not None and 0 < speed < LARGEST else None,
         torque if torque is not None and 0 < torque < LARGEST else None,
     )
+
+
+def _doubts(limit: XmlNode) -> Iterator[str]:
+    """What of <limit> cannot be one."""
+    low, high = (limit.bound(key) for key in ("lower", "upper"))
+    if low is not None and high is not None and low > high:
+        yield f"its lower limit {low:g} is above the upper one, {high:g}"
+    for key in ("velocity", "effort"):
+        value = limit.bound(key)
+        if value is not None and value < 0:
+            yield f"its limit of {key} is {value:g}"
 
 
 def _gears(root: XmlNode) -> dict[str, float]:

@@ -1,0 +1,107 @@
+"""Ctrl-C: every verb that takes long ends within a second with status 130 and leaves nothing half done."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.model.loader import Library
+from runtime.planning import optimize
+from runtime.planning.interior_point import Manner
+from runtime.planning.starts import random_start
+from tests.runtime import planning_cases
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
+
+PROGRAM = (
+    "import signal\n"
+    # What is started in the background is born deaf to interrupts.
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from runtime.cli.main import main\n"
+    "main()\n"
+)
+LONG = [
+    ("simulate", "drive", "--out", "new.csv", "--seconds", "3000"),
+    ("identify", "drive", "run.csv"),
+    ("compare", "drive", "run.csv", "--report", "report"),
+    ("diagnose", "drive", "run.csv", "--report", "report"),
+    ("improve", "drive", "run.csv", "--out", "better.toml", "--report", "report"),
+    ("generate", "panda"),
+    ("verify", "panda"),
+    ("firmware", "panda", "--target", "host"),
+    ("experiment", "drive", "--between", "linear_spring@1,gravity", "--out", "motion.csv"),
+    ("optimize", "scenario2", "--out", "plan.json"),
+    ("sweep", "scenario2", "--over", "seed=0:9", "--table", "table.csv"),
+    ("paper", "--out", "study"),
+    ("demo",),
+]
+"""Verbs that take seconds."""
+
+
+@contextmanager
+def started(arguments: Sequence[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-c", PROGRAM, *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=folder, text=True, start_new_session=True, **pipes) as process:  # type: ignore[call-overload]
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording that takes some seconds to diagnose."""
+    folder = tmp_path_factory.mktemp("recorded")
+    with started(["simulate", "drive", "--out", "run.csv", "--seconds", "40"], folder) as process:
+        assert process.wait(60) == 0
+    return folder
+
+
+@pytest.mark.parametrize("arguments", LONG, ids=lambda arguments: arguments[0])
+def test_control_c_ends_a_verb(arguments: Sequence[str], recorded: Path) -> None:
+    before = sorted(recorded.iterdir())
+    with started(arguments, recorded) as process:
+        time.sleep(1.5)
+        assert process.poll() is None, process.communicate()
+        began = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=10)
+        took = time.monotonic() - began
+    assert (process.returncode, out) == (130, "")
+    assert err.splitlines()[-1] == "interrupted"
+    assert "Traceback" not in err
+    assert took < 1.0
+    kept = {"demo-report", "table.csv.journal"}
+    assert [p for p in sorted(recorded.iterdir()) if p not in before and p.name not in kept] == []
+    assert list(recorded.rglob(".*")) == []
+
+
+@pytest.mark.parametrize("seconds", [0.3, 0.6])
+def test_a_solver_does_not_take_control_c_for_an_answer(library: Library, seconds: float) -> None:
+    """IPOPT ends where it is; what it has then is no plan."""
+    model = planning_cases.arm(library, "rr")
+    scenario = planning_cases.and_back(model, 1.0, {"q1": 0.0, "q2": 0.0}, {"q1": 1.0, "q2": -1.0})
+    solver = optimize.Planner(model, scenario).fine
+    x = random_start(solver.program, np.random.default_rng(0))
+    p, bounds = solver.program.task.p.vector(solver.program.task.values(0.1, 1.0)), solver.bounds({})
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            deque((solver._by_ipopt(Manner(1e-8, 400, 0.1, 1e-2), x, p, bounds) for _ in range(10_000)), 1)
+    finally:
+        timer.cancel()
+        signal.signal(signal.SIGINT, before)

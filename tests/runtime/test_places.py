@@ -1,0 +1,203 @@
+"""Nothing that a verb reads is overwritten by what it writes, by whatever name; a report costs only itself."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import pytest
+import typer
+
+from runtime.cli import output, places
+from runtime.cli.main import app
+from runtime.report import page
+from runtime.workspace import UsageError
+
+COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+NEEDED = {
+    "effect": "stribeck",
+    "between": "gravity",
+    "on": "simulation",
+    "over": "seed=0:1",
+    "to": "urdf",
+    "target": "host",
+}
+"""What else a verb asks for, beside files."""
+DRIVE = """\
+name = "drive1"
+gravity = [0.0, 0.0]
+[[joint]]
+type = "revolute"
+rotor_inertia = 0.10
+gear_ratio = 100
+[joint.link]
+length = 0.30
+mass = 2.0
+com = [0.20, 0.0]
+inertia = 0.0565
+[joint.effects.coulomb]
+[joint.effects.viscous]
+"""
+
+
+def _callbacks() -> dict[str, Any]:
+    found = {}
+    for group in app.registered_groups:
+        for info in group.typer_instance.registered_commands:
+            found[info.name or info.callback.__name__.replace("_", "-")] = info.callback
+    return found
+
+
+VERBS = _callbacks()
+
+
+def collisions() -> Iterator[tuple[str, str, str]]:
+    """Every verb with each of the options that it writes to and each of those that it reads."""
+    for verb, callback in VERBS.items():
+        known = places.roles(callback)
+        for target, role in known.items():
+            if role.writes and (role.names is None or role.names):
+                yield from ((verb, target, source) for source, other in known.items() if not other.writes)
+
+
+def call(verb: str, files: dict[str, str]) -> list[str]:
+    """A call of a verb with these files, and whatever else it cannot do without."""
+    arguments = [verb]
+    for parameter in COMMANDS[verb].params:
+        value = files.get(parameter.name, NEEDED.get(parameter.name))
+        if value is None and parameter.required:
+            value = f"any-{parameter.name}"
+        if value is not None:
+            arguments += [value] if parameter.param_type_name == "argument" else [parameter.opts[0], value]
+    return arguments
+
+
+def test_every_file_of_every_verb_has_a_role():
+    for verb, callback in VERBS.items():
+        hints = get_type_hints(callback)
+        files = {name for name, hint in hints.items() if "Path" in str(hint)} | {"json"} & hints.keys()
+        assert files == places.roles(callback).keys(), verb
+
+
+@pytest.mark.parametrize("way", ["itself", "relative", "absolute", "symlink", "hard link"])
+@pytest.mark.parametrize(("verb", "target", "source"), list(collisions()))
+def test_no_verb_writes_to_what_it_reads(tmp_path, monkeypatch, capsys, verb, target, source, way):
+    monkeypatch.chdir(tmp_path)
+    written = {"report": page.NAME}.get(target, "M.toml")
+    Path(written).write_text("as it was")
+    Path("other").write_text("another")
+    named = {
+        "itself": written,
+        "relative": f"../{tmp_path.name}/{written}",
+        "absolute": str(tmp_path / written),
+        "symlink": "linked",
+        "hard link": "linked",
+    }[way]
+    if way == "symlink":
+        Path("linked").symlink_to(written)
+    elif way == "hard link":
+        os.link(written, "linked")
+    status = output.run(app, call(verb, {source: named, target: "." if target == "report" else written}))
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, "")
+    assert err == f"{written}: is read here; choose another name to write to\n"
+    assert Path(written).read_text() == "as it was"
+
+
+def test_an_arm_of_tendon_is_not_overwritten_under_its_path():
+    from runtime.workspace import ARMS
+
+    with pytest.raises(UsageError, match="is read here"):
+        places.keep([Path("drive")], [ARMS / "drive.toml"])
+
+
+def test_two_results_do_not_go_to_one_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("drive.toml").write_text(DRIVE)
+    assert output.run(app, ["simulate", "drive.toml", "--out", "run.csv", "--json", "./run.csv"]) == 2
+    assert capsys.readouterr().err in (
+        "run.csv: is written twice; choose two names\n",
+        "./run.csv: is written twice; choose two names\n",
+    )
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.toml"]
+    places.keep([Path("/dev/null")], [Path("/dev/null"), Path("/dev/null")])  # nothing is lost there
+
+
+def test_the_model_of_a_scenario_is_not_overwritten(tmp_path, monkeypatch, capsys):
+    from runtime.workspace import SCENARIOS
+
+    monkeypatch.chdir(tmp_path)
+    scenario = (SCENARIOS / "scenario1.toml").read_text().replace('model = "vishard4"', 'model = "arm.toml"')
+    Path("scenario.toml").write_text(scenario)
+    Path("arm.toml").write_text((places.shipped_or_given(Path("vishard4"))).read_text())
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    for arguments in (
+        ["optimize", "scenario.toml", "--out", "./arm.toml"],
+        ["optimize", "scenario.toml", "--json", "arm.toml"],
+        ["sweep", "scenario.toml", "--over", "seed=0:1", "--table", "t.csv", "--json", "arm.toml"],
+    ):
+        assert output.run(app, arguments) == 2
+        assert "arm.toml: is read here" in capsys.readouterr().err
+        assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_generated_files_replace_no_file_that_is_read(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("made").mkdir()
+    Path("drive.toml").write_text(DRIVE)
+    own = "from symbolic.effects import LIBRARY\nEFFECTS = ()\n"
+    Path("made/drive1_casadi.py").write_text(own)
+    for arguments in (["generate", "drive.toml"], ["add", "drive.toml", "stribeck", "--joint", "1"]):
+        call_ = [*arguments, "--out", "made", "--effects", "made/drive1_casadi.py"]
+        assert output.run(app, call_) == 2
+        assert "made/drive1_casadi.py: is read here" in capsys.readouterr().err
+    assert Path("made/drive1_casadi.py").read_text() == own
+    assert Path("drive.toml").read_text() == DRIVE
+
+
+def test_a_report_that_cannot_be_written_costs_only_the_report(tmp_path, monkeypatch, capsys):
+    """Its place is taken by a directory; verdict, JSON and exit status are those without a report."""
+    monkeypatch.chdir(tmp_path)
+    Path("drive.toml").write_text(DRIVE)
+    record = ["simulate", "drive.toml", "--out", "run.csv", "--seconds", "12"]
+    assert output.run(app, record) == 0
+    Path("report", page.NAME).mkdir(parents=True)
+    capsys.readouterr()
+    for verb in ("compare", "diagnose"):
+        bare = output.run(app, [verb, "drive.toml", "run.csv", "--json", "bare.json"])
+        said = capsys.readouterr().out
+        status = output.run(app, [verb, "drive.toml", "run.csv", "--json", "drawn.json", "--report", "report"])
+        out, err = capsys.readouterr()
+        assert (status, out) == (bare, said)
+        assert "the report could not be written: " in err
+        assert "Is a directory" in err
+        assert json.loads(Path("drawn.json").read_text()).keys() == json.loads(Path("bare.json").read_text()).keys()
+
+
+def test_a_verdict_is_said_before_its_report_is_drawn(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("drive.toml").write_text(DRIVE)
+    assert output.run(app, ["simulate", "drive.toml", "--out", "run.csv", "--seconds", "12"]) == 0
+    capsys.readouterr()
+
+    def drawn(*_: object) -> Path:
+        assert "noise floor" in capsys.readouterr().out
+        assert Path("said.json").exists()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("runtime.report.page.html_page.write_report", drawn)
+    assert output.run(app, ["compare", "drive.toml", "run.csv", "--report", "report", "--json", "said.json"]) == 0
+    assert capsys.readouterr().err.endswith("the report could not be written: No space left on device\n")
+
+
+def test_a_directory_that_cannot_be_made_is_refused_before_the_work(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("drive.toml").write_text(DRIVE)
+    Path("run.csv").write_text("t,q1,tau1\n")
+    assert output.run(app, ["compare", "drive.toml", "run.csv", "--report", "drive.toml/report"]) == 2
+    assert capsys.readouterr().err == (
+        f"drive.toml/report: cannot be made, as {tmp_path / 'drive.toml'} is a file; choose another directory\n"
+    )
