@@ -31,6 +31,7 @@ from runtime.estimation.settings import (
     TURNED_FALLS_TO,
 )
 from runtime.motion.motion import Motion, Piece
+from runtime.recordings.cures import in_unit, read_from, turned_round
 from runtime.recordings.units import UNITS
 
 Array = NDArray[np.float64]
@@ -168,7 +169,8 @@ class _Trials:
                 "sign",
                 f"its torque has the wrong sign: as recorded the best fit misses {100 * self.as_given[i]:.3g} % of it, "
                 f"turned round {100 * errors[i]:.3g} %",
-                f'expected positive where it drives towards positive positions: pass --map tau{i + 1}="-tau{i + 1}"',
+                "expected positive where it drives towards positive positions: pass "
+                f"{turned_round(self.motion.cells, f'tau{i + 1}')}",
             )
             for i in self.able
             if signs[i] < 0
@@ -203,14 +205,15 @@ class _Trials:
                 found.append((self._whole(errors), what, i + 1, j + 1))
         if not found:
             return []
-        _, what, one, other = min(found)
+        (_, what, one, other), cells = min(found), self.motion.cells
+        first, second = f"{what}{one}", f"{what}{other}"
         return [
             Suspicion(
                 one,
                 "exchanged",
                 f"tau{one} follows the motion of joint {other}, and tau{other} that of joint {one}",
                 "expected position and torque of a joint under its own number: pass "
-                f'--map {what}{one}="{what}{other}" --map {what}{other}="{what}{one}"',
+                f"{read_from(cells, first, second)} {read_from(cells, second, first)}",
             )
         ]
 
@@ -255,7 +258,7 @@ def _degrees(motion: Motion, joint: int, said: str) -> Suspicion:
         joint + 1,
         "degrees",
         f"its position covers {_turns(motion, joint):.3g} turns, and {said}",
-        f'expected radians: if it is in degrees, pass --map q{joint + 1}="q{joint + 1} [deg]"',
+        f"expected radians: if it is in degrees, pass {in_unit(motion.cells, f'q{joint + 1}', 'deg')}",
     )
 
 

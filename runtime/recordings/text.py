@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from runtime.recordings.contents import Array, RecordedField, Samples
 from runtime.recordings.errors import RecordingError, Refusal
+from runtime.recordings.nameless import NUMBERED
 from runtime.recordings.settings import MAX_BYTES
 from symbolic.model_file.checks import quote
 
 GZIP = b"\x1f\x8b"
-NUMBERED = "#{}"
-"""The name of a column, counted from 1, where the file has none."""
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
 _REMARK = re.compile(r"\s*[#%]+\s*")
 _BLANK = " "
