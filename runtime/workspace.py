@@ -212,7 +212,7 @@ class Source:
         from symbolic.model_file.arm import SpatialArm
 
         arm = self.arm()
-        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in arm.joints]
+        joints = [{"type": j.type, "torque_constant": j.torque_constant, "name": j.name} for j in arm.joints]
         said = {"joints": joints, "space": isinstance(arm, SpatialArm)}
         return [recording.read(path, said, mapping, allow_gaps) for path in paths]
 

@@ -31,6 +31,7 @@ from runtime.estimation.settings import (
     TURNED_FALLS_TO,
 )
 from runtime.motion.motion import Motion, Piece
+from runtime.recordings.cures import in_unit, read_from, turned_round
 from runtime.recordings.units import UNITS
 
 Array = NDArray[np.float64]
@@ -169,7 +170,8 @@ class _Trials:
                 "sign",
                 f"its torque has the wrong sign: as recorded the best fit misses {100 * self.as_given[i]:.3g} % of it, "
                 f"turned round {100 * errors[i]:.3g} %",
-                f'expected positive where it drives towards positive positions: pass --map tau{i + 1}="-tau{i + 1}"',
+                "expected positive where it drives towards positive positions: pass "
+                f"{turned_round(self.motion.cells, f'tau{i + 1}')}",
             )
             for i in self.able
             if signs[i] < 0
@@ -204,13 +206,14 @@ class _Trials:
             falls = max(errors[i] / self.as_given[i], errors[j] / self.as_given[j])
             if falls < EXCHANGED_FALLS_TO and self._whole(errors) < self._whole(self.as_given):
                 found.append((self._whole(errors), what, i + 1, j + 1))
-        return [_exchanged(what, one, other) for _, what, one, other in sorted(found)[:1]]
+        return [_exchanged(self.motion, what, one, other) for _, what, one, other in sorted(found)[:1]]
 
 
-def _exchanged(what: tuple[str, ...], one: int, other: int) -> Suspicion:
+def _exchanged(motion: Motion, what: tuple[str, ...], one: int, other: int) -> Suspicion:
     columns = " and ".join(f"{name}{one}" for name in what)
     where = f"fits joint {other}, and that of joint {other} fits joint {one}"
-    maps = " ".join(f'--map {name}{a}="{name}{b}"' for name in what for a, b in ((one, other), (other, one)))
+    pairs = [(f"{name}{a}", f"{name}{b}") for name in what for a, b in ((one, other), (other, one))]
+    maps = " ".join(read_from(motion.cells, column, place) for column, place in pairs)
     alone = f"tau{one} follows the motion of joint {other}, and tau{other} that of joint {one}"
     return Suspicion(
         one,
@@ -260,7 +263,7 @@ def _degrees(motion: Motion, joint: int, said: str) -> Suspicion:
         joint + 1,
         "degrees",
         f"its position covers {_turns(motion, joint):.3g} turns, and {said}",
-        f'expected radians: if it is in degrees, pass --map q{joint + 1}="q{joint + 1} [deg]"',
+        f"expected radians: if it is in degrees, pass {in_unit(motion.cells, f'q{joint + 1}', 'deg')}",
     )
 
 
