@@ -138,10 +138,27 @@ class Search:
         return self.findings[-1]
 
     def _judged(self, step: Step) -> Verdict:
-        """Candidates against a step; those are left out that act only where the residual is below the noise."""
+        """Candidates against a step."""
         ground = self._field_of(step)
-        terms = [t for t in ground.terms() if ground.watched(t) or missing_at(step, own_joints(self.model, t))]
-        return rank(ground, terms, step.floors)
+        return rank(ground, self._lacking(step, ground.terms()), step.floors)
+
+    def _in_place(self, step: Step, gone: Term) -> Verdict:
+        """Candidates that could stand for a finding against the step without it. What acts on none of its joints
+        explains something else, and what contains another finding would take that one's place as well."""
+        ground, own = self._field_of(step), set(joints_of(self.model, gone))
+        others = {(f.term.effect, f.term.joint) for f in self.findings if f.term != gone}
+        terms = [
+            t
+            for t in ground.terms()
+            if own & set(joints_of(self.model, t))
+            and not any((g, t.joint) in others for g in self.model.library.effects[t.effect].generalises)
+        ]
+        return rank(ground, self._lacking(step, terms), step.floors)
+
+    def _lacking(self, step: Step, terms: Sequence[Term]) -> list[Term]:
+        """Those of some terms that do not act only where the residual is below the noise."""
+        ground = self._field_of(step)
+        return [t for t in terms if ground.watched(t) or missing_at(step, own_joints(self.model, t))]
 
     def _further(self, term: Term) -> None:
         """Add more of an effect of which a joint may have several, what explains most first, as long as they pass."""
@@ -345,12 +362,12 @@ class Search:
                 continue
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
-            verdict = self._judged(without)
+            verdict = self._in_place(without, finding.term)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
             best, others = verdict.best, [f for f in self.findings if f is not finding]
-            if best is None or self._taken_over(finding, without):
+            if self._taken_over(finding, without) or (best is None and not self._clearly_likelier(without)):
                 kept, shapes = others, {}
-            elif best.delta_bic - own >= BIC_APART and not self._worse_with(best, without):
+            elif best is not None and best.delta_bic - own >= BIC_APART and not self._worse_with(best, without):
                 others.insert(k, replace(finding, evidence=best, rivals=verdict.rivals, verdict=verdict))
                 kept, shapes = others, {best.term: best.candidate.shape}
             else:
@@ -368,9 +385,21 @@ class Search:
         alike = self._alike(finding.term, last.term)
         return alike and self._superfluous(finding.term, (last.term,), whole) == 0
 
+    def _clearly_likelier(self, without: Step) -> bool:
+        """Whether all findings, refitted, are likelier than without one of them, by as much as a candidate must be.
+
+        The gates weigh all joints under one variance, in which what one joint gains may drown in what others leave.
+        """
+        plain, whole = whitened_bic(self._field_of(without).ground, [without, self.steps[-1]])
+        return plain - whole > LEAST_DELTA_BIC
+
     def _worse_with(self, evidence: Evidence, without: Step) -> bool:
-        """Whether another effect in a finding's place explains less of recordings that were not fitted."""
+        """Whether another effect in a finding's place, all refitted, is not clearly likelier, or explains less of
+        recordings that were not fitted."""
         whole, other = self.steps[-1], self._with_instead(evidence, without)
+        likely, instead = whitened_bic(self._field_of(without).ground, [whole, other])
+        if likely - instead < BIC_APART:
+            return True
         if whole.held_out is None or other.held_out is None:
             return False
         return squared(other.held_out) > squared(whole.held_out)
