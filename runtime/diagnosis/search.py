@@ -10,7 +10,7 @@ import numpy as np
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
-from runtime.diagnosis.likelihood import outgrown, whitened_bic
+from runtime.diagnosis.likelihood import outgrown, plainest, whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -224,18 +224,22 @@ class Search:
         (a bristle from dry friction) shows only when everything is refitted. Recordings that were not fitted decide
         where they can.
         """
-        tried = [evidence, *[e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]]
+        others = [e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]
+        special = self.model.library.effects[evidence.term.effect].generalises
+        others += [e for e in self.last.ranked if e.passes and e.term.effect in special and e not in others]
+        tried = [evidence, *others]
         steps = [self._with(step, e.candidate) for e in tried]
         best = 0
         for k, (other, after) in enumerate(zip(tried, steps, strict=True)):
             joint = joints_of(self.model, other.term)[0]
             if preferred(after, steps[best], joint):
                 best = k
+        best = plainest([e.term for e in tried], steps, best)
         lost = tuple(e.term for e, after in zip(tried, steps, strict=True) if refuted(after, steps[best]))
         terms = [e.term for e in tried]
         gone = {terms[best], *outgrown(self._field_of(step).ground, terms, steps, best)}
-        others = tuple(t for t in (evidence.term, *rivals) if t not in gone)
-        return Finding(tried[best], others, self.last, step, steps[best], lost)
+        alike = tuple(t for t in (evidence.term, *rivals) if t not in gone)
+        return Finding(tried[best], alike, self.last, step, steps[best], lost)
 
     def instead(self, number: int, term: Term) -> Search | None:
         """A search that differs from this one from a finding on: it has one of its rivals in its place; None where
@@ -350,7 +354,7 @@ class Search:
             best, others = verdict.best, [f for f in self.findings if f is not finding]
             if best is None or self._taken_over(finding, without):
                 kept, shapes = others, {}
-            elif best.delta_bic - own >= BIC_APART and not self._worse_with(best, without):
+            elif best.delta_bic - own >= BIC_APART and not self._worse_with(best, finding, without):
                 others.insert(k, replace(finding, evidence=best, rivals=verdict.rivals, verdict=verdict))
                 kept, shapes = others, {best.term: best.candidate.shape}
             else:
@@ -368,9 +372,12 @@ class Search:
         alike = self._alike(finding.term, last.term)
         return alike and self._superfluous(finding.term, (last.term,), whole) == 0
 
-    def _worse_with(self, evidence: Evidence, without: Step) -> bool:
-        """Whether another effect in a finding's place explains less of recordings that were not fitted."""
+    def _worse_with(self, evidence: Evidence, instead: Finding, without: Step) -> bool:
+        """Whether another effect in a finding's place explains less of recordings that were not fitted, or hardly more
+        of the fitted ones than that finding does as a special case."""
         whole, other = self.steps[-1], self._with_instead(evidence, without)
+        if plainest((evidence.term, instead.term), (other, whole), 0):
+            return True
         if whole.held_out is None or other.held_out is None:
             return False
         return squared(other.held_out) > squared(whole.held_out)
