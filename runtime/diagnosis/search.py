@@ -10,7 +10,7 @@ import numpy as np
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
-from runtime.diagnosis.likelihood import outgrown, whitened_bic
+from runtime.diagnosis.likelihood import outgrown, plainest, whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -241,18 +241,22 @@ class Search:
         (a bristle from dry friction) shows only when everything is refitted. Recordings that were not fitted decide
         where they can.
         """
-        tried = [evidence, *[e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]]
+        others = [e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]
+        special = self.model.library.effects[evidence.term.effect].generalises
+        others += [e for e in self.last.ranked if e.passes and e.term.effect in special and e not in others]
+        tried = [evidence, *others]
         steps = [self._with(step, e.candidate) for e in tried]
         best = 0
         for k, (other, after) in enumerate(zip(tried, steps, strict=True)):
             joint = joints_of(self.model, other.term)[0]
             if preferred(after, steps[best], joint):
                 best = k
+        best = plainest([e.term for e in tried], steps, best)
         lost = tuple(e.term for e, after in zip(tried, steps, strict=True) if refuted(after, steps[best]))
         terms = [e.term for e in tried]
         gone = {terms[best], *outgrown(self._field_of(step).ground, terms, steps, best)}
-        others = tuple(t for t in (evidence.term, *rivals) if t not in gone)
-        return Finding(tried[best], others, self.last, step, steps[best], lost)
+        alike = tuple(t for t in (evidence.term, *rivals) if t not in gone)
+        return Finding(tried[best], alike, self.last, step, steps[best], lost)
 
     def instead(self, number: int, term: Term) -> Search | None:
         """A search that differs from this one from a finding on: it has one of its rivals in its place; None where
@@ -365,9 +369,10 @@ class Search:
             verdict = self._in_place(without, finding.term)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
             best, others = verdict.best, [f for f in self.findings if f is not finding]
+            apart = best is not None and best.delta_bic - own >= BIC_APART
             if self._taken_over(finding, without) or (best is None and not self._clearly_likelier(without)):
                 kept, shapes = others, {}
-            elif best is not None and best.delta_bic - own >= BIC_APART and not self._worse_with(best, without):
+            elif best is not None and apart and not self._worse_with(best, finding, without):
                 others.insert(k, replace(finding, evidence=best, rivals=verdict.rivals, verdict=verdict))
                 kept, shapes = others, {best.term: best.candidate.shape}
             else:
@@ -393,12 +398,12 @@ class Search:
         plain, whole = whitened_bic(self._field_of(without).ground, [without, self.steps[-1]])
         return plain - whole > LEAST_DELTA_BIC
 
-    def _worse_with(self, evidence: Evidence, without: Step) -> bool:
-        """Whether another effect in a finding's place, all refitted, is not clearly likelier, or explains less of
-        recordings that were not fitted."""
+    def _worse_with(self, evidence: Evidence, instead: Finding, without: Step) -> bool:
+        """Whether another effect in a finding's place, all refitted, is not clearly likelier, explains hardly more than
+        that finding does as a special case, or explains less of recordings that were not fitted."""
         whole, other = self.steps[-1], self._with_instead(evidence, without)
-        likely, instead = whitened_bic(self._field_of(without).ground, [whole, other])
-        if likely - instead < BIC_APART:
+        likely, other_way = whitened_bic(self._field_of(without).ground, [whole, other])
+        if likely - other_way < BIC_APART or plainest((evidence.term, instead.term), (other, whole), 0):
             return True
         if whole.held_out is None or other.held_out is None:
             return False
