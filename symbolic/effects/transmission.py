@@ -39,12 +39,13 @@ _DEFLECTION, _RATE, _BEFORE = state("deflection"), state("rate"), state("load")
 _SLOPE = LOAD - _BEFORE
 _AHEAD = LOAD + _SLOPE
 # The step in plain symbols: what stands for them may be long, and its matrices would be expanded.
-_STEP = sp.symbols("h x v early late")
+_STEP = _H, _X, _V, _EARLY, _LATE = sp.symbols("h x v early late")
 _PLAIN = linear_step(
     sp.Matrix([[0, 1], [-_K / LINK_INERTIA, -_D / LINK_INERTIA]]),
-    sp.Matrix(_STEP[1:3]),
-    *(sp.Matrix([0, force / LINK_INERTIA]) for force in _STEP[3:]),
-    _STEP[0],
+    sp.Matrix([_X, _V]),
+    sp.Matrix([0, _EARLY / LINK_INERTIA]),
+    sp.Matrix([0, _LATE / LINK_INERTIA]),
+    _H,
 )
 
 
