@@ -61,7 +61,7 @@ SEARCH_STEP: Final = 1e-4
 rounding and curvature."""
 
 PLACE_STEPS: Final = 16
-"""steps to a step of a grid, to either side; a place at which a torque sets in is sought so finely, about what
+"""number of steps to a step of a grid, to either side; a place at which a torque sets in is sought so finely, about what
 an arm goes in a sample; development recordings."""
 
 SEARCH_FALL: Final = 1e-6
