@@ -1,4 +1,4 @@
-"""Where something rubs or sets in elsewhere than at a joint's own turn: the end-effector's rests, places of a spring."""
+"""What rubs or sets in elsewhere than at a turn of a joint: rests of the end-effector, places of springs."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_an_excerpt_leaves_out_the_same_rows(model: Model, swinging: Motion) -> 
 
 @pytest.mark.parametrize("astray", [-0.03, 0.04])
 def test_a_place_is_found_over_the_staircase_of_its_samples(drive: Model, astray: float) -> None:
-    """The same cycle again and again passes the place of a jump at the same samples: the error over it has wide steps."""
+    """The same cycle again and again passes the place of a jump at the same samples: the error has wide steps there."""
     t, rng, place = np.arange(12000) * DT, np.random.default_rng(3), 0.25
     q = 0.5 * np.sin(2 * np.pi * 1.0 * t) + 0.1 * np.sin(2 * np.pi * 2.0 * t)
     qd, qdd = np.gradient(q, DT), np.gradient(np.gradient(q, DT), DT)
