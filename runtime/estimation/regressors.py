@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ LINK_LOAD = "link_load"
 """The arm's function whose value a recording may know better."""
 LINK_SIDE = "link_inertia"
 """The arm's function of the inertias without the rotors."""
+NOTHING_GIVEN: Final[Mapping[str, float]] = {}
 
 
 @dataclass
@@ -275,28 +277,38 @@ class Regressors:
 
         return self._kept(("acceleration", joint), True, make)
 
-    def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
-        """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
-        return self._stored(term, joint, [shape])[0]
+    def columns(
+        self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
+    ) -> Array:
+        """(1 + k, M): the part without free coefficient, then one row a linear coefficient.
+
+        given   signals that are parameters of other effects, where these have other values than predicted
+        """
+        return self._stored(term, joint, [shape], given)[0]
 
     def columns_each(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
         """(S, 1 + k, M) `columns` for many shapes of a term."""
-        return np.array(self._stored(term, joint, shapes))
+        return np.array(self._stored(term, joint, shapes, NOTHING_GIVEN))
 
-    def _stored(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> list[Array]:
+    def _stored(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> list[Array]:
         library = self.model.library
         store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
-        keys = [(library.directory, self.model.directory, term, joint, *shape.values()) for shape in shapes]
+        where = (library.directory, self.model.directory, term, joint, *given.items())
+        keys = [(*where, *shape.values()) for shape in shapes]
         absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if key not in store}
         if absent:
-            store.update(zip(absent, self._in_band(term, joint, list(absent.values())), strict=True))
+            store.update(zip(absent, self._in_band(term, joint, list(absent.values()), given), strict=True))
         return [store[key] for key in keys]
 
-    def _in_band(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+    def _in_band(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> Array:
         if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
             return np.array([self._late(joint, self.ahead)] * len(shapes))
         parts = [
-            p.low_pass.columns(self.model.library, term.effect, s.of(term, joint), shapes, p.dt)
+            p.low_pass.columns(self.model.library, term.effect, {**s.of(term, joint), **given}, shapes, p.dt)
             for s, p in zip(self.signals, self.motion.pieces, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)

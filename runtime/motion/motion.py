@@ -146,6 +146,7 @@ class Motion:
     quiet (n,): torque noise in the band over the joint's dry friction: how much of that must not leak, through the
     band's filter, from where it is not known into a row that counts.
     cells: of each signal, what `--map` takes for the field of the first recording from which it was read.
+    spoiled (n, M): rows that rests elsewhere than in the joint itself spoil; None: there are none.
     """
 
     band: Band
@@ -153,6 +154,7 @@ class Motion:
     standstill: Array
     quiet: Array
     cells: Mapping[str, str] = field(default_factory=dict)
+    spoiled: Mask | None = None
 
     @property
     def n(self) -> int:
@@ -212,7 +214,9 @@ class Motion:
                 pieces.append(piece.cut(window))
                 rows.append(start + window.start // piece.low_pass.factor + np.arange(len(pieces[-1].centres)))
             start += len(piece.centres)
-        return replace(self, pieces=tuple(pieces)), np.concatenate(rows)
+        held = np.concatenate(rows)
+        spoiled = None if self.spoiled is None else self.spoiled[:, held]
+        return replace(self, pieces=tuple(pieces), spoiled=spoiled), held
 
     def moving(self, joint: int) -> Mask:
         """(M,) rows at which the joint (0-based) moves."""
@@ -220,9 +224,10 @@ class Motion:
 
     @cached_property
     def _moving(self) -> list[Mask]:
-        return [
+        own = [
             np.concatenate([p.moving(i, self.standstill[i], self.quiet[i]) for p in self.pieces]) for i in range(self.n)
         ]
+        return own if self.spoiled is None else [a & ~b for a, b in zip(own, self.spoiled, strict=True)]
 
     @cached_property
     def row_piece(self) -> NDArray[np.intp]:
