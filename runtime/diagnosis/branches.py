@@ -10,11 +10,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from runtime.diagnosis.likelihood import ruled_out, whitened_bic
+from runtime.diagnosis.presliding import bristles
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import BIC_APART, HELD_OUT_FALLS_TO, MOST_BRANCHES
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Finding, Step
 from runtime.diagnosis.worth import squared
+from runtime.model.terms import Term
 
 OnSearchStep = Callable[[Step], None]
 
@@ -30,8 +32,13 @@ def complete(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
             if branch is not None:
                 branches.append(_follow(branch))
         search = _best(branches, number)
-    search.findings = [replace(f, rivals=tuple(t for t in f.rivals if t not in f.refuted)) for f in search.findings]
+    search.findings = [replace(f, rivals=_left(f)) for f in search.findings]
     return search
+
+
+def _left(finding: Finding) -> tuple[Term, ...]:
+    """The rivals of a finding that nothing refuted, and those that no likelihood tells from it."""
+    return tuple(dict.fromkeys(t for t in (*finding.rivals, *bristles(finding)) if t not in finding.refuted))
 
 
 def _follow(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
