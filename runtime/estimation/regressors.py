@@ -37,6 +37,7 @@ class Signals(SignalContext):
     prediction: Prediction | None
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
     _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
+    _read: dict[tuple[str, int | None, int], dict[str, Array | float]] = field(default_factory=dict)
 
     def signal(self, name: str, joint: int, own: int | None) -> Array | float:
         key = (name, joint, own)
@@ -50,11 +51,14 @@ class Signals(SignalContext):
         """A signal at a joint (0-based), for an effect that sits there."""
         return self.signal(name, joint, joint)
 
-    def of(self, term: Term, joint: int) -> dict[str, Array | float]:
+    def of(self, term: Term, joint: int) -> Mapping[str, Array | float]:
         """What a term reads for its torque at a joint (0-based), and the time, which tells how many samples there
         are."""
-        read = self.reader(term, joint)
-        return {"t": self.piece.t, **{name: read(name) for name in self.model.library.effects[term.effect].signals}}
+        key = (term.effect, term.joint, joint)
+        if key not in self._read:
+            read, names = self.reader(term, joint), self.model.library.effects[term.effect].signals
+            self._read[key] = {"t": self.piece.t, **{name: read(name) for name in names}}
+        return self._read[key]
 
     def lacks(self, term: Term) -> bool:
         """Whether the term reads of another effect that is not there: of a joint's dry friction, of a parameter."""
