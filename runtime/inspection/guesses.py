@@ -31,14 +31,14 @@ _UNITS: Sequence[tuple[str, str]] = (
 _NUMBERED = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 
 
-def options(fields: Sequence[RecordedField], missing: Sequence[str]) -> list[str]:
-    """Entries of `--map` for signals that were not found, such as 'q="act_pos_mot_deg [deg]"'.
+def options(fields: Sequence[RecordedField]) -> list[str]:
+    """Options for positions, torques and time that no field is called: '--map q="act_pos_mot_deg [deg]"'.
 
-    missing   of t, q, tau; one family of fields for all joints where there is one
+    One family of fields for all joints where there is one.
     """
     found, home = [], None
     for signal in ("q", "tau", "t"):
-        if signal not in missing:
+        if any(re.fullmatch(rf"{signal}1?", _bare(f.name)) for f in fields):
             continue
         candidates = [f for f in fields if _signal(f.name) == signal and (home is None or f.clock == home)]
         if not candidates:

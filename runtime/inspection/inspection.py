@@ -76,7 +76,7 @@ class Inspection:
         """Options that may name what was not found."""
         if self.problem is None or "no column" not in self.problem:
             return []
-        return guesses.options(self.contents.fields, ("t", "q", "tau"))
+        return guesses.options(self.contents.fields)
 
 
 def inspect(

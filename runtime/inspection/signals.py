@@ -68,6 +68,7 @@ def joints_json(recording: Recording, names: tuple[str | None, ...]) -> list[dic
                 "joint": i + 1,
                 "name": names[i] if i < len(names) else None,
                 "moves": bool(np.ptp(q) > MOVES_FROM * still) and np.ptp(q) > 0,
+                "unit": "m" if recording.types[i] == "prismatic" else "rad",
                 "range": float(np.ptp(q)),
                 "top_speed": float(np.quantile(np.abs(rate), TOP_SPEED)),
                 "powered": bool(np.ptp(recording.tau[i]) > 0),

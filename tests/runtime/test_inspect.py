@@ -39,16 +39,9 @@ def motion(seconds: float = 20.0) -> dict[str, Array]:
 
 
 def write(path: Path, columns: dict[str, Array], header: bool = True) -> Path:
-    np.savetxt(
-        path,
-        np.column_stack(list(columns.values())),
-        "%.9g",
-        ",",
-        comments="",
-        header=",".join(columns) if header else "",
-    )
-    if not header:
-        path.write_text(path.read_text().lstrip("\n"))
+    first = [",".join(columns)] if header else []
+    rows = np.column_stack(list(columns.values()))
+    path.write_text("\n".join([*first, *(",".join(f"{x:.9g}" for x in row) for row in rows)]))
     return path
 
 
@@ -139,16 +132,14 @@ def test_other_names_are_guessed_and_not_believed(tmp_path, capsys):
     line = next(line for line in out.splitlines() if line.startswith("Perhaps: "))
     assert line == 'Perhaps: --map q1="act_pos_deg [deg]" --map tau1="torque" --map t="time_ms [ms]"'
     assert run(capsys, "inspect", path, "drive", *shlex.split(line)[1:])[0] == 0
+    write(path, {"t": m["t"], "q1": m["q1"], "Iq": m["tau1"]})
+    assert 'Perhaps: --map tau1="Iq [A]"\n' in run(capsys, "inspect", path)[1]
 
 
 def test_families_are_guessed_whole():
-    fields = [
-        RecordedField(f"rec.{name}{k}", "rec.time")
-        for name in ("ref_pos", "act_pos_deg", "act_torque_nm")
-        for k in (1, 2)
-    ]
-    fields.append(RecordedField("rec.time", "rec.time"))
-    assert options(fields, ("t", "q", "tau")) == [
+    names = [f"{name}{k}" for name in ("ref_pos", "act_pos_deg", "act_torque_nm") for k in (1, 2)]
+    fields = [RecordedField(f"rec.{name}", "rec.time") for name in [*names, "time"]]
+    assert options(fields) == [
         '--map q="rec.act_pos_deg [deg]"',
         '--map tau="rec.act_torque_nm"',
         '--map t="rec.time"',

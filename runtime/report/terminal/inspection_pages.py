@@ -64,7 +64,8 @@ def _joints(document: Document) -> None:
             say(f"{who}: is held")
             continue
         passive = "" if j["powered"] else "; its torque never changes"
-        say(f"{who}: moves over {figure(j['range'])}, up to {figure(j['top_speed'])} a second{passive}")
+        far, fast = quantity(j["range"], j["unit"]), quantity(j["top_speed"], f"{j['unit']}/s")
+        say(f"{who}: moves over {far}, up to {fast}{passive}")
 
 
 def _motion(document: Document) -> None:
@@ -80,7 +81,7 @@ def _motion(document: Document) -> None:
 
 
 def _parameters(document: Document) -> None:
-    if not document["parameters"]:
+    if document["suspicions"]:  # a fit of wrong data tells nothing
         return
     words = {
         "well": "These data tell",
