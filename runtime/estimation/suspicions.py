@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 DEGREE = UNITS["deg"][1]
 """rad."""
-MILLI = 1 / UNITS["mA"][1]
+MILLI = UNITS["mA"][1]
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ def _by_factor(identification: Identification, able: Sequence[int]) -> list[Susp
         said = f"its inertia comes to {fitted:.3g}, 1/{stated / fitted:.3g} of the {stated:.3g} in the model file"
         if _turns(identification.motion, i) > 1 and info.type == "revolute" and _about(stated / fitted, 1 / DEGREE):
             found.append(_degrees(identification.motion, i, said))
-        elif _about(fitted / stated, MILLI):
+        elif _about(stated / fitted, MILLI):
             unit = "mN m" if info.torque_constant is None else "mA"
             cure = in_unit(identification.motion.cells, f"tau{i + 1}", unit)
             large = f"its inertia comes to {fitted:.3g}, {fitted / stated:.4g} times the {stated:.3g} in the model file"

@@ -20,8 +20,6 @@ from runtime.recordings.units import UNITS
 
 Array = NDArray[np.float64]
 
-_DEGREES = 1 / UNITS["deg"][1]
-
 
 def without_model(recording: Recording) -> list[Suspicion]:
     """What looks wrong with positions and torques where no model tells it better."""
@@ -60,8 +58,12 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     if abs(abs(factor) - 1) < SCALE_OFF:
         cure = f"expected the same sign: pass {turned_round(cells, qd)}, or {turned_round(cells, q)}"
         return [Suspicion(joint + 1, "sign", said, cure)]
-    units = {_DEGREES: in_unit(cells, qd, "deg/s"), 1 / _DEGREES: in_unit(cells, q, "deg")}
-    units |= {30 / pi: in_unit(cells, qd, "rpm"), 1e3: in_unit(cells, qd, "mrad/s")}
+    units = {
+        1 / UNITS["deg/s"][1]: in_unit(cells, qd, "deg/s"),
+        UNITS["deg"][1]: in_unit(cells, q, "deg"),
+        1 / UNITS["rpm"][1]: in_unit(cells, qd, "rpm"),
+        1 / UNITS["mrad/s"][1]: in_unit(cells, qd, "mrad/s"),
+    }
     fitting = [c for size, c in units.items() if abs(abs(factor) / size - 1) < SCALE_OFF]
     if not fitting:
         return [Suspicion(joint + 1, "unit", said, f"is the unit of {qd}, of {q} or of t right? State it with --map")]
