@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from runtime.diagnosis.likelihood import whitened_bic
+from runtime.diagnosis.likelihood import ruled_out, whitened_bic
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import BIC_APART, HELD_OUT_FALLS_TO, MOST_BRANCHES
@@ -60,8 +60,9 @@ def _best(branches: list[Search], number: int) -> Search:
         return chosen
     worse = [_clearly_better(ends[best], end, scores[best], score) for end, score in zip(ends, scores, strict=True)]
     heads = [b.findings[number].term if len(b.findings) > number else None for b in branches]
-    refuted = {head for head, lost in zip(heads, worse, strict=True) if lost}
     finding = chosen.findings[number]
+    lost = {head for head, gone in zip(heads, worse, strict=True) if gone and head is not None}
+    refuted = {head for head in lost if ruled_out(head, ends[best], finding.joint_index)}
     rivals = tuple(t for t in finding.rivals if t not in refuted and t != finding.term)
     chosen.findings[number] = replace(finding, rivals=rivals, refuted=())
     return chosen
