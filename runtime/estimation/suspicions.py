@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 
 DEGREE = UNITS["deg"][1]
 """rad."""
+MILLI = UNITS["mA"][1]
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
     able = [i for i in range(motion.n) if motion.moving(i).any()]
     if motion.rigid_given or not able:
         return ()
-    factors = _too_small(identification, able)
+    factors = _by_factor(identification, able)
     if not _doubtful(identification, able):
         return tuple(factors)
     trials = _Trials(identification, able)
@@ -233,8 +234,8 @@ def _turns(motion: Motion, joint: int) -> float:
     return (max(float(p.q[joint].max()) for p in motion.pieces) - low) / (2 * pi)
 
 
-def _too_small(identification: Identification, able: Sequence[int]) -> list[Suspicion]:
-    """Joints whose inertia comes out as the file's, divided by the gear ratio or by the degrees in a radian."""
+def _by_factor(identification: Identification, able: Sequence[int]) -> list[Suspicion]:
+    """Joints whose inertia comes out as the file's divided by the gear ratio or a radian's degrees, or times 1000."""
     if not identification.model.lumps_known:
         return []
     found = []
@@ -245,6 +246,11 @@ def _too_small(identification: Identification, able: Sequence[int]) -> list[Susp
         said = f"its inertia comes to {fitted:.3g}, 1/{stated / fitted:.3g} of the {stated:.3g} in the model file"
         if _turns(identification.motion, i) > 1 and info.type == "revolute" and _about(stated / fitted, 1 / DEGREE):
             found.append(_degrees(identification.motion, i, said))
+        elif _about(stated / fitted, MILLI):
+            unit = "mN m" if info.torque_constant is None else "mA"
+            cure = in_unit(identification.motion.cells, f"tau{i + 1}", unit)
+            large = f"its inertia comes to {fitted:.3g}, {fitted / stated:.4g} times the {stated:.3g} in the model file"
+            found.append(Suspicion(i + 1, "milli", large, f"if its torque is in {unit}, pass {cure}"))
         elif info.gear_ratio > LEAST_TELLING_RATIO and _about(stated / fitted, info.gear_ratio):
             found.append(
                 Suspicion(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from runtime.recordings.contents import Array, RecordedField, Samples
 from runtime.recordings.errors import Refusal
-from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_FIELDS, SHARED_LENGTH
+from runtime.recordings.settings import LARGEST_MATRIX, LEAST_SIGNAL, MAX_BYTES, MOST_FIELDS
 
 _TIMES = re.compile(r"(t|time|timestamp|stamp)s?(\d?|_.*)", re.IGNORECASE)
 """The last part of the name of a variable that holds instants."""
@@ -50,7 +50,7 @@ class Variable:
     @property
     def is_signal(self) -> bool:
         """Whether it can hold samples of some joints."""
-        return len(self.shape) in (1, 2) and self.samples >= SHARED_LENGTH and 0 < self.width <= LARGEST_MATRIX
+        return len(self.shape) in (1, 2) and self.samples >= LEAST_SIGNAL and 0 < self.width <= LARGEST_MATRIX
 
     @property
     def place(self) -> str:

@@ -210,8 +210,10 @@ def _stem(field: RecordedField) -> str:
 
 def _named(members: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]]) -> list[RecordedField] | None:
     """The fields of the joints in the model's order, by their names; None where names do not tell."""
-    wanted, there = [str(joint.get("name")) for joint in joints], {str(field.joint): field for field in members}
-    return [there[name] for name in wanted] if all(name in there for name in wanted) else None
+    there = {field.joint: field for field in members if field.joint is not None}
+    ordered = [there.get(joint["name"]) if joint.get("name") else None for joint in joints]
+    known = [field for field in ordered if field is not None]
+    return known if len(known) == len(joints) else None
 
 
 # --- formats that do not ---
