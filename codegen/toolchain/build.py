@@ -9,6 +9,7 @@ import os
 import platform
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
@@ -40,10 +41,37 @@ class BuildError(RuntimeError):
 
 
 def cache_directory() -> Path:
-    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon."""
+    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon; where nothing can be written there, a folder of
+    the user's own among the temporary ones."""
     if own := os.environ.get("TENDON_CACHE"):
         return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tendon"
+    try:
+        usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tendon"
+    except RuntimeError:  # a user without a home
+        return _temporary()
+    try:
+        usual.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return _temporary()
+    return usual if os.access(usual, os.W_OK | os.X_OK) else _temporary()
+
+
+def _temporary() -> Path:
+    """Code is loaded from there: nobody else may have made it, or write to it. Raises BuildError."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = Path(tempfile.gettempdir()) / f"tendon-{user}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        facts = folder.lstat()
+    except OSError as error:
+        raise _no_cache(folder, error.strerror or str(error)) from error
+    if not stat.S_ISDIR(facts.st_mode) or (hasattr(os, "getuid") and (facts.st_uid != user or facts.st_mode & 0o022)):
+        raise _no_cache(folder, "it is not this user's alone")
+    return folder
+
+
+def _no_cache(folder: Path, reason: str) -> BuildError:
+    return BuildError(f"cannot write the cache {folder}: {reason}; set TENDON_CACHE to a folder that can be written")
 
 
 def compiler() -> tuple[str, ...]:
@@ -106,9 +134,7 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
         final.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=final.parent, prefix=".making-"))
     except OSError as error:
-        raise BuildError(
-            f"cannot write the cache {final.parent}: {error.strerror}; set TENDON_CACHE to a folder that can be written"
-        ) from error
+        raise _no_cache(final.parent, error.strerror or str(error)) from error
     try:
         fill(scratch)
         try:
