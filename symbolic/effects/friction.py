@@ -7,7 +7,7 @@ from math import inf
 import sympy as sp
 
 from symbolic import units as u
-from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, State, parameter, state
+from symbolic.effects.declaration import SIGNAL, Effect, Grid, Parameter, State, parameter, state
 from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, WIDTH_RATE, absolute, ramp, sgn, step
 
 Q, QD, T = SIGNAL["q"].symbol, SIGNAL["qd"].symbol, SIGNAL["t"].symbol
@@ -222,13 +222,17 @@ FRICTION_PATCH = Effect(
 # level as g(qd).
 _Z = state("bristle")
 _LEVEL = LEVEL + _TINY
-_DECAY = sp.exp(-parameter("stiffness") * SPEED * DT / _LEVEL)
+# Bent by the way since the last sample, over which they follow an exponential whatever the time it takes: the last
+# sample's rate alone would bend them half a step late, which a fit takes for damping.
+_WAY = Q - state("position")
+_SLIDING = LEVEL * sgn(_WAY, WIDTH_POSITION)
+_BENT = _SLIDING + (_Z - _SLIDING) * sp.exp(-parameter("stiffness") * absolute(_WAY, WIDTH_POSITION) / _LEVEL)
 
 LUGRE = Effect(
     name="lugre",
     scope="joint",
     family="friction",
-    torque=_Z - LEVEL * SIGN + parameter("damping") * (QD - SPEED * _Z / _LEVEL),
+    torque=_BENT - LEVEL * SIGN + parameter("damping") * (QD - SPEED * _BENT / _LEVEL),
     parameters=(
         Parameter(
             "stiffness",
@@ -246,9 +250,9 @@ LUGRE = Effect(
             "bristle",
             u.FORCE,
             "torque of the bent bristles, between the two Coulomb levels",
-            # Exact for a rate and a level that stay as they are during dt.
-            step=LEVEL * SIGN + (_Z - LEVEL * SIGN) * _DECAY,
+            _BENT,
         ),
+        State("position", u.POSITION, "q of the last sample", Q, initial=Q),
     ),
     one_form=True,
     summary="Presliding: after a reversal, dry friction builds up like a spring until it slides.",

@@ -129,7 +129,8 @@ def test_columns_and_torque_agree(library: Library) -> None:
 def test_memory_runs_along_the_samples(library: Library) -> None:
     """A bristle loads up to the friction level within some micrometres of motion, and keeps it."""
     rate = np.full(400, 0.1)
-    found = library.columns("lugre", {"qd": rate, "level": 2.0}, {"stiffness": 1000.0}, dt=1e-3)
+    way = 1e-3 * np.cumsum(rate)
+    found = library.columns("lugre", {"q": way, "qd": rate, "level": 2.0}, {"stiffness": 1000.0}, dt=1e-3)
     # The fixed part is the bristle's torque less the Coulomb level that another effect carries.
     assert found[0, 0] == pytest.approx(-2.0)
     assert abs(found[0, -1]) < 1e-6
@@ -157,7 +158,7 @@ def test_what_an_effect_misses(library: Library) -> None:
     with pytest.raises(LoaderError, match=r'signal "qd" has shape \(2, 2\), expected a number or \(N,\)'):
         library.torque("viscous", {"qd": np.ones((2, 2))}, {"coefficient": 1.0})
     with pytest.raises(LoaderError, match='effect "lugre" has a memory and needs the step dt > 0'):
-        library.columns("lugre", {"qd": RATE, "level": 1.0}, {"stiffness": 1.0})
+        library.columns("lugre", {"q": RATE, "qd": RATE, "level": 1.0}, {"stiffness": 1.0})
 
 
 def test_effects_as_data(library: Library) -> None:

@@ -1,4 +1,4 @@
-"""Dry friction that grows over a displacement, by springs and sliders side by side: the bristle's other form."""
+"""Dry friction that grows over a displacement: by bristles, and by springs and sliders side by side."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from runtime.diagnosis.diagnose import diagnose
+from runtime.estimation.identify import identify, identify_motion
+from runtime.model.terms import Term, structure
 from runtime.workspace import open_model
-from tests.judge.cases import cases, make
+from tests.judge.cases import Setting, cases, make
+from tests.judge.recorder import Logger
 from tests.judge.situations import SITUATIONS
 
 
@@ -36,3 +39,20 @@ def test_a_loop_beside_the_dry_friction_is_a_springs(tmp_path: Path) -> None:
     named = rivals("spring_hysteresis", 0.3, tmp_path)
     assert "spring_hysteresis" in named
     assert "lugre" not in named["spring_hysteresis"]
+
+
+@pytest.mark.usefixtures("cache")
+def test_bristles_are_as_stiff_at_slow_sampling(tmp_path: Path) -> None:
+    """At 100 Hz a joint goes through most of its presliding between two samples; what bends over the way is as stiff
+    none the less."""
+    (case,) = cases(["lugre"], [1], [1.0], [4], Setting(excitation="brief", logger=Logger(every=10)))
+    made = make(case, [300.0])
+    path = tmp_path / "arm.toml"
+    path.write_text(made.model)
+    model, term = open_model(path), Term("lugre", 1)
+    plain = identify(model, [made.recording])
+    known = {**structure(model), term: {"stiffness": 300.0}}
+    found = identify_motion(model, plain.motion, known, start=plain.fit).inference.values[term]["stiffness"]
+    assert found.value == pytest.approx(300.0, rel=0.05)
+    assert found.interval is not None
+    assert found.interval[0] < 300.0 < found.interval[1]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +16,12 @@ from symbolic.effects.declaration import state
 from tests.effect_values import simulate
 
 
+def moving(rates: Sequence[float], level: float, dt: float = 1e-3) -> list[dict[str, float]]:
+    """Samples of a motion at these rates under dry friction of this level."""
+    way = accumulate((0.5 * dt * (a + b) for a, b in pairwise(rates)), initial=0.0)
+    return [{"q": q, "qd": r, "level": level} for q, r in zip(way, rates, strict=True)]
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     rates=st.lists(st.floats(-3, 3), min_size=1, max_size=40),
@@ -21,7 +29,7 @@ from tests.effect_values import simulate
     level=st.floats(0, 5),
 )
 def test_bristle_stays_between_the_coulomb_levels(rates: list[float], stiffness: float, level: float) -> None:
-    samples = [{"qd": r, "level": level} for r in rates]
+    samples = moving(rates, level)
     for value, rate in zip(
         simulate("lugre", {"stiffness": stiffness, "damping": 0.0}, 1e-3, samples), rates, strict=True
     ):
@@ -30,7 +38,7 @@ def test_bristle_stays_between_the_coulomb_levels(rates: list[float], stiffness:
 
 
 def test_stiff_bristle_is_coulomb_friction() -> None:
-    samples = [{"qd": r, "level": 1.5} for r in (1.0, 0.5, 0.2, -0.3, -1.0, -0.1, 0.4, 0.4)]
+    samples = moving((1.0, 0.5, 0.2, -0.3, -1.0, -0.1, 0.4, 0.4), 1.5)
     torques = simulate("lugre", {"stiffness": 1e9, "damping": 0.0}, 1e-3, samples)
     # A step after each reversal the bristle has turned over, and the sum is Coulomb friction.
     slid = [k for k in range(1, len(samples)) if samples[k - 1]["qd"] * samples[k]["qd"] > 0]
@@ -39,12 +47,26 @@ def test_stiff_bristle_is_coulomb_friction() -> None:
 
 def test_bristle_is_a_spring_before_it_slides() -> None:
     stiffness, level, rate, dt = 200.0, 1.5, 1e-4, 1e-3
-    torques = simulate("lugre", {"stiffness": stiffness, "damping": 0.0}, dt, [{"qd": rate, "level": level}] * 11)
+    torques = simulate("lugre", {"stiffness": stiffness, "damping": 0.0}, dt, moving([rate] * 11, level, dt))
     travelled = 10 * rate * dt
     # Exponential approach: exactly level (1 - exp(-k x/level)), a spring k x at first.
     expected = level * (1 - math.exp(-stiffness * travelled / level))
     assert torques[10] + level == pytest.approx(expected, rel=1e-9)
     assert expected == pytest.approx(stiffness * travelled, rel=1e-3)
+
+
+def test_bristle_bends_over_the_way_at_any_sampling() -> None:
+    """Along one way without a turn, samples ten times as far apart find the same torque."""
+
+    def along(dt: float) -> list[float]:
+        return simulate(
+            "lugre",
+            {"stiffness": 400.0, "damping": 0.0},
+            dt,
+            moving([2 * k * dt for k in range(round(0.08 / dt))], 1.5, dt),
+        )
+
+    assert along(1e-2) == pytest.approx(along(1e-3)[::10], rel=1e-9)
 
 
 JOINT = {"link_inertia": 0.2, "coupling": 0.2, "coupling_rate": 0.0, "coupling_slope": 0.0}
