@@ -197,7 +197,7 @@ class CandidateField:
         )
 
     def trial(self, term: Term, shape: Values) -> CandidateBlock:
-        """The candidate's columns on the excerpt; of a transmission that no encoder watches, on its own joint only."""
+        """The candidate's columns on the excerpt."""
         return self._one(self._trials(term, [shape]))
 
     def _trials(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
@@ -205,11 +205,10 @@ class CandidateField:
         joints = joints_of(self.model, term)
         if not self.model.library.effects[term.effect].gives_way:
             return self._sampled(term, shapes, joints, reread=False)
-        watched = self.watched(term)
         # A transmission's torque is a further derivative of the same readings: their noise would speak against any
         # stiffness. A gap meets its flanks elsewhere on another reading: that noise is no smaller error that adds up.
         linear = not self.model.library.effects[term.effect].has_gap
-        return self._sampled(term, shapes, joints if watched else joints[:1], reread=watched or linear)
+        return self._sampled(term, shapes, joints, reread=self.watched(term) or linear)
 
     @cached_property
     def _reread(self) -> Regressors:

@@ -341,26 +341,29 @@ def weigh(field: CandidateField, candidates: Sequence[Candidate], floors: Sequen
 
 
 def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
-    """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, and every
-    transmission that an encoder watches."""
+    """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, that which
+    leaves least there, and every transmission that an encoder watches."""
     ground = field.excerpt[1]
 
-    def tried(term: Term) -> tuple[Candidate, float] | None:
+    def tried(term: Term) -> tuple[Candidate, NormalEquations] | None:
         c = field.search(term)
         if c is None:
             return None
-        block = field.trial(c.term, c.shape)
-        return c, float(field.without(ground, field.replaced(term)).equations(block).held_out[0].sum())
+        return c, field.without(ground, field.replaced(term)).equations(field.trial(c.term, c.shape))
 
     both = [one for one in of_each("candidates", tried, terms) if one is not None]
-    found, errors = [c for c, _ in both], {c.term: error for c, error in both}
+    found = [c for c, _ in both]
+    errors = {c.term: float(e.held_out[0].sum()) for c, e in both}
+    left = {c.term: e.sse for c, e in both}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
     least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.equations(None).held_out[0].sum())
     hopeful = [c for c in scored if errors[c.term] < least] or scored[:FINALISTS_OF_A_JOINT]
     chosen = hopeful[:FINALISTS]
-    for joint in {c.term.joint for c in hopeful}:
+    for joint in {c.term.joint for c in found}:
         of_joint = [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
+        # What happens in one stretch only, as a contact may, is left to chance where that stretch is held out.
+        of_joint.append(min((c for c in found if c.term.joint == joint), key=lambda c: left[c.term]))
         chosen += [c for c in of_joint if c not in chosen]
     chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
     return chosen

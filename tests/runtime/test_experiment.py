@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.diagnosis.diagnose import begin
+from runtime.diagnosis.gates import rank
 from runtime.experiments import design
 from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, confirm, parse_rivals, propose
 from runtime.experiments.options import ExperimentSettings
@@ -210,6 +212,20 @@ def test_one_oscillation_does_not_separate_what_two_radians_would(drive: Model) 
     answer = confirm(TrialArm.of(drive, [a, b], ExperimentSettings(seed=3)), _two_sines(0.3), [3])
     assert not answer
     assert answer.problem
+
+
+def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) -> None:  # noqa: ARG001
+    """The ordinary excitation meets the plate in one stretch only: held out, that stretch tells of nothing else."""
+    bench = _bench(open_model("vishard4"), "elasticity@2,torque_delay@2")
+    search = begin(bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
+    step = search.steps[-1]
+    soft = [Term("elasticity", joint) for joint in (1, 2, 3, 4)]
+    ground = search.ground()
+    verdict = rank(ground, [*soft, Term("stribeck", 2), Term("torque_scale", 2)], step.floors)
+    assert verdict.best is not None
+    assert verdict.best.term == soft[1]
+    assert verdict.best.candidate.shape["stiffness"] == pytest.approx(bench.rivals[0].values["stiffness"], rel=0.1)
+    assert set(verdict.rivals) <= {soft[2]}
 
 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
