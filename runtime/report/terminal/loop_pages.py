@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from runtime.report.terminal.cells import (
+    INTERVAL,
     Document,
     Names,
     at_named,
@@ -14,6 +15,7 @@ from runtime.report.terminal.cells import (
     figure,
     fit_table,
     interval,
+    is_narrow,
     joint_cell,
     joints_table,
     names_of,
@@ -22,6 +24,7 @@ from runtime.report.terminal.cells import (
     say,
     several,
     unit,
+    whole_intervals,
 )
 from runtime.wording import numbered
 from symbolic.model_file.checks import at_joint
@@ -266,7 +269,8 @@ def _floors(joints: Sequence[Document]) -> str:
 
 def _refit(before: Document, after: Document, names: Names) -> None:
     """Every parameter as the file has it, fitted without and with what was added."""
-    table = empty_table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
+    names = {} if is_narrow() else names
+    table = whole_intervals(empty_table("joint", "parameter", "file", "before", "after", INTERVAL, "unit"), after)
     earlier = {(p["joint"], p["name"]): p["fit"] for p in before["inertial"]}
     for new in after["inertial"]:
         old = earlier.get((new["joint"], new["name"]))
