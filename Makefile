@@ -42,6 +42,7 @@ benchmark-short: $(STAMP)
 generated: $(STAMP)
 	$(BIN)/tendon generate symbolic/arms/vishard4.toml
 	$(BIN)/tendon firmware symbolic/arms/vishard4.toml
+	$(BIN)/python -m runtime.cli.schemas
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis

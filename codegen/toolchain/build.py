@@ -9,6 +9,7 @@ import os
 import platform
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
@@ -16,14 +17,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 FLAGS = (
-    *("-O3", "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    *("-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
     *("-fPIC", "-shared"),
 )
 """-ffp-contract=off: the same bits from every compiler; no -march=native and no -ffast-math for the same reason."""
-_GCC = ("-fschedule-insns", "-fsched-pressure", "--param", "vect-epilogues-nomask=0")
+LOOPS, STRAIGHT = "-O3", "-O1"
+"""How much of its time a compiler spends on a source of loops, as those of the effects along samples are, and on one of
+hundreds of operations in a row, as an arm's functions are: for what it looks for beyond, it takes half as long again,
+and the code is 0 to 4 % faster."""
+_GCC = ("-fschedule-insns", "-fsched-pressure", "-ftree-loop-vectorize", "--param", "vect-epilogues-nomask=0")
 """Hundreds of operations in a row: gcc orders them before it hands out registers, as clang does by itself, which makes
-vectors up to a third faster. And it would vectorise what is left of a loop once more, half as wide: a third of its
-time, for no measurable speed."""
+vectors up to a third faster. An arm's few loops become vectors at any level. And gcc would vectorise what is left of a
+loop once more, half as wide: a third of its time, for no measurable speed."""
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wfloat-conversion"),
     *("-Wshadow", "-Wundef", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla", "-Werror"),
@@ -36,10 +41,37 @@ class BuildError(RuntimeError):
 
 
 def cache_directory() -> Path:
-    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon."""
+    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon; where nothing can be written there, a folder of
+    the user's own among the temporary ones."""
     if own := os.environ.get("TENDON_CACHE"):
         return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tendon"
+    try:
+        usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tendon"
+    except RuntimeError:  # a user without a home
+        return _temporary()
+    try:
+        usual.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return _temporary()
+    return usual if os.access(usual, os.W_OK | os.X_OK) else _temporary()
+
+
+def _temporary() -> Path:
+    """Code is loaded from there: nobody else may have made it, or write to it. Raises BuildError."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = Path(tempfile.gettempdir()) / f"tendon-{user}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        facts = folder.lstat()
+    except OSError as error:
+        raise _no_cache(folder, error.strerror or str(error)) from error
+    if not stat.S_ISDIR(facts.st_mode) or (hasattr(os, "getuid") and (facts.st_uid != user or facts.st_mode & 0o022)):
+        raise _no_cache(folder, "it is not this user's alone")
+    return folder
+
+
+def _no_cache(folder: Path, reason: str) -> BuildError:
+    return BuildError(f"cannot write the cache {folder}: {reason}; set TENDON_CACHE to a folder that can be written")
 
 
 def compiler() -> tuple[str, ...]:
@@ -102,9 +134,7 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
         final.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=final.parent, prefix=".making-"))
     except OSError as error:
-        raise BuildError(
-            f"cannot write the cache {final.parent}: {error.strerror}; set TENDON_CACHE to a folder that can be written"
-        ) from error
+        raise _no_cache(final.parent, error.strerror or str(error)) from error
     try:
         fill(scratch)
         try:
@@ -118,9 +148,9 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
     return final
 
 
-def compile_shared(directory: Path, sources: list[str], output: str) -> None:
-    """Compile `sources` of `directory` into the shared library `output` there."""
-    command = [*compiler(), *FLAGS, *vector_flags(), *sources, "-o", output, "-lm"]
+def compile_shared(directory: Path, sources: list[str], output: str, level: str) -> None:
+    """Compile `sources` of `directory` into the shared library `output` there. `level`: LOOPS or STRAIGHT."""
+    command = [*compiler(), level, *FLAGS, *vector_flags(), *sources, "-o", output, "-lm"]
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig")}
     try:
         result = subprocess.run(command, cwd=directory, capture_output=True, text=True, env=environment, check=False)
@@ -132,7 +162,7 @@ def compile_shared(directory: Path, sources: list[str], output: str) -> None:
         raise BuildError(f"the C compiler {' '.join(compiler())} failed (exit {result.returncode}): {first[:300]}")
 
 
-def shared_library(files: Mapping[str, str], name: str) -> Path:
+def shared_library(files: Mapping[str, str], name: str, level: str = LOOPS) -> Path:
     """The shared library of all `.c` files among `files`, from the cache or freshly compiled."""
     parts = [part for item in sorted(files.items()) for part in item]
     sources = sorted(path for path in files if path.endswith(".c"))
@@ -140,6 +170,6 @@ def shared_library(files: Mapping[str, str], name: str) -> Path:
     def fill(directory: Path) -> None:
         for path, text in files.items():
             (directory / path).write_text(text, encoding="utf-8")
-        compile_shared(directory, sources, f"{name}.so")
+        compile_shared(directory, sources, f"{name}.so", level)
 
-    return entry(f"{name}-{key(*parts)}", fill) / f"{name}.so"
+    return entry(f"{name}-{key(*parts, level)}", fill) / f"{name}.so"

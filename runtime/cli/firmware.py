@@ -13,6 +13,7 @@ from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import FILLED, check_directory
+from runtime.cli.rendered import own_directory
 
 app = typer.Typer()
 
@@ -34,7 +35,7 @@ def firmware(
 
     source = opened(model, effects)
     name = source.arm().name
-    directory = out if out is not None else Path("generated") / name / "firmware"
+    directory = out if out is not None else own_directory(source, name) / "firmware"
     check_directory(directory)
     if check:
         with working(f"deriving {name}"):

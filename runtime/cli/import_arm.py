@@ -15,16 +15,20 @@ from runtime.workspace import UsageError, effects_library
 
 app = typer.Typer()
 
+Base = Annotated[str | None, typer.Option(metavar="LINK", help="Where the arm begins; default: the root.")]
+Tip = Annotated[str | None, typer.Option(metavar="LINK", help="Where it ends; default: the only end.")]
+Lock = Annotated[
+    list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that is held, at rad or m; repeatable.")
+]
+
 
 @app.command("import", epilog="Example: tendon import ur10.urdf --out ur10.toml")
 def import_arm(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (with the package mujoco)."), READ],
     out: Annotated[Path, typer.Option(metavar="MODEL", help="The new model file."), WRITTEN],
-    base: Annotated[str | None, typer.Option(metavar="LINK", help="Where the arm begins; default: the root.")] = None,
-    tip: Annotated[str | None, typer.Option(metavar="LINK", help="Where it ends; default: the only end.")] = None,
-    lock: Annotated[
-        list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that is held, at rad or m; repeatable.")
-    ] = None,
+    base: Base = None,
+    tip: Tip = None,
+    lock: Lock = None,
     friction: Annotated[
         bool,
         typer.Option(
@@ -42,12 +46,12 @@ def import_arm(
 
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
-    made = imported(file, effects_library(effects, space=True), base, tip, _locked(lock or []), friction)
+    made = imported(file, effects_library(effects, space=True), base, tip, locked(lock or []), friction)
     files.replace(out, made.text.encode())
     emit(json, {"out": str(out), **made.document()}, exchange_pages.imported)
 
 
-def _locked(entries: list[str]) -> dict[str, float]:
+def locked(entries: list[str]) -> dict[str, float]:
     """`--lock joint=value`, several times, as a dictionary."""
     found: dict[str, float] = {}
     for entry in entries:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
@@ -21,6 +22,7 @@ from runtime.cli import (
     import_arm,
     improve,
     init,
+    inspect_recording,
     optimize,
     output,
     paper,
@@ -32,7 +34,6 @@ from runtime.cli import (
 
 app = typer.Typer(
     help="Models of robot arms: derive and generate code, compare with recordings, find the missing effect, add it.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
@@ -40,6 +41,7 @@ app = typer.Typer(
 for _verb in (
     init,
     import_arm,
+    inspect_recording,
     generate,
     verify,
     effects,
@@ -62,6 +64,27 @@ for _verb in (
         if _command.callback is not None:
             _command.callback = places.guarded(_command.callback)
     app.add_typer(_verb.app)
+
+
+def _version(wanted: bool) -> None:
+    if not wanted:
+        return
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        typer.echo(f"tendon {version('tendon')}")
+    except PackageNotFoundError:
+        typer.echo("tendon, not installed: run from its folder")
+    raise typer.Exit()
+
+
+@app.callback()
+def of_all_verbs(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """What stands before a verb. The help is that of the program."""
 
 
 def main() -> None:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from runtime.cli.places import check_directory, keep
-from runtime.workspace import Source, UsageError
+from runtime.workspace import ARMS, Source, UsageError
+
+NOTE, SHIPPED = ".model", "tendon: "
+"""Beside generated files, from which model file they are; one that ships is said by its name."""
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """Everything that `generate` writes, complete before the first file is touched."""
+    """Everything that `generate` writes, complete before the first file is touched.
+
+    made_from   the model file: its path from the directory, or the name under which it ships
+    """
 
     name: str
+    made_from: str
     directory: Path
     beside: Path
     files: dict[str, str]
@@ -27,9 +35,11 @@ class Rendered:
 
     def write(self) -> None:
         from codegen import disk
+        from runtime import files
 
         disk.write(self.files, self.directory)
         disk.write(self.effect_files, self.beside)
+        files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
 
     def document(self) -> dict[str, Any]:
         import json
@@ -52,7 +62,7 @@ def render_all(source: Source, text: str, out: Path | None, effects: Path | None
     from symbolic.model import derive
 
     arm = source.arm(text)
-    directory = out if out is not None else Path("generated") / arm.name
+    directory = out if out is not None else own_directory(source, arm.name)
     beside = directory.parent / "effects"
     if directory.resolve() == beside.resolve():
         raise UsageError(f"{directory}: the library of effects goes there; choose another --out")
@@ -64,4 +74,27 @@ def render_all(source: Source, text: str, out: Path | None, effects: Path | None
         effect_files = render.effect_files(tuple(source.library.values()))
     places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
     keep([source.path, *([effects] if effects else [])], places)
-    return Rendered(arm.name, directory, beside, files, effect_files)
+    return Rendered(arm.name, _origin(source, directory), directory, beside, files, effect_files)
+
+
+def own_directory(source: Source, name: str) -> Path:
+    """Where an arm's files go by default. Raises UsageError where those of another model file of the same name are,
+    and that is still there."""
+    directory = Path("generated") / name
+    note = directory / NOTE
+    other = note.read_text(encoding="utf-8").strip() if note.is_file() else None
+    if other is None or other == _origin(source, directory):
+        return directory
+    if other.startswith(SHIPPED) or (directory / other).is_file():
+        shown = other if other.startswith(SHIPPED) else os.path.relpath(directory / other)
+        raise UsageError(
+            f"{directory}: holds what was generated from {shown}, which has the same name; give one of them another, "
+            "or choose another --out"
+        )
+    return directory
+
+
+def _origin(source: Source, directory: Path) -> str:
+    if source.path.resolve().parent == ARMS.resolve():
+        return f"{SHIPPED}{source.path.stem}"
+    return Path(os.path.relpath(source.path.resolve(), directory.resolve())).as_posix()

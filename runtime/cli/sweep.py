@@ -32,12 +32,13 @@ app = typer.Typer()
 _HELP = """Optimize many variations of a scenario. All that --over names, each with each; exit 1 if one has no plan.
 
 \b
-cycle_time=1.0:3.0:0.2       s; or cycle_time=1.0,1.2
-case=A,B,C,D                 A bare, B with springs, C with friction, D with both
-stiffness=5100,5900          N/m, of all springs; stiffness@4=5100,5900 of the one at joint 4
-offset=-0.5,0                rad or m, likewise
-plate.stiffness=600,1300     a parameter of the contact
-seed=0:99                    other first guesses
+cycle_time=1.0:3.0:0.2    s; or cycle_time=1.0,1.2
+case=A,B,C,D              bare, springs, friction, both
+stiffness=5100,5900       N/m, of all springs
+stiffness@4=5100,5900     of the one at joint 4
+offset=-0.5,0             rad or m, likewise
+plate.stiffness=600,1300  a parameter of the contact
+seed=0:99                 other first guesses
 
 Finished jobs are kept in FILE.journal: after Ctrl-C, or whatever else ended it, the same command goes on.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from runtime.report.terminal.cells import console, empty_table, figure, percent, say
+from runtime.report.terminal.cells import empty_table, figure, percent, say, show_table
 from runtime.study.tables import Claim
 
 WHAT_IS_WHAT = (
@@ -28,7 +28,7 @@ def costs(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
         cells = [row["case"], f"{row['cycle_time']:g}"] + ([f"{row['plate']:g}"] if row["plate"] else [])
         cells += _beside(row["simulation"]) + (_beside(row["experiment"]) if experiment else [])
         table.add_row(*cells, figure(row["stiffness"]["ours"]), figure(row["stiffness"]["paper"]))
-    console().print(table)
+    show_table(table)
     say(_summary(rows))
 
 
@@ -42,11 +42,15 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def claims(found: Sequence[Claim]) -> None:
-    """What the paper says, and whether it holds here."""
+    """What the paper says, and whether it holds here; what is not reproduced, and why."""
     table = empty_table("the paper says", "paper", "here", "holds")
     for claim in found:
         table.add_row(claim.text, claim.paper, claim.ours, "yes" if claim.holds else "NO")
-    console().print(table)
+    show_table(table)
+    for claim in found:
+        if not claim.holds:
+            why = f"not claimed: {claim.unclaimed}" if claim.unclaimed else "it should come out"
+            say(f'Not reproduced: "{claim.text} {claim.paper}", here {claim.ours}; {why}.')
 
 
 def figure5(spread: Mapping[float, float]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import subprocess
 import sys
 import threading
@@ -95,6 +96,30 @@ def test_the_cache_has_a_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     assert build.cache_directory() == tmp_path / "tendon"
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert build.cache_directory() == Path.home() / ".cache" / "tendon"
+
+
+def test_without_a_home_that_can_be_written_the_cache_is_the_users_own_temporary_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Code is loaded from there: what others made, or could write to, is not taken."""
+    (tmp_path / "home").write_text("no folder")
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    monkeypatch.delenv("TENDON_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    folder = temporary / f"tendon-{os.getuid()}"
+    assert build.cache_directory() == folder
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert build.shared_library(ANSWER, "answer").is_relative_to(folder)
+    folder.chmod(0o777)
+    with pytest.raises(build.BuildError, match="it is not this user's alone; set TENDON_CACHE"):
+        build.cache_directory()
+    folder.rename(temporary / "elsewhere")
+    folder.symlink_to(temporary / "elsewhere")
+    with pytest.raises(build.BuildError, match="it is not this user's alone"):
+        build.cache_directory()
 
 
 def test_an_arm_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:

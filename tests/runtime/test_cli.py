@@ -20,6 +20,7 @@ from runtime.workspace import Source, open_model
 
 VERBS = [
     "init",
+    "inspect",
     "generate",
     "verify",
     "effects",
@@ -240,6 +241,19 @@ def test_generate_and_check(run, here):
     status, out, _ = run("generate", "drive.toml", "--check", "--json", "-")
     assert status == 1
     assert json.loads(out)["stale"]
+
+
+def test_two_models_of_one_name_do_not_share_a_folder(run, here):
+    assert run("generate", "drive.toml")[0] == 0
+    assert run("generate", f"../{here.name}/drive.toml")[0] == 0
+    (here / "other.toml").write_text(DRIVE.replace("0.30", "0.31"))
+    line = refused(run, here, "generate", "other.toml")
+    assert line.startswith("generated/drive1: holds what was generated from drive.toml, which has the same name")
+    assert "same name" in refused(run, here, "add", "other.toml", "stribeck", "--joint", "1")
+    assert run("generate", "other.toml", "--out", "generated/drive1")[0] == 0  # it is asked for
+    assert "from other.toml" in refused(run, here, "generate", "drive.toml")
+    (here / "other.toml").unlink()
+    assert run("generate", "drive.toml")[0] == 0
 
 
 def test_generate_elsewhere(run, here):

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from runtime.wording import numbered
 from symbolic.model_file.checks import at_joint
 
+_ENDLESS = 10_000
+"""Columns that no table needs."""
 Document = Mapping[str, Any]
 Names = Mapping[int, str | None]
 INTERVAL = "95 % interval"
@@ -20,10 +25,21 @@ ROOMY = 100
 """Columns of a screen that have room for the names of joints beside six numbers."""
 
 
+COMMAND = "tendon "
+
+
 def say(*lines: str) -> None:
-    """Plain lines on standard output."""
+    """Plain lines on standard output: on a terminal broken between words, but for what is to be copied."""
     for line in lines:
-        console().print(line, soft_wrap=True)
+        whole = not sys.stdout.isatty() or line.lstrip().startswith(COMMAND)
+        for part in [line] if whole else wrapped(line, console().width):
+            console().print(part, soft_wrap=True)
+
+
+def wrapped(line: str, width: int) -> list[str]:
+    """A line in as many as it takes, the others further in than the first; no word is broken."""
+    inside = line[: len(line) - len(line.lstrip())] + "  "
+    return textwrap.wrap(line, width, subsequent_indent=inside, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def fit_table(document: Document, names: Names) -> None:
@@ -43,7 +59,7 @@ def fit_table(document: Document, names: Names) -> None:
         for name, p in entry["parameters"].items():
             label = f"{entry['name']}: {name}"
             table.add_row(joint_cell(entry["joint"], names), label, "", figure(p["value"]), interval(p, ""), unit(p))
-    console().print(table)
+    show_table(table)
 
 
 def joints_table(document: Document) -> None:
@@ -59,7 +75,7 @@ def joints_table(document: Document) -> None:
             j["floor_source"],
             repeats,
         )
-    console().print(table)
+    show_table(table)
 
 
 def delay_lines(document: Document) -> None:
@@ -111,6 +127,35 @@ def whole_intervals(table: Table, document: Document) -> Table:
     for column in table.columns:
         column.no_wrap = column.no_wrap or (column.header == INTERVAL and not any(map(entangled, each)))
     return table
+
+
+def show_table(table: Table) -> None:
+    """On standard output: no word is broken, and where that takes more columns than there are, row by row."""
+    screen = console()
+    columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
+    widest = [max(map(cell_len, cells)) for cells in columns]
+    least = [max(cell_len(word) for cell in cells for word in (cell.split() or [""])) for cells in columns]
+    between = Measurement.get(screen, screen.options.update(max_width=_ENDLESS), table).maximum - sum(widest)
+    room = screen.width - between
+    if sum(least) > room:
+        _show_rows(columns, screen.width)
+        return
+    for cap in range(max(widest, default=0), -1, -1):
+        widths = [max(narrow, min(wide, cap)) for wide, narrow in zip(widest, least, strict=True)]
+        if sum(widths) <= room:
+            break
+    for column, width in zip(table.columns, widths, strict=True):
+        column.width, column.no_wrap = width, False
+    screen.print(table)
+
+
+def _show_rows(columns: Sequence[Sequence[str]], width: int) -> None:
+    """A line a cell, below the first of its row; column: its heading and its cells."""
+    head, *names = (cells[0] for cells in columns)
+    for first, *rest in list(zip(*columns, strict=True))[1:]:
+        lines = [f"{head} {first}".strip(), *(f"  {name}: {cell}" for name, cell in zip(names, rest, strict=True))]
+        for line in lines:
+            say(*wrapped(line, width))
 
 
 def figure(value: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from runtime.report.terminal.cells import Document, console, empty_table, figure, say
+from runtime.report.terminal.cells import Document, empty_table, figure, say, show_table
 
 
 def imported(document: Document) -> None:
@@ -16,7 +16,7 @@ def imported(document: Document) -> None:
         mass = "" if joint["mass"] is None else f"{joint['mass']:.4g}"
         unknown = ", ".join([*joint["unknown"], *effects])
         table.add_row(str(joint["joint"]), joint["name"], joint["type"], mass, _range(joint), unknown)
-    console().print(table)
+    show_table(table)
     say(*document["notes"])
 
 
@@ -35,7 +35,7 @@ def exported(document: Document) -> None:
         said = (figure(joint[word]) for word in ("damping", "friction"))
         rotor = figure(joint["rotor_inertia"] or None)
         table.add_row(str(joint["joint"]), joint["name"], f"{joint['mass']:.4g}", com, rotor, *said)
-    console().print(table)
+    show_table(table)
     if document["missing"] > ROUNDING:
         say(
             "No bodies that can be have the model's base parameters: these miss "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from runtime.report.terminal.cells import Document, console, empty_table, figure, percent, say
+from runtime.report.terminal.cells import Document, empty_table, figure, percent, say, show_table
 from symbolic.model_file.checks import at_joint
 
 _SAME_RATE = 0.01
@@ -47,7 +47,7 @@ def prediction(document: Document) -> None:
         row = (joint["torque"], joint["torque_limit"], force, joint["speed"], joint["speed_limit"], f"{unit}/s")
         cells = [cell if isinstance(cell, str) else f"{cell:.3g}" for cell in row]
         table.add_row(str(joint["joint"]), *cells, f"{joint['room']:.3g} {unit}")
-    console().print(table)
+    show_table(table)
     if document["plate"] is not None:
         say(f"The end-effector {_beside_plate(document['plate'])}.")
 
@@ -135,7 +135,7 @@ def _table(document: Document) -> None:
             f"{mean['peak_torque'][k]:.3g}",
             joint["force_unit"],
         )
-    console().print(table)
+    show_table(table)
 
 
 def _range(low: float, high: float) -> str:

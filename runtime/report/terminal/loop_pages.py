@@ -9,7 +9,6 @@ from runtime.report.terminal.cells import (
     Document,
     Names,
     at_named,
-    console,
     delay_lines,
     empty_table,
     figure,
@@ -23,6 +22,7 @@ from runtime.report.terminal.cells import (
     place,
     say,
     several,
+    show_table,
     unit,
     whole_intervals,
 )
@@ -103,7 +103,7 @@ def _recordings(document: Document) -> None:
     for apart in (p for p in document["inconsistent"] if p["name"] not in lumps):
         known = dict(zip(apart["recordings"], apart["values"], strict=True))
         table.add_row(apart["name"], *(figure(known.get(name)) for name in names), unit(apart))
-    console().print(table)
+    show_table(table)
     apart_names = ", ".join(p["name"] for p in document["inconsistent"])
     say(f"They disagree on {apart_names}." if apart_names else "They agree.", "")
 
@@ -121,7 +121,7 @@ def _seen(document: Document) -> None:
     for effect in sorted({s["effect"] for s in seen}):
         found = {s["joint"]: s for s in seen if s["effect"] == effect}
         table.add_row(effect, *(_limit(found.get(joint)) for joint in joints))
-    console().print(table)
+    show_table(table)
     say(f"That is: a {_sentence(seen[0])} would have been seen. Less may be there, unseen.")
 
 
@@ -246,7 +246,7 @@ def improvement(document: Document) -> None:
         if held:
             row += [several(step.get("held_out_relative"), percent), several(step.get("held_out"), figure)]
         table.add_row(*row)
-    console().print(table)
+    show_table(table)
     say(f"Noise floor (rms): {_floors(document['joints'])}.")
     if document.get("held_out_floors"):
         say(f"  held out: {_floors(document['held_out_floors'])}.")
@@ -287,4 +287,4 @@ def _refit(before: Document, after: Document, names: Names) -> None:
             values = [figure(fit[name]["value"]) if name in fit else "–" for fit in (old, new)]
             cells = ["–", *values, interval(p, "") if name in new else "–", unit(p)]
             table.add_row(joint_cell(joint, names), f"{effect}: {name}", *cells)
-    console().print(table)
+    show_table(table)

@@ -14,7 +14,6 @@ from rich.console import Console
 from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     Document,
-    console,
     delay_lines,
     empty_table,
     figure,
@@ -24,6 +23,7 @@ from runtime.report.terminal.cells import (
     names_of,
     percent,
     say,
+    show_table,
 )
 from symbolic.model_file.checks import at_joint
 
@@ -78,7 +78,7 @@ def effects(document: Document) -> None:
     for effect in document["effects"]:
         parameters = ", ".join(f"{p['name']}{' (in space)' if p['space'] else ''}" for p in effect["parameters"])
         table.add_row(effect["name"], effect["scope"], parameters, effect["summary"])
-    console().print(table)
+    show_table(table)
 
 
 def effect(document: Document) -> None:
@@ -91,7 +91,7 @@ def effect(document: Document) -> None:
         bounds = f"{'-∞' if low is None else f'{low:g}'} … {'∞' if high is None else f'{high:g}'}"
         meaning = f"{p['meaning']}; of an arm in space only" if p["space"] else p["meaning"]
         table.add_row(p["name"], " or ".join(units), p["role"], bounds, meaning)
-    console().print(table)
+    show_table(table)
     facts = {
         "acts on": document["scope"],
         "family": document["family"],
@@ -143,7 +143,7 @@ def verify(document: Document) -> None:
             _digits(case["found"]),
             at,
         )
-    console().print(table)
+    show_table(table)
     proofs: Sequence[Document] = document["proofs"]
     for proof in proofs:
         if not proof["equal"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from runtime.report.terminal.cells import Document, console, empty_table, figure, say
+from runtime.report.terminal.cells import Document, empty_table, figure, say, show_table
 
 
 def plan(document: Document) -> None:
@@ -36,7 +36,7 @@ def plan(document: Document) -> None:
             figure(joint["peak_speed"]),
             f"{low:.3f} to {high:.3f}",
         )
-    console().print(table)
+    show_table(table)
     solver = document["solver"]
     met = sum(a["met"] for a in solver["attempts"])
     say(f"{met} of {len(solver['attempts'])} starts met all constraints; {solver['seconds']:.2f} s")

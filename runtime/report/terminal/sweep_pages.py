@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from runtime.report.terminal.cells import Document, console, empty_table, figure, percent, say
+from runtime.report.terminal.cells import Document, empty_table, figure, percent, say, show_table
 
 _EVERY = 5.0  # s
 _REASON = 100
@@ -79,7 +79,7 @@ def show(document: Document) -> None:
         if wrong:
             cells += [_missing(v), _short(v["reason"] or "")]
         table.add_row(*cells)
-    console().print(table)
+    show_table(table)
     new = document["jobs"] - document["found_finished"]
     say(f"{document['table']}: {document['jobs']} jobs, {new} of them now, {document['seconds']:.1f} s")
 

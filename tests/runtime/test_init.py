@@ -1,0 +1,186 @@
+"""A model file begun from nothing: by answers, by options, out of a URDF; it loads, and nothing in it is invented."""
+
+from __future__ import annotations
+
+import io
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from runtime.cli import output, schemas
+from runtime.cli.main import app
+from symbolic.model_file import reader
+from symbolic.model_file.arm import Arm, SpatialArm
+
+ROBOTS = Path(__file__).parent.parent / "robots"
+Init = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Init:
+    """`tendon init` with these options, and these lines as its standard input."""
+    monkeypatch.chdir(tmp_path)
+
+    def called(*options: str, answers: tuple[str, ...] = ()) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in answers)))
+        status = output.run(app, ["init", *options])
+        return status, *capsys.readouterr()
+
+    return called
+
+
+def test_answers_make_a_planar_arm(init: Init) -> None:
+    """Every question in its order; the motor's numbers are carried to the joint's output."""
+    turning = ["100", "0.05", "2e-5", "2.0", "0.1, 0.02", "0.03", "-1.5, 1.5", "3", "40"]
+    sliding = ["500", "", "?", "", "", "", "", "", ""]
+    answers = ("bench", "r,p", "plane", "0, -9.81", "0.3", *turning, "0.25", *sliding)
+    status, out, err = init("--out", "bench.toml", answers=answers)
+    assert (status, err) == (0, "")
+    assert out.splitlines() == [
+        "bench.toml: bench, 2 joints",
+        "joint 2: mass, com, inertia, rotor_inertia unknown",
+    ]
+    arm = reader.load(Path("bench.toml"))
+    assert isinstance(arm, Arm)
+    one, two = arm.joints
+    assert (arm.name, arm.gravity, one.type, two.type) == ("bench", (0.0, -9.81), "revolute", "prismatic")
+    assert (one.gear_ratio, one.torque_constant, one.rotor_inertia) == (100.0, 5.0, 0.2)
+    assert (one.link.length, one.link.mass, one.link.com, one.link.inertia) == (0.3, 2.0, (0.1, 0.02), 0.03)
+    assert (one.limits.position, one.limits.speed, one.limits.torque) == ((-1.5, 1.5), 3.0, 40.0)
+    assert (two.gear_ratio, two.torque_constant, two.rotor_inertia, two.link.mass) == (500.0, None, None, None)
+    assert all(set(j.effects) == {"coulomb_asymmetric", "viscous"} and not any(j.effects.values()) for j in arm.joints)
+
+
+def test_answers_make_an_arm_in_space(init: Init) -> None:
+    place = ["0, 0, 0.2", "1.5707963267948966, 0, 0", "0, 1, 0"]
+    rest = ["", "", "", "", "", "", "", "", ""]
+    answers = ("", "rr", "s", "", "", "", "", *rest, *place, "50", *rest[1:], "0, 0, 0.1")
+    assert init("--out", "wrist.toml", "--json", "said.json", answers=answers)[0] == 0
+    arm = reader.load(Path("wrist.toml"))
+    assert isinstance(arm, SpatialArm)
+    assert (arm.name, arm.gravity, arm.tip.xyz) == ("wrist", (0.0, 0.0, -9.81), (0.0, 0.0, 0.1))
+    assert arm.joints[1].origin.xyz == (0.0, 0.0, 0.2)
+    assert (arm.joints[1].axis, arm.joints[1].gear_ratio) == ((0.0, 1.0, 0.0), 50.0)
+    said = json.loads(Path("said.json").read_text())
+    assert said["unknown"] == [["mass", "com", "inertia", "rotor_inertia"]] * 2
+
+
+def test_options_ask_nothing_that_they_say(init: Init) -> None:
+    options = ("--joints", "r,r", "--plane", "--gear-ratio", "100,80", "--length", "0.3,0.2", "--mass", "2,?")
+    status, out, err = init(*options, "--torque-constant", "0.05", "--name", "two", "--no-friction")
+    assert (status, err) == (0, "")
+    assert out.startswith("two.toml: two, 2 joints")
+    arm = reader.load(Path("two.toml"))
+    assert [j.torque_constant for j in arm.joints] == [5.0, 4.0]
+    assert [j.link.mass for j in arm.joints] == [2.0, None]
+    assert all(not j.effects for j in arm.joints)
+
+
+def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
+    motor = ("101", "0.1", "6e-5")
+    status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motor * 2)
+    assert status == 0
+    assert out.startswith("mine.toml: ur10, 6 joints")
+    arm = reader.load(Path("mine.toml"))
+    assert [j.gear_ratio for j in arm.joints] == [101.0, 101.0, 1.0, 1.0, 1.0, 1.0]
+    assert arm.joints[0].rotor_inertia == pytest.approx(6e-5 * 101**2, rel=1e-12)
+    assert arm.joints[1].torque_constant == pytest.approx(10.1, rel=1e-12)
+    assert arm.joints[2].rotor_inertia is None
+    plain = reader.load(Path(__file__).parent.parent.parent / "symbolic" / "arms" / "ur10.toml")
+    assert [j.link for j in arm.joints] == [j.link for j in plain.joints]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--joints", "r", "--plane", "--length", "0.3", "--mass", "2", "--rotor-inertia", "1e-5"),
+        ("--joints", "p", "--plane", "--length", "0"),
+        ("--joints", "r,p", "--space"),
+    ],
+)
+def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> None:
+    assert init(*options, "--out", "new.toml")[0] == 0
+    assert output.run(app, ["verify", "new.toml", "--samples", "1"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "answers", "expected"),
+    [
+        ((), (), "Joints from the base outwards"),
+        (("--joints", "r,x"), (), "expected 1 to 7 letters r or p"),
+        (("--joints", "r", "--plane"), (), "length of its link, m: nothing: an answer is needed"),
+        (("--joints", "rr", "--gear-ratio", "1,2,3"), (), "3 numbers; expected one for all joints, or 2, one each"),
+        (("--joints", "r", "--gear-ratio", "fast"), (), "--gear-ratio fast: expected a number"),
+        (("--joints", "r", "--space", "--gravity", "0,0"), (), "--gravity 0,0: expected 3 numbers"),
+        (("--joints", "r", "--space"), ("", "", "0,0"), "0,0: expected 3 numbers with commas between, or ?"),
+        (("--joints", "r", "--space", "--mass", "-1"), (), "mass is -1; expected a number in kg >= 0"),
+        (("--tip", "hand", "--joints", "r"), (), "--base, --tip and --lock are of a --urdf"),
+        (("--like", "drive", "--joints", "r"), (), "--like is a copy as it stands"),
+        (("--urdf", "absent.urdf"), (), "absent.urdf"),
+        (("--urdf", "absent.urdf", "--length", "1"), (), "only motors can be given beside it"),
+    ],
+)
+def test_what_is_no_answer_is_refused_in_one_line(
+    init: Init, tmp_path: Path, options: tuple[str, ...], answers: tuple[str, ...], expected: str
+) -> None:
+    status, out, err = init(*options, answers=("x", *answers))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert expected in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_overwritten(init: Init) -> None:
+    Path("arm.toml").write_text("mine")
+    assert init("--joints", "r", "--space")[::2] == (2, "arm.toml: is there already; choose another name\n")
+    Path(schemas.MODEL).write_text("mine")
+    status, _, err = init("--joints", "r", "--space", "--out", "new.toml", "--schema")
+    assert status == 2
+    assert "is there already and is another" in err
+    assert not Path("new.toml").exists()
+    assert Path("arm.toml").read_text() == Path(schemas.MODEL).read_text() == "mine"
+
+
+def test_schemas_stand_beside_it_and_fit(init: Init) -> None:
+    assert init("--joints", "r,p", "--space", "--out", "new.toml", "--schema")[0] == 0
+    text = Path("new.toml").read_text()
+    assert text.startswith(f"#:schema ./{schemas.MODEL}\n")
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.validate(tomllib.loads(text), json.loads(Path(schemas.MODEL).read_text()))
+    assert (
+        init("--urdf", str(ROBOTS / "panda.urdf"), "--tip", "panda_hand_tcp", "--out", "panda.toml", "--schema")[0] == 0
+    )
+    jsonschema.validate(tomllib.loads(Path("panda.toml").read_text()), json.loads(Path(schemas.MODEL).read_text()))
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.sampled_from("rp"), min_size=1, max_size=7), st.booleans(), st.data())
+def test_whatever_is_known_the_file_says_it_and_no_more(
+    init: Init, kinds: list[str], space: bool, data: st.DataObject
+) -> None:
+    gears = [data.draw(st.sampled_from(["1", "50"])) for _ in kinds]
+    known = {
+        option: [data.draw(st.sampled_from(["?", "0.5", "2"])) for _ in kinds]
+        for option in ("--mass", "--rotor-inertia", "--torque-constant")
+    }
+    options = ["--joints", ",".join(kinds), "--gear-ratio", ",".join(gears)]
+    options += ["--space"] if space else ["--plane", "--length", "0.3"]
+    for option, values in known.items():
+        options += [option, ",".join(values)]
+    Path("new.toml").unlink(missing_ok=True)
+    assert init(*options, "--out", "new.toml")[0] == 0
+    arm = reader.load(Path("new.toml"))
+    for k, joint in enumerate(arm.joints):
+        ratio = float(gears[k])
+        stated = {o: None if values[k] == "?" else float(values[k]) for o, values in known.items()}
+        assert joint.link.mass == stated["--mass"]
+        for value, option, power in (
+            (joint.torque_constant, "--torque-constant", 1),
+            (joint.rotor_inertia, "--rotor-inertia", 2),
+        ):
+            expected = stated[option]
+            assert value == (None if expected is None else pytest.approx(expected * ratio**power, rel=1e-12))
