@@ -20,7 +20,6 @@ _ENDLESS = 10_000
 """Columns that no table needs."""
 Document = Mapping[str, Any]
 Names = Mapping[int, str | None]
-INTERVAL = "95 % interval"
 ROOMY = 100
 """Columns of a screen that have room for the names of joints beside six numbers."""
 
@@ -46,7 +45,7 @@ def fit_table(document: Document, names: Names) -> None:
     """Parameters of an identification with their 95 % intervals; on a narrow screen the joints' numbers alone, whose
     names stand in the table of what is left."""
     names = {} if is_narrow() else names
-    table = whole_intervals(empty_table("joint", "parameter", "file", "fit", INTERVAL, "unit"), document)
+    table = empty_table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in document["inertial"]:
         table.add_row(
             joint_cell(p["joint"], names), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p)
@@ -108,24 +107,15 @@ def console() -> Console:
 
 
 def is_narrow() -> bool:
-    """Whether a table of parameters would not fit beside long names."""
+    """Whether a table of parameters has no room for the names of joints."""
     return console().width < ROOMY
 
 
 def empty_table(*headings: str) -> Table:
-    """A table with these headings, none of whose words is broken; numbers stand closer on a narrow screen."""
+    """A table with these headings; on a narrow screen its columns stand closer."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=is_narrow())
     for k, heading in enumerate(headings):
-        longest = max(map(len, heading.split()), default=0)
-        table.add_column(heading, overflow="fold", no_wrap=k == 0, min_width=longest)
-    return table
-
-
-def whole_intervals(table: Table, document: Document) -> Table:
-    """The table, whose intervals stay in one line unless one of them says with which others it is entangled."""
-    each = [*document["inertial"], *(p for e in document["effects"] for p in e["parameters"].values())]
-    for column in table.columns:
-        column.no_wrap = column.no_wrap or (column.header == INTERVAL and not any(map(entangled, each)))
+        table.add_column(heading, overflow="fold", no_wrap=k == 0)
     return table
 
 
@@ -168,16 +158,11 @@ def percent(value: float | None) -> str:
     return "–" if value is None else f"{100 * value:.2f} %" if abs(value) < 0.1 else f"{100 * value:.1f} %"
 
 
-def entangled(p: Document) -> Sequence[str]:
-    """The others with which alone a parameter can be told."""
-    return p.get("inseparable_from") or ()
-
-
 def interval(p: Document, before: str = ", 95 % in ") -> str:
     """A 95 % interval, and with which others a parameter can only be told."""
     known = p.get("interval")
     text = f"{before}[{figure(known[0])}, {figure(known[1])}]" if known else ""
-    tangled = entangled(p)
+    tangled = p.get("inseparable_from")
     return f"{text} only together with {', '.join(tangled)}".strip() if tangled else text
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from runtime.report.terminal.cells import (
-    INTERVAL,
     Document,
     Names,
     at_named,
@@ -24,7 +23,6 @@ from runtime.report.terminal.cells import (
     several,
     show_table,
     unit,
-    whole_intervals,
 )
 from runtime.wording import numbered
 from symbolic.model_file.checks import at_joint
@@ -270,7 +268,7 @@ def _floors(joints: Sequence[Document]) -> str:
 def _refit(before: Document, after: Document, names: Names) -> None:
     """Every parameter as the file has it, fitted without and with what was added."""
     names = {} if is_narrow() else names
-    table = whole_intervals(empty_table("joint", "parameter", "file", "before", "after", INTERVAL, "unit"), after)
+    table = empty_table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
     earlier = {(p["joint"], p["name"]): p["fit"] for p in before["inertial"]}
     for new in after["inertial"]:
         old = earlier.get((new["joint"], new["name"]))
