@@ -77,6 +77,8 @@ def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
     if info.scope in ("arm", "contact"):
         if at:
             raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{number}')
+        if info.scope == "contact" and model.spatial:
+            raise SimulationError(f'{option} {text}: "{name}" acts in the plane, and {model.name} is an arm in space')
     else:
         last = model.n - (info.scope == "joints")
         if last < 1:

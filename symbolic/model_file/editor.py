@@ -19,7 +19,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symbolic.described import AnyEffect, declared, number_name, numbered
-from symbolic.model_file.arm import ROTOR, SerialArm
+from symbolic.model_file.arm import ROTOR, SerialArm, SpatialArm
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
@@ -185,7 +185,9 @@ def _owner(place: Place, arm: SerialArm, library: Mapping[str, AnyEffect], effec
     if joint is not None:
         place.fail(f'effect "{effect}" acts on {"the whole arm" if scope == "arm" else "the contact"}; drop --joint')
     if scope == "contact" and arm.contact is None:
-        place.fail(f'effect "{effect}" acts at a contact, and the file has none; add [contact] with x first')
+        space = isinstance(arm, SpatialArm)
+        how = "which belongs to planar arms; this one is in space" if space else "and the file has none; add [contact]"
+        place.fail(f'effect "{effect}" acts at a contact, {how}{"" if space else " with x first"}')
     return scope, None
 
 

@@ -72,6 +72,8 @@ def test_a_payload_in_space_sits_at_the_tip_unless_its_centre_is_stated() -> Non
     values = [simulate(model, [item], SimulationSettings(seconds=10.0))[1][item.term] for item in hidden]
     centres = [tuple(each[axis] for axis in "xyz") for each in values]
     assert centres == [(0.0, 0.0, 0.0), (0.0, 0.1, 0.0)]
+    with pytest.raises(SimulationError, match='"plate" acts in the plane, and drawn_pp_3 is an arm in space'):
+        parse_hidden("plate", model)
 
 
 def test_seed_decides_motion_and_noise(arm: Model) -> None:

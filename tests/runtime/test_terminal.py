@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -62,3 +63,25 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
         "  rather than lugre at joint 1, which by itself would explain 40.0 % of what was missing, "
         "but held-out error does not fall by 0.3 %",
     ]
+
+
+@pytest.mark.parametrize("columns", [80, 140])
+def test_parameters_of_a_long_arm_fit_a_narrow_screen(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where there is no room for the joints' names, their numbers stand alone; no number and no heading is broken."""
+    monkeypatch.setattr(cells.sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    known = {"interval": [-0.0007479, 0.001908], "unit": "kg m^2", "model": -0.0002842, "fit": -0.0001335}
+    document = {
+        "inertial": [{"joint": 6, "name": "YY6", **known}],
+        "rotors": [],
+        "effects": [{"name": "coulomb_asymmetric", "joint": 6, "parameters": {"positive": {"value": 1.2345, **known}}}],
+    }
+    cells.fit_table(document, {6: "shoulder_lift_joint"})
+    out = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+    assert max(map(len, out.splitlines())) <= columns
+    assert ("shoulder_lift_joint" in out) is (columns == 140)
+    assert len(out.splitlines()) < 10
+    for whole in ("parameter", "interval", "[-0.0007479,", "0.001908]", "-0.0001335", "kg"):
+        assert whole in out

@@ -197,6 +197,12 @@ def test_what_cannot_be_added(effect, joint, values, expected):
     assert "\n" not in str(caught.value)
 
 
+def test_an_arm_in_space_has_no_contact():
+    text = 'name = "a"\ngravity = [0.0, 0.0, -9.81]\n[[joint]]\ntype = "revolute"\ngear_ratio = 1\n'
+    with pytest.raises(ModelError, match=r'effect "plate" acts at a contact, which belongs to planar arms'):
+        add(text, "plate")
+
+
 def test_values_of_an_effect_that_is_not_there():
     with pytest.raises(ModelError, match="is not in the file; add it first"):
         put(TEXT, {("stribeck", 1): {"torque": 1.0}})

@@ -20,6 +20,8 @@ _ENDLESS = 10_000
 """Columns that no table needs."""
 Document = Mapping[str, Any]
 Names = Mapping[int, str | None]
+ROOMY = 100
+"""Columns of a screen that have room for the names of joints beside six numbers."""
 
 
 COMMAND = "tendon "
@@ -40,7 +42,9 @@ def wrapped(line: str, width: int) -> list[str]:
 
 
 def fit_table(document: Document, names: Names) -> None:
-    """Parameters of an identification with their 95 % intervals."""
+    """Parameters of an identification with their 95 % intervals; on a narrow screen the joints' numbers alone, whose
+    names stand in the table of what is left."""
+    names = {} if is_narrow() else names
     table = empty_table("joint", "parameter", "file", "fit", "95 % interval", "unit")
     for p in document["inertial"]:
         table.add_row(
@@ -102,9 +106,14 @@ def console() -> Console:
     return Console(markup=False, highlight=False, width=width)
 
 
+def is_narrow() -> bool:
+    """Whether a table of parameters has no room for the names of joints."""
+    return console().width < ROOMY
+
+
 def empty_table(*headings: str) -> Table:
-    """A table with these headings."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    """A table with these headings; on a narrow screen its columns stand closer."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=is_narrow())
     for k, heading in enumerate(headings):
         table.add_column(heading, overflow="fold", no_wrap=k == 0)
     return table

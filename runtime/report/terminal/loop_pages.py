@@ -13,6 +13,7 @@ from runtime.report.terminal.cells import (
     figure,
     fit_table,
     interval,
+    is_narrow,
     joint_cell,
     joints_table,
     names_of,
@@ -266,6 +267,7 @@ def _floors(joints: Sequence[Document]) -> str:
 
 def _refit(before: Document, after: Document, names: Names) -> None:
     """Every parameter as the file has it, fitted without and with what was added."""
+    names = {} if is_narrow() else names
     table = empty_table("joint", "parameter", "file", "before", "after", "95 % interval", "unit")
     earlier = {(p["joint"], p["name"]): p["fit"] for p in before["inertial"]}
     for new in after["inertial"]:
