@@ -11,8 +11,9 @@ from collections.abc import Mapping
 import sympy as sp
 
 from codegen.c.language import C_DOUBLE
+from codegen.tape.numbering import ARITHMETIC
 from codegen.tape.printers import ATOM, Printer
-from codegen.tape.tape import ARITHMETIC, Tape
+from codegen.tape.tape import Tape
 
 _KNOWN = frozenset((*ARITHMETIC, "const", "leaf"))
 _WIDEST = 8

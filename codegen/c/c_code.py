@@ -12,8 +12,9 @@ import sympy as sp
 
 from codegen.c.c_angles import TogetherPrinter
 from codegen.c.language import C_DOUBLE, C_FLOAT
+from codegen.tape.numbering import ARITHMETIC
 from codegen.tape.printers import Language, Printer
-from codegen.tape.tape import ARITHMETIC, Tape
+from codegen.tape.tape import Tape
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 
 

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 from codegen.c.c_code import F64, Routine, comment, declaration, indent, row, struct_argument, struct_leaves, taken
 from codegen.c.language import C_DOUBLE
+from codegen.tape.numbering import ARITHMETIC
 from codegen.tape.printers import Printer, Text
-from codegen.tape.tape import ARITHMETIC, Tape
+from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
 
 OPERATIONS = frozenset((*ARITHMETIC, "const", "leaf", "sin", "cos"))

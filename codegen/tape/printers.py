@@ -11,7 +11,8 @@ from fractions import Fraction
 
 import sympy as sp
 
-from codegen.tape.tape import Node, Tape
+from codegen.tape.numbering import Node
+from codegen.tape.tape import Tape
 
 _SUM, _PRODUCT, _SIGN, ATOM = range(1, 5)
 _INFIX = {"add": (" + ", _SUM), "sub": (" - ", _SUM), "mul": (" * ", _PRODUCT), "div": (" / ", _PRODUCT)}

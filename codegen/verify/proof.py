@@ -8,6 +8,7 @@ decimals are held against the model file's. symbolic/rigid_body/spatial/lagrangi
 from __future__ import annotations
 
 import functools
+import operator
 import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -237,21 +238,18 @@ def random_turn(rng: random.Random) -> Turn:
     return Turn((1 - t * t) * scale % PRIME, 2 * t * scale % PRIME)
 
 
-def _reduced(value: Any) -> Any:
-    return Turn(value.cos % PRIME, value.sin % PRIME) if isinstance(value, Turn) else value % PRIME
-
-
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "const": residue,
-    "add": lambda a, b: _reduced(a + b),
-    "sub": lambda a, b: _reduced(a - b),
+    "add": operator.add,
+    "sub": operator.sub,
     "mul": lambda a, b: a * b % PRIME,
     "div": lambda a, b: a * pow(b, -1, PRIME) % PRIME,
-    "neg": lambda a: -a,
-    "sin": lambda a: a.sin,
-    "cos": lambda a: a.cos,
+    "neg": operator.neg,
+    "sin": lambda a: a.sin % PRIME,
+    "cos": lambda a: a.cos % PRIME,
 }
-"""Of a tape whose numbers are residues and whose angles are Turns."""
+"""Of a tape whose numbers are residues and whose angles are Turns. A sum is as good unreduced: the product or the
+comparison that reads it reduces it."""
 
 
 def _symbols(name: str, n: int) -> list[sp.Symbol]:

@@ -11,7 +11,7 @@ from typing import Any
 import mpmath
 import sympy as sp
 
-from codegen.tape.tape import Lowering
+from codegen.tape.lowering import Lowering
 from symbolic import primitives
 from symbolic.functions import SymbolicFunction
 

@@ -23,7 +23,8 @@ import sympy as sp
 from codegen import effect_functions as ef
 from codegen import render
 from codegen.c import c_effects
-from codegen.tape.tape import Lowering, Tape
+from codegen.tape.lowering import Lowering
+from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from codegen.verify import sampling
 from codegen.verify.proof import FunctionProof, prove_model

@@ -7,7 +7,8 @@ import json
 import pytest
 import spatial_arms
 
-from codegen.tape.tape import Node, Tape
+from codegen.tape.numbering import Node
+from codegen.tape.tape import Tape
 from codegen.verify import proof, verify
 from symbolic.model import derive
 

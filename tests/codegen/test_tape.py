@@ -9,7 +9,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from codegen.tape.tape import ARITHMETIC, Tape
+from codegen.tape.numbering import ARITHMETIC
+from codegen.tape.tape import Tape
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 from symbolic.primitives import ramp, step
