@@ -18,6 +18,7 @@ from runtime.motion.fourier import convolved, kaiser_window, windowed_sinc
 from runtime.motion.settings import (
     BAND_OF_SAMPLING,
     BAND_STOPBAND_DB,
+    KEPT_SKEWS,
     MOST_DELAY,
     ROWS_OVER_CUTOFF,
     SMOOTHING_OF_SAMPLING,
@@ -116,7 +117,7 @@ class LowPass:
 
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
-        return self.library.decimate(self._centred if delay == 0 else self._kernel(delay)[::-1], self.factor, x)
+        return self.library.decimate(self._centred if delay == 0 else self._late(delay), self.factor, x)
 
     def columns(
         self,
@@ -149,6 +150,18 @@ class LowPass:
     @cached_property
     def _centred(self) -> Array:
         return self._kernel(0.0)[::-1]
+
+    def _late(self, delay: float) -> Array:
+        """The taps at a delay, kept for the other joints and stretches, which are late by the same."""
+        if delay not in self._kept:
+            if len(self._kept) >= KEPT_SKEWS:
+                self._kept.clear()
+            self._kept[delay] = np.ascontiguousarray(self._kernel(delay)[::-1])
+        return self._kept[delay]
+
+    @cached_property
+    def _kept(self) -> dict[float, Array]:
+        return {}
 
     def centres(self, size: int) -> NDArray[np.intp]:
         """Indices of the input samples on which the outputs sit."""

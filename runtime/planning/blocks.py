@@ -71,14 +71,31 @@ class Expression:
     @cached_property
     def curvature(self) -> ca.Function:
         """(z, p, weight, y) -> Hessian of weight · cost + y · rows at a place, (nz, nz)."""
+        _, squares, _ = self._lean
+        _, _, weight, y, _ = self.bent.sx_in()
+        slopes = ca.jacobian(squares, self.z)
+        hessian = self.bent(self.z, self.p, weight, y, squares) + 2 * weight * (slopes.T @ slopes)
+        return ca.Function("second", [self.z, self.p, weight, y], [hessian])
+
+    @cached_property
+    def squared(self) -> ca.Function:
+        """(z, p) -> gradient of the cost without its squares (nz,), Jacobian of the rows, squares r, their Jacobian."""
+        cost, squares, rows = self._lean
+        slopes = [ca.gradient(cost, self.z), ca.jacobian(rows, self.z), squares, ca.jacobian(squares, self.z)]
+        return ca.Function("squared", [self.z, self.p], slopes)
+
+    @cached_property
+    def bent(self) -> ca.Function:
+        """(z, p, weight, y, r) -> Hessian of weight · cost + y · rows without the squares of slopes, (nz, nz).
+
+        Of a square's two terms, 2 (∇r ∇rᵀ + r ∇²r), this has the second, r given: the first costs next to nothing
+        where ∇r is known.
+        """
         weight, y = ca.SX.sym("weight"), ca.SX.sym("y", self.rows.numel())
         cost, squares, rows = self._lean
-        # Of a square's two terms, 2 (∇r ∇rᵀ + r ∇²r), the second is derived with r in front as a number: half the work.
         r = ca.SX.sym("r", squares.numel())
         curved, _ = ca.hessian(weight * (cost + 2 * ca.dot(r, squares)) + ca.dot(y, rows), self.z)
-        slopes = ca.jacobian(squares, self.z)
-        hessian = ca.substitute(curved, r, squares) + 2 * weight * (slopes.T @ slopes)
-        return ca.Function("second", [self.z, self.p, weight, y], [hessian])
+        return ca.Function("bent", [self.z, self.p, weight, y, r], [curved])
 
 
 @dataclass(frozen=True)

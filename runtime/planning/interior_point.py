@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from runtime.planning.kernels import Kernels
+from runtime.planning.kernels import BlockSlopes, Kernels
 
 Array = NDArray[np.float64]
 
@@ -118,10 +118,10 @@ class _Iterate:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """First derivatives at an iterate: of the scaled cost, of each block's rows by z, and of the equalities, dense."""
+    """First derivatives at an iterate: of the scaled cost, of each block by z, and of the equalities, dense."""
 
     gradient: Array
-    jacobians: list[Array]
+    blocks: list[BlockSlopes]
     equalities: Array
 
 
@@ -166,9 +166,10 @@ class _Search:
         at, slopes = self._begin(x)
         self.filter = _Filter(1e4 * max(1.0, self._miss(at)))
         for iteration in range(self.manner.iterations):
-            if self._error(at, slopes, 0.0) <= self.manner.accuracy:
+            off = self._off(at, slopes)
+            if self._error(at, off, 0.0) <= self.manner.accuracy:
                 return self._ended(at, SOLVED, iteration)
-            self._lower_barrier(at, slopes)
+            self._lower_barrier(at, off)
             following = self._following(at, slopes)
             if following is None:
                 return self._ended(at, STUCK, iteration)
@@ -208,8 +209,8 @@ class _Search:
 
     def _slopes(self, x: Array) -> _Slopes:
         kernels = self.program.kernels
-        gradient, jacobians = kernels.slope(x, self.program.p)
-        return _Slopes(self.scale * gradient, jacobians, kernels.chosen(jacobians, self.program.equal))
+        gradient, blocks = kernels.slope(x, self.program.p)
+        return _Slopes(self.scale * gradient, blocks, kernels.chosen(blocks, self.program.equal))
 
     def _split(self, v: Array) -> tuple[Array, Array]:
         """Of a number an inequality: all rows (m,), and the boxed unknowns."""
@@ -221,13 +222,13 @@ class _Search:
     def _pulled(self, slopes: _Slopes, v: Array) -> Array:
         """(nx,) Jᵀ v, v (k,) a number an inequality."""
         rows, x = self._split(v)
-        found = self.program.kernels.transposed(slopes.jacobians, rows)
+        found = self.program.kernels.transposed(slopes.blocks, rows)
         found[self.program.boxed] += x
         return found
 
     def _ahead(self, slopes: _Slopes, dx: Array) -> Array:
         """(k,) by how much the inequalities change with x."""
-        return self.program.inequalities(self.program.kernels.ahead(slopes.jacobians, dx), dx)
+        return self.program.inequalities(self.program.kernels.ahead(slopes.blocks, dx), dx)
 
     def _missed(self, at: _Iterate) -> tuple[Array, Array]:
         """By how much equalities, and slacks, are not what they should be."""
@@ -241,20 +242,26 @@ class _Search:
         rooms = np.concatenate([(at.s - self.low)[self.has_low], (self.high - at.s)[self.has_high]])
         return float(at.cost - self.mu * np.log(rooms).sum())
 
-    def _error(self, at: _Iterate, slopes: _Slopes, mu: float) -> float:
-        """By how much the conditions of optimality of the barrier's problem are missed, scaled."""
+    def _off(self, at: _Iterate, slopes: _Slopes) -> tuple[float, float]:
+        """By how much the gradient of the Lagrangian, and the constraints, are not zero: of optimality what no barrier
+        changes."""
         dual = slopes.gradient + slopes.equalities.T @ at.y + self._pulled(slopes, at.zu - at.zl)
+        missed = max(np.abs(part).max(initial=0.0) for part in self._missed(at))
+        return float(np.abs(dual[self.program.free]).max(initial=0.0)), float(missed)
+
+    def _error(self, at: _Iterate, off: tuple[float, float], mu: float) -> float:
+        """By how much the conditions of optimality of the barrier's problem are missed, scaled; off: as `_off`."""
+        dual, missed = off
         gaps = [(at.zl * (at.s - self.low))[self.has_low] - mu, (at.zu * (self.high - at.s))[self.has_high] - mu]
         z = float(at.zl.sum() + at.zu.sum())
         pairs = max(1, len(gaps[0]) + len(gaps[1]))
         both = max(_MULTIPLIERS, (float(np.abs(at.y).sum()) + z) / (pairs + len(at.y))) / _MULTIPLIERS
         own = max(_MULTIPLIERS, z / pairs) / _MULTIPLIERS
-        missed = max(np.abs(part).max(initial=0.0) for part in self._missed(at))
         gap = max(np.abs(part).max(initial=0.0) for part in gaps)
-        return float(max(np.abs(dual[self.program.free]).max(initial=0.0) / both, missed, gap / own))
+        return float(max(dual / both, missed, gap / own))
 
-    def _lower_barrier(self, at: _Iterate, slopes: _Slopes) -> None:
-        while self.mu > self.least_barrier and self._error(at, slopes, self.mu) <= _BARRIER_TOLERANCE * self.mu:
+    def _lower_barrier(self, at: _Iterate, off: tuple[float, float]) -> None:
+        while self.mu > self.least_barrier and self._error(at, off, self.mu) <= _BARRIER_TOLERANCE * self.mu:
             self.mu = max(self.least_barrier, min(_BARRIER_FACTOR * self.mu, self.mu**_BARRIER_POWER))
             self.filter = _Filter(self.filter.largest)
 
@@ -350,7 +357,7 @@ class _Search:
         rows, x = self._split(sigma)
         y, _ = self._split(at.zu - at.zl)
         y[program.equal] = at.y
-        H = program.kernels.condensed(at.x, program.p, slopes.jacobians, self.scale, y, rows)
+        H = program.kernels.condensed(at.x, program.p, slopes.blocks, self.scale, y, rows)
         H[program.boxed, program.boxed] += x
         shift, grown = 0.0, 8.0 if self.shift else 100.0
         while shift < _LARGEST_SHIFT:

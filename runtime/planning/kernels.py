@@ -47,6 +47,16 @@ class Batch:
 
 
 @dataclass(frozen=True)
+class BlockSlopes:
+    """What of a block changes with z at every place: Jacobians of its rows (N, rows, nz), and of the squares in its
+    cost (N, s, nz), which are `squares` (N, s)."""
+
+    rows: Array
+    squares: Array
+    of_squares: Array
+
+
+@dataclass(frozen=True)
 class PlacedBlock:
     """A block with its places as dense arrays: unknowns (k,) of x that it sees, maps (N, nz, k) from them to z."""
 
@@ -73,11 +83,11 @@ class PlacedBlock:
 
     @cached_property
     def _slope(self) -> Batch:
-        return Batch(self.block.expression.slope, self.block.count)
+        return Batch(self.block.expression.squared, self.block.count)
 
     @cached_property
     def _curvature(self) -> Batch:
-        return Batch(self.block.expression.curvature, self.block.count)
+        return Batch(self.block.expression.bent, self.block.count)
 
     def seen(self, x: Array) -> Array:
         """(N, nz) z at every place."""
@@ -90,19 +100,24 @@ class PlacedBlock:
         cost, rows = batch()
         return float(self.block.weights @ cost.ravel()), rows.reshape(self.block.count, -1).copy()
 
-    def slope(self, x: Array, p: Array) -> tuple[Array, Array]:
-        """Gradient (N, nz) of the weighted cost, and G (N, rows, nz) of the rows, both by z."""
+    def slope(self, x: Array, p: Array) -> tuple[Array, BlockSlopes]:
+        """Gradient (N, nz) of the weighted cost by z, and what else changes with z."""
         batch = self._slope
         batch.inputs[0][:], batch.inputs[1][:] = self.seen(x), p
-        gradient, jacobian = batch()
-        return self.block.weights[:, None] * gradient[:, 0], np.ascontiguousarray(jacobian.transpose(0, 2, 1))
+        gradient, jacobian, squares, of_squares = batch()
+        slopes = [np.ascontiguousarray(part.transpose(0, 2, 1)) for part in (jacobian, of_squares)]
+        found = BlockSlopes(slopes[0], squares[:, 0].copy(), slopes[1])
+        whole = gradient[:, 0] + 2 * by_row(found.squares, found.of_squares)
+        return self.block.weights[:, None] * whole, found
 
-    def curvature(self, x: Array, p: Array, scale: float, y: Array) -> Array:
-        """(N, nz, nz) of scale · cost + y (N, rows) · rows."""
-        batch = self._curvature
+    def curvature(self, x: Array, p: Array, slopes: BlockSlopes, scale: float, y: Array) -> Array:
+        """(N, nz, nz) of scale · cost + y (N, rows) · rows, where the slopes are those."""
+        batch, weight = self._curvature, scale * self.block.weights
         batch.inputs[0][:], batch.inputs[1][:] = self.seen(x), p
-        batch.inputs[2][:], batch.inputs[3][:] = scale * self.block.weights[:, None], y
-        return batch()[0]
+        batch.inputs[2][:], batch.inputs[3][:], batch.inputs[4][:] = weight[:, None], y, slopes.squares
+        inner = slopes.of_squares.transpose(0, 2, 1) @ slopes.of_squares
+        found: Array = batch()[0] + 2 * weight[:, None, None] * inner
+        return found
 
     def add_transposed(self, total: Array, v: Array) -> None:
         """Adds what v (N, nz), by z, is by x."""
@@ -139,45 +154,52 @@ class Kernels:
         parts = [block.value(x, p) for block in self.blocks]
         return sum(cost for cost, _ in parts), np.concatenate([rows.ravel() for _, rows in parts])
 
-    def slope(self, x: Array, p: Array) -> tuple[Array, list[Array]]:
-        """Gradient (nx,) of the cost; of each block, the Jacobian of its rows by z."""
-        gradient, jacobians = np.zeros(self.size), []
+    def slope(self, x: Array, p: Array) -> tuple[Array, list[BlockSlopes]]:
+        """Gradient (nx,) of the cost, and the slopes of each block."""
+        gradient, found = np.zeros(self.size), []
         for block in self.blocks:
-            slope, jacobian = block.slope(x, p)
+            slope, slopes = block.slope(x, p)
             block.add_transposed(gradient, slope)
-            jacobians.append(jacobian)
-        return gradient, jacobians
+            found.append(slopes)
+        return gradient, found
 
-    def condensed(self, x: Array, p: Array, jacobians: Sequence[Array], scale: float, y: Array, sigma: Array) -> Array:
-        """(nx, nx): Hessian of scale · cost + y · rows, and Jᵀ diag(sigma) J."""
+    def condensed(
+        self, x: Array, p: Array, slopes: Sequence[BlockSlopes], scale: float, y: Array, sigma: Array
+    ) -> Array:
+        """(nx, nx): Hessian of scale · cost + y · rows, and Jᵀ diag(sigma) J, where the slopes are those."""
         total = np.zeros((self.size, self.size))
-        for block, G, place in zip(self.blocks, jacobians, self._ends, strict=True):
-            own = G.shape[:2]
-            m = block.curvature(x, p, scale, y[place].reshape(own))
-            m = m + G.transpose(0, 2, 1) @ (sigma[place].reshape(own)[:, :, None] * G)
+        for block, here, place in zip(self.blocks, slopes, self._ends, strict=True):
+            G, own = here.rows, here.rows.shape[:2]
+            m = block.curvature(x, p, here, scale, y[place].reshape(own))
+            m += G.transpose(0, 2, 1) @ (sigma[place].reshape(own)[:, :, None] * G)
             block.add_congruence(total, m)
         return total
 
-    def transposed(self, jacobians: Sequence[Array], y: Array) -> Array:
+    def transposed(self, slopes: Sequence[BlockSlopes], y: Array) -> Array:
         """(nx,) Jᵀ y."""
         total = np.zeros(self.size)
-        for block, G, place in zip(self.blocks, jacobians, self._ends, strict=True):
-            own = y[place].reshape(G.shape[:2])
-            block.add_transposed(total, np.einsum("nr,nrz->nz", own, G))
+        for block, here, place in zip(self.blocks, slopes, self._ends, strict=True):
+            block.add_transposed(total, by_row(y[place].reshape(here.rows.shape[:2]), here.rows))
         return total
 
-    def ahead(self, jacobians: Sequence[Array], dx: Array) -> Array:
+    def ahead(self, slopes: Sequence[BlockSlopes], dx: Array) -> Array:
         """(m,) J dx."""
-        parts = zip(self.blocks, jacobians, strict=True)
-        return np.concatenate([np.einsum("nrz,nz->nr", G, block.ahead(dx)).ravel() for block, G in parts])
+        parts = zip(self.blocks, slopes, strict=True)
+        return np.concatenate([(here.rows @ block.ahead(dx)[:, :, None]).ravel() for block, here in parts])
 
-    def chosen(self, jacobians: Sequence[Array], rows: NDArray[np.bool_]) -> Array:
+    def chosen(self, slopes: Sequence[BlockSlopes], rows: NDArray[np.bool_]) -> Array:
         """(k, nx) rows of J that are chosen, dense."""
         found = []
-        for block, G, place in zip(self.blocks, jacobians, self._ends, strict=True):
-            at, which = np.nonzero(rows[place].reshape(G.shape[:2]))
+        for block, here, place in zip(self.blocks, slopes, self._ends, strict=True):
+            at, which = np.nonzero(rows[place].reshape(here.rows.shape[:2]))
             if len(at):
                 dense = np.zeros((len(at), self.size))
-                dense[:, block.unknowns] = np.einsum("kz,kzu->ku", G[at, which], block.maps[at])
+                dense[:, block.unknowns] = by_row(here.rows[at, which], block.maps[at])
                 found.append(dense)
         return np.concatenate(found) if found else np.zeros((0, self.size))
+
+
+def by_row(v: Array, matrices: Array) -> Array:
+    """(N, k) vᵀ M at every place, v (N, r) and matrices (N, r, k)."""
+    product: Array = (v[:, None] @ matrices)[:, 0]
+    return product
