@@ -67,6 +67,22 @@ def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
     return tuple(trials.turned() or trials.degrees() or trials.exchanged() or factors)
 
 
+def doubts(identification: Identification) -> tuple[Suspicion, ...]:
+    """What the errors alone say of data that ask for an inertia that no arm has; empty where they do not.
+
+    An effect that is missing at one joint, a wrist's coupled gear, spoils the inertia of every trial, and with it the
+    surer test of `suspicions`. For people to look at: no verdict rests on it.
+    """
+    motion = identification.motion
+    able = [i for i in range(motion.n) if motion.moving(i).any()]
+    if motion.rigid_given or not able or not _doubtful(identification, able):
+        return ()
+    if not _Trials(identification, able).impossible_as_given():
+        return ()
+    trials = _LooseTrials(identification, able)
+    return tuple(trials.exchanged() or trials.degrees() or trials.turned())
+
+
 def relative_errors(motion: Motion, residual: Sequence[Array], skew: float) -> Array:
     """(n,) ‖τ − τ̂‖/‖τ‖ of every joint on its rows that count; 0 where there are none."""
     found = np.zeros(motion.n)
@@ -130,12 +146,20 @@ class _Trials:
             gram += rows[i][0] @ rows[i][0].T
             moment += rows[i][0] @ rows[i][1]
         theta = bounded(gram, moment, layout.lower, layout.upper, layout.stated)
-        if least_inertia(self.model, motion, theta[layout.lumps])[0] <= 0:
+        if not self._possible(motion, theta[layout.lumps]):
             return np.full(motion.n, np.inf)
         errors = np.zeros(motion.n)
         for i, (x, y) in rows.items():
             errors[i] = float(np.linalg.norm(y - theta @ x))
         return errors
+
+    def _possible(self, motion: Motion, lumps: Array) -> bool:
+        """Whether an arm can have such an inertia."""
+        return least_inertia(self.model, motion, lumps)[0] > 0
+
+    def impossible_as_given(self) -> bool:
+        """Whether the data as they are ask for an inertia that no arm has."""
+        return bool(np.isinf(self._errors(self.motion, self._equations)).any())
 
     def _with_torques(self, mix: Array) -> Array:
         """(n,) relative errors with torques mix (n, n) @ tau."""
@@ -222,6 +246,13 @@ def _exchanged(motion: Motion, what: tuple[str, ...], one: int, other: int) -> S
         f"what is recorded as {columns} {where}" if len(what) > 1 else alone,
         f"expected position and torque of a joint under its own number: pass {maps}",
     )
+
+
+class _LooseTrials(_Trials):
+    """Trials of which any inertia is believed."""
+
+    def _possible(self, motion: Motion, lumps: Array) -> bool:  # noqa: ARG002 - any will do
+        return True
 
 
 def _changed(motion: Motion, change: Callable[[Piece], Piece]) -> Motion:

@@ -11,7 +11,7 @@ import numpy as np
 
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify
-from runtime.estimation.suspicions import Suspicion, suspicions
+from runtime.estimation.suspicions import Suspicion, doubts, suspicions
 from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
@@ -48,7 +48,10 @@ class Inspection:
         """What looks wrong: by the model where there is one, as every verb says it, else by the signals alone."""
         if self.recording is None:
             return []
-        told = without_model(self.recording) if self.fitted is None else list(suspicions(self.fitted))
+        if self.fitted is None:
+            told = without_model(self.recording)
+        else:
+            told = list(suspicions(self.fitted) or doubts(self.fitted))
         return [*told, *(s for s in of_rates(self.recording) if s.joint not in {t.joint for t in told})]
 
     def to_json(self) -> dict[str, Any]:

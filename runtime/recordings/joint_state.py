@@ -57,7 +57,10 @@ class Layout:
         order = "<" if message[1] else ">"
         place = _ENCAPSULATION + _STAMP
         texts = []
-        _, place = _text(message, place, order)
+        size, place = _count(message, place, order)
+        fixed = [np.arange(2), np.arange(place - 4, place)]
+        place += size
+        first = place
         count, place = _count(message, place, order)
         if count > LARGEST_MATRIX:
             raise ValueError(f"it has {count} joints; expected at most {LARGEST_MATRIX}")
@@ -66,7 +69,8 @@ class Layout:
             texts.append(text)
         if len(set(texts)) < len(texts):
             raise ValueError("two of its joints have the same name")
-        fixed, at = [np.arange(_ENCAPSULATION + _STAMP, place)], []
+        fixed.append(np.arange(first, place))
+        at = []
         for name in _SIGNALS:
             before = place
             size, place = _count(message, place, order)
@@ -78,7 +82,7 @@ class Layout:
             place += _NUMBER * size
         if place > len(message):
             raise ValueError("it is cut off")
-        return cls(order, tuple(texts), tuple(at), np.concatenate([np.arange(2), *fixed]))
+        return cls(order, tuple(texts), tuple(at), np.concatenate(fixed))
 
 
 def _count(message: bytes, place: int, order: str) -> tuple[int, int]:
@@ -132,7 +136,7 @@ class JointStates:
         numbers: NDArray[np.int64],
     ) -> None:
         rows = np.lib.stride_tricks.sliding_window_view(batch.buffer, length)[starts] if length else None
-        while len(numbers):
+        for _ in range(MOST_LAYOUTS):
             if rows is None or length < _ENCAPSULATION + _STAMP:
                 self.refuse(f"has {length} bytes; expected a JointState", f"{batch.topic} message {numbers[0]}")
             layout = self._layout(rows[0].tobytes(), batch.topic, int(numbers[0]))
@@ -142,6 +146,7 @@ class JointStates:
             if whole:
                 return
             rows, times, numbers = rows[~same], times[~same], numbers[~same]
+        self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", batch.topic)
 
     def _layout(self, message: bytes, topic: str, number: int) -> Layout:
         known = self._layouts.setdefault(topic, [])
@@ -149,7 +154,7 @@ class JointStates:
             found = Layout.of(message)
         except (ValueError, struct.error, IndexError) as error:
             self.refuse(f"is no whole JointState: {error}", f"{topic} message {number}")
-        if not any(found.joints == layout.joints and found.at == layout.at for layout in known):
+        if not any(found.joints == layout.joints for layout in known):
             known.append(found)
         if len(known) > MOST_LAYOUTS:
             self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", topic)

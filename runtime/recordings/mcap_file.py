@@ -67,20 +67,23 @@ def opened(path: Path, refuse: Refusal) -> JointStateContents:
 
 
 def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
-    """The messages of joint states, a chunk at a time."""
+    """The messages of joint states, a chunk at a time; those that no index names are found by walking through."""
     loose: list[tuple[int, int, int]] = []
     chunk: memoryview | None = None
-    place = len(MAGIC)
+    place, indexed = len(MAGIC), False
     while True:
         kind, content, place = _record(data, place, refuse)
         if kind == _INDEX and chunk is not None:
             if struct.unpack_from("<H", content)[0] not in log.channels:
                 _declared_in(chunk, log, refuse, whole=True)
             yield from _indexed(chunk, content, log)
-        elif kind != _INDEX:
-            chunk = None
+            indexed = True
+            continue
+        if chunk is not None and not indexed:
+            yield from _walked(chunk, log, refuse)
+        chunk = None
         if kind == _CHUNK:
-            chunk = _unpacked(content, log, refuse)
+            chunk, indexed = _unpacked(content, log, refuse), False
             _declared_in(chunk, log, refuse, whole=False)
         elif kind in (_SCHEMA, _CHANNEL):
             log.declare(kind, content)
@@ -88,9 +91,26 @@ def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBa
             loose.append((struct.unpack_from("<H", content)[0], place - len(content), len(content)))
         elif kind == _DATA_END:
             break
-    for channel in dict.fromkeys(c for c, _, _ in loose):
-        starts = np.array([(start, size) for c, start, size in loose if c == channel])
-        yield from _of_channel(np.frombuffer(data, np.uint8), channel, starts[:, 0], starts[:, 1], log)
+    yield from _listed(data, loose, log)
+
+
+def _walked(chunk: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
+    """The messages of a chunk without an index."""
+    found, place = [], 0
+    while place < len(chunk):
+        kind, content, place = _record(chunk, place, refuse)
+        if kind in (_SCHEMA, _CHANNEL):
+            log.declare(kind, content)
+        elif kind == _MESSAGE:
+            found.append((struct.unpack_from("<H", content)[0], place - len(content), len(content)))
+    yield from _listed(chunk, found, log)
+
+
+def _listed(data: memoryview, messages: list[tuple[int, int, int]], log: _Log) -> Iterator[MessageBatch]:
+    """Messages by channel, place and length."""
+    for channel in dict.fromkeys(c for c, _, _ in messages):
+        places = np.array([(start, size) for c, start, size in messages if c == channel])
+        yield from _of_channel(np.frombuffer(data, np.uint8), channel, places[:, 0], places[:, 1], log)
 
 
 def _record(data: memoryview, place: int, refuse: Refusal) -> tuple[int, memoryview, int]:

@@ -26,11 +26,15 @@ def opened(path: Path, refuse: Refusal) -> JointStateContents:
         closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as bag,
     ):
         bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_RECORD)
+        if bag.execute(_TABLES).fetchone() != (2,):
+            refuse("is a SQLite file without the tables of a bag of ROS 2, topics and messages")
         topics = {int(n): (str(name), str(kind), str(form)) for n, name, kind, form in bag.execute(_TOPICS)}
         states = collected(_batches(bag, topics, refuse), refuse)
     return states.contents("ROS 2 bag", {name: kind for name, kind, _ in topics.values()})
 
 
+_TABLES = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+"""Tables, and no views: those may count without an end."""
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics"
 _MESSAGES = "SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY timestamp"
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType
+from mcap.writer import Writer as PlainWriter
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
 
@@ -66,6 +67,20 @@ def write_mcap(
         for ns, stream, k in sorted(todo):
             topic, names, signals = streams[stream]
             writer.write_message(topic, schema, message(names, ns, k, signals), log_time=ns + 1000, publish_time=ns)
+        writer.finish()
+    return path
+
+
+def write_bare_mcap(path: Path, names: Sequence[str], signals: Mapping[str, Array], **options: Any) -> Path:
+    """A log as other writers lay it out: without chunks, or without indices."""
+    with open(path, "wb") as file:
+        writer = PlainWriter(file, **options)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.encode())
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for k, t in enumerate(signals["t"]):
+            ns = EPOCH + round(float(t) * 1e9)
+            writer.add_message(channel, ns, cdr(names, ns, k, signals), ns)
         writer.finish()
     return path
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import sqlite3
 import struct
 import time
 import zipfile
@@ -19,12 +20,12 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
 
 from runtime.recordings import extras
 from runtime.recordings.recording import RecordingError, count_joints, read
-from tests.runtime.formats import EPOCH, motion, write_mcap, write_sqlite
+from tests.runtime.formats import EPOCH, motion, write_bare_mcap, write_mcap, write_sqlite
 
 KUKA = Path(__file__).parents[3] / "shared" / "data" / "real" / "kuka"
 NAMES = ("shoulder", "elbow")
@@ -175,6 +176,12 @@ def test_the_official_reader_reads_the_same(tmp_path):
         assert np.array_equal(getattr(r, signal), np.array([getattr(x, name) for x in official]).T)
 
 
+@pytest.mark.parametrize("options", [{"use_chunking": False}, {"index_types": IndexType.NONE}])
+def test_logs_without_chunks_or_indices(tmp_path, options):
+    path = write_bare_mcap(tmp_path / "a.mcap", NAMES, motion(), **options)
+    assert np.array_equal(read(path, ARM).q, motion()["q"])
+
+
 def test_joints_by_name(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", [("/joint_states", ("gripper", *NAMES), motion(joints=3))])
     q = motion(joints=3)["q"]
@@ -237,6 +244,31 @@ def test_a_log_without_joint_states_says_what_it_has(tmp_path):
         writer.finish()
     expected = "a.mcap: has no messages of sensor_msgs/msg/JointState; its topics are /chatter (std_msgs/msg/String)"
     assert said(tmp_path / "a.mcap") == expected
+
+
+def test_joints_that_change_in_each_message(tmp_path):
+    streams = [("/joint_states", (f"j{k}",), motion(2, 1, start=k)) for k in range(100)]
+    assert "/joint_states: has other joints in each message; expected at most 64 kinds" in said(
+        write_mcap(tmp_path / "a.mcap", streams), 1
+    )
+
+
+def test_frames_that_change_do_not_matter(tmp_path):
+    m, path = motion(2000), tmp_path / "a.db3"
+    write_sqlite(path, "/joint_states", NAMES, m)
+    bag = sqlite3.connect(path)
+    for k, data in bag.execute("SELECT id, data FROM messages").fetchall():
+        bag.execute("UPDATE messages SET data = ? WHERE id = ?", (data.replace(b"base", b"%04d" % k), k))
+    bag.commit()
+    bag.close()
+    assert np.array_equal(read(path, ARM).q, m["q"])
+
+
+def test_a_bag_whose_tables_are_none(tmp_path):
+    bag = sqlite3.connect(tmp_path / "a.db3")
+    bag.execute("CREATE VIEW topics AS SELECT 1 AS id, '/a' AS name, 'sensor_msgs/msg/JointState' AS type, 'cdr' AS s")
+    bag.close()
+    assert "is a SQLite file without the tables of a bag of ROS 2" in said(tmp_path / "a.db3")
 
 
 def test_stamps_that_nobody_set(tmp_path):

@@ -199,3 +199,25 @@ def test_the_cure_names_the_fields_of_the_file(tmp_path, capsys):
     _, out, _ = run(capsys, "inspect", path, "drive")
     assert '--map tau1="-/joint_states.effort.elbow"' in out
     assert np.array_equal(read(path, 1, {"tau1": "-/joint_states.effort.elbow"}).tau[0], m["tau1"])
+
+
+WRIST = {
+    "right": ({}, []),
+    "sign": ({"tau2": "-tau2"}, [("sign", 2)]),
+    "torques exchanged": ({"tau2": "tau3", "tau3": "tau2"}, [("exchanged", 2)]),
+    "positions exchanged": ({"q2": "q3", "q3": "q2"}, [("exchanged", 2)]),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WRIST)
+def test_a_real_arm_whose_wrist_is_coupled(tmp_path, capsys, name):
+    """What the model lacks at the wrist asks for an inertia that no arm has; the other joints are told all the same."""
+    folder = Path(__file__).parents[3] / "shared" / "data" / "real" / "tx40"
+    if not folder.is_dir():
+        pytest.skip("../shared/data/real is not there")
+    mapping, expected = WRIST[name]
+    assert run(capsys, "import", folder / "tx40.urdf", "--out", tmp_path / "tx40.toml")[0] == 0
+    maps = [part for signal, cell in mapping.items() for part in ("--map", f"{signal}={cell}")]
+    out = run(capsys, "inspect", folder / "tx40.csv.gz", tmp_path / "tx40.toml", *maps, "--json", "-")[1]
+    assert [(s["kind"], s["joint"]) for s in json.loads(out)["suspicions"]] == expected
