@@ -37,12 +37,13 @@ def _sources() -> str:
     return digest.hexdigest()
 
 
-def _fill(directory: Path, files: Mapping[str, str]) -> None:
-    """The files and `lib.so`; a change that leaves the C as it is, such as another effect, compiles nothing."""
+def _fill(directory: Path, files: Mapping[str, str], level: str) -> None:
+    """The files and `lib.so`, compiled at this level; a change that leaves the C as it is, such as another effect,
+    compiles nothing."""
     for path, text in files.items():
         (directory / path).write_text(text, encoding="utf-8")
     compiled = {path: text for path, text in files.items() if path.endswith(_F64)}
-    shutil.copyfile(build.shared_library(compiled, "code"), directory / "lib.so")
+    shutil.copyfile(build.shared_library(compiled, "code", level), directory / "lib.so")
 
 
 def prepare_arm(arm: Arm | SpatialArm) -> Path:
@@ -52,7 +53,7 @@ def prepare_arm(arm: Arm | SpatialArm) -> Path:
         from codegen import render
         from symbolic.model import derive
 
-        _fill(directory, render.arm_files(derive(arm)))
+        _fill(directory, render.arm_files(derive(arm)), build.STRAIGHT)
 
     return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
 
@@ -112,7 +113,7 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
         from codegen import render
         from symbolic.effects import shipped
 
-        _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen))
+        _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
     return build.entry(f"effects-{build.key(_sources(), content)}", fill)
 

@@ -209,12 +209,17 @@ class Source:
     ) -> list[Recording]:
         """Recordings of this arm, in SI."""
         from runtime.recordings import recording
+
+        said = self.described_joints()
+        return [recording.read(path, said, mapping, allow_gaps) for path in paths]
+
+    def described_joints(self) -> dict[str, Any]:
+        """What is to be known of the arm to read a recording of it: its joints, and whether it is one in space."""
         from symbolic.model_file.arm import SpatialArm
 
         arm = self.arm()
-        joints = [{"type": joint.type, "torque_constant": joint.torque_constant} for joint in arm.joints]
-        said = {"joints": joints, "space": isinstance(arm, SpatialArm)}
-        return [recording.read(path, said, mapping, allow_gaps) for path in paths]
+        joints = [{"type": j.type, "torque_constant": j.torque_constant, "name": j.name} for j in arm.joints]
+        return {"joints": joints, "space": isinstance(arm, SpatialArm)}
 
     def exported(self, language: Language, onto: Path | None = None) -> tuple[bytes, dict[str, Any]]:
         """A file of the arm for simulators, and what is in it as JSON; onto: a URDF of which it is a copy with the

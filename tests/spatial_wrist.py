@@ -8,6 +8,7 @@ out of a URDF.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ VISCOUS = (8.0, 5.5, 2.0, 1.1, 1.9, 0.6)  # N m s/rad
 OFFSETS = (0.3, 0.5, -0.4, 0.2, -0.3, 0.1)  # N m
 NOISE = (0.9, 0.9, 0.4, 0.1, 0.1, 0.05)  # N m
 COUNTS = 2 * np.pi / 600_000  # rad, of the encoders
+RATE = 1000.0  # Hz
 FREQUENCIES = (0.1, 0.5)  # Hz, from to
 SWING = 0.9  # rad, of the sum of the sines
 
@@ -56,12 +58,22 @@ MODEL = "\n".join(
 """What its user believes: everything but the coupled motor."""
 
 
-def record(motor: CoupledMotor, seed: int, seconds: float, rate: float = 1000.0) -> Recording:
+@dataclass(frozen=True)
+class Beside:
+    """What else the file lacks: a spring at joint 4, N m/rad, and the part of the load at joint 3 that rubs there."""
+
+    spring: float = 0.0
+    load: float = 0.0
+
+
+def record(motor: CoupledMotor, seed: int, seconds: float, beside: Beside = Beside()) -> Recording:
     rng = np.random.default_rng(seed)
-    t = np.arange(round(seconds * rate)) / rate
+    t = np.arange(round(seconds * RATE)) / RATE
     q, v, a = (np.array(rows) for rows in zip(*(_sines(rng, t) for _ in MASSES), strict=True))
     q += np.array(space.HOME[6])[:, None]
     tau = torque(ARM, np.array([q, v, a]), space.DOWN)
+    tau[2] += beside.load * np.abs(tau[2]) * np.sign(v[2])
+    tau[3] += beside.spring * q[3]
     tau += np.array(DRY)[:, None] * np.sign(v) + np.array(VISCOUS)[:, None] * v + np.array(OFFSETS)[:, None]
     turning, gaining = v[4] + motor.ratio * v[5], a[4] + motor.ratio * a[5]
     taken = motor.dry * np.sign(turning) + motor.viscous * turning + motor.inertia * gaining

@@ -40,6 +40,7 @@ runtime.recordings
 runtime.motion
 runtime.estimation
 runtime.diagnosis
+runtime.inspection
 runtime.simulation
 runtime.planning
 runtime.loop

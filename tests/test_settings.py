@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("motion", "estimation", "diagnosis", "loop", "experiments", "simulation")
+ROOMS = ("motion", "estimation", "diagnosis", "inspection", "loop", "experiments", "simulation")
 """Rooms of `runtime` whose numbers decide what a recording is said to show."""
 
 SMALL = 1e-8

@@ -10,6 +10,7 @@ from fractions import Fraction
 
 import sympy as sp
 
+from codegen.c.c_angles import TogetherPrinter
 from codegen.c.language import C_DOUBLE, C_FLOAT
 from codegen.tape.printers import Language, Printer
 from codegen.tape.tape import ARITHMETIC, Tape
@@ -151,7 +152,11 @@ def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precisi
             arguments.append(f"{kind} {a.name}")
             leaves[a.symbols[0]] = a.name
     arguments += [f"{kind} {o.name}[{len(o.expressions)}]" for o in function.outputs]
-    lines, texts = Printer(precision.language, tape, leaves, taken(function)).print()
+    if precision is F64:
+        printer: Printer = TogetherPrinter(tape, leaves, taken(function))
+    else:
+        printer = Printer(precision.language, tape, leaves, taken(function))
+    lines, texts = printer.print()
     targets = [f"{o.name}[{i}]" for o in function.outputs for i in range(len(o.expressions))]
     lines = unused(function, tape) + lines + assign(targets, texts)
     body = notation(function, tape) + indent(lines, 1)

@@ -13,7 +13,7 @@ import sympy as sp
 
 from codegen.tape.tape import Node, Tape
 
-_SUM, _PRODUCT, _SIGN, _ATOM = range(1, 5)
+_SUM, _PRODUCT, _SIGN, ATOM = range(1, 5)
 _INFIX = {"add": (" + ", _SUM), "sub": (" - ", _SUM), "mul": (" * ", _PRODUCT), "div": (" / ", _PRODUCT)}
 _LONGEST = 90
 """An expression longer than this gets a name of its own, so that lines stay readable."""
@@ -88,7 +88,7 @@ class Printer:
         names = {op: self.names.get(i) or self._fresh(f"{op}_{number}") for op, i in nodes.items()}
         self.lines += self.language.pair(names.get("sin"), names.get("cos"), self.texts[angle][0])
         for op, i in nodes.items():
-            self.texts[i] = names[op], _ATOM
+            self.texts[i] = names[op], ATOM
         return list(nodes.values())
 
     def _statement(self, i: int, text: Text) -> Text:
@@ -102,7 +102,7 @@ class Printer:
             self.numbered += 1
             name = self._fresh(f"t{self.numbered}")
         self.lines.append(self.language.assign(name, text[0]))
-        return name, _ATOM
+        return name, ATOM
 
     def _fresh(self, name: str) -> str:
         while name in self.taken:
@@ -112,18 +112,18 @@ class Printer:
 
     def _expression(self, node: Node) -> Text:
         if node.op == "leaf":
-            return self.leaves[node.value], _ATOM
+            return self.leaves[node.value], ATOM
         if node.op == "const":
             text = self.language.literal(node.value)
-            return text, _SUM if node.value < 0 else _ATOM
+            return text, _SUM if node.value < 0 else ATOM
         parts = [self.texts[a] for a in node.args]
         if node.op in _INFIX:
             sign, level = _INFIX[node.op]
             left, right = _inside(parts[0], level), _inside(parts[1], level + 1)
             return f"{left}{sign}{right}", level
         if node.op == "neg":
-            return "-" + _inside(parts[0], _ATOM), _SIGN
-        return self.language.call(node.op, [text for text, _ in parts]), _ATOM
+            return "-" + _inside(parts[0], ATOM), _SIGN
+        return self.language.call(node.op, [text for text, _ in parts]), ATOM
 
 
 def _inside(text: Text, level: int) -> str:

@@ -7,6 +7,7 @@ them, and what no output needs is removed. What a recursion has named keeps its 
 
 from __future__ import annotations
 
+import functools
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -76,18 +77,7 @@ class Tape:
         where: str = "expression",
     ) -> Tape:
         """ValueError names the function and the symbol or operation that no target can evaluate."""
-        known = frozenset(leaves)
-        outputs = [lower(e, lowering) for e in expressions]
-        named = [(symbol, lower(e, lowering)) for symbol, e in definitions]
-        plain = _Builder(named, {}, known, where).tape(outputs)
-        replacements, reduced = sp.cse(
-            [e for _, e in named] + outputs, symbols=sp.numbered_symbols("cse_", cls=sp.Dummy), order="none"
-        )
-        if not replacements:
-            return plain
-        shared = [(symbol, e) for (symbol, _), e in zip(named, reduced, strict=False)]
-        searched = _Builder(shared, dict(replacements), known, where).tape(reduced[len(named) :])
-        return searched if searched.cost() < plain.cost() else plain
+        return _shorter(tuple(expressions), tuple(definitions), frozenset(leaves), lowering, where)
 
     def count(self) -> dict[str, int]:
         """Operations by kind; "arithmetic" is the sum of add, sub, mul, div and neg; "sincos" counts angles."""
@@ -146,6 +136,28 @@ class Tape:
                     magnitude.scale(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args))
                 )
         return [pairs[i][1] for i in self.outputs]
+
+
+@functools.cache
+def _shorter(
+    expressions: tuple[sp.Expr, ...],
+    definitions: tuple[tuple[sp.Symbol, sp.Expr], ...],
+    leaves: frozenset[sp.Symbol],
+    lowering: Lowering,
+    where: str,
+) -> Tape:
+    """See Tape.of. What several targets print in one run is searched once."""
+    outputs = [lower(e, lowering) for e in expressions]
+    named = [(symbol, lower(e, lowering)) for symbol, e in definitions]
+    plain = _Builder(named, {}, leaves, where).tape(outputs)
+    replacements, reduced = sp.cse(
+        [e for _, e in named] + outputs, symbols=sp.numbered_symbols("cse_", cls=sp.Dummy), order="none"
+    )
+    if not replacements:
+        return plain
+    shared = [(symbol, e) for (symbol, _), e in zip(named, reduced, strict=False)]
+    searched = _Builder(shared, dict(replacements), leaves, where).tape(reduced[len(named) :])
+    return searched if searched.cost() < plain.cost() else plain
 
 
 _ARITHMETIC: dict[str, Callable[..., Any]] = {

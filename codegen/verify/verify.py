@@ -230,7 +230,7 @@ def libraries(files: Mapping[str, str], name: str) -> dict[str, ctypes.CDLL]:
 
     def library(suffix: str) -> ctypes.CDLL:
         chosen = {path: text for path, text in files.items() if path.endswith((f"_{suffix}.c", f"_{suffix}.h"))}
-        return ctypes.CDLL(str(build.shared_library(chosen, f"{name}_{suffix}")))
+        return ctypes.CDLL(str(build.shared_library(chosen, f"{name}_{suffix}", build.STRAIGHT)))
 
     with ThreadPoolExecutor() as pool:
         return dict(zip(_REAL, pool.map(library, _REAL), strict=True))
@@ -293,7 +293,7 @@ def controller_subjects(model: ArmModel, library: Mapping[str, Effect]) -> list[
     arm = model.arm
     found = compensation(model, library)
     files = render.probe_files(model, library)
-    compiled = ctypes.CDLL(str(build.shared_library(files, f"{arm.name}_probe_f32")))
+    compiled = ctypes.CDLL(str(build.shared_library(files, f"{arm.name}_probe_f32", build.STRAIGHT)))
 
     def subject(function: SymbolicFunction) -> Subject:
         targets = {_TARGET["f32"]: _arm_call(compiled, "f32", arm.name, function)}

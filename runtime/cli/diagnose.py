@@ -60,7 +60,9 @@ def diagnose(
     summary = ResultSummary(result, invocation, drafted=draft is not None)
     document = summary.document
     if draft is not None:
-        reading = [*(x for entry in maps or () for x in ("--map", entry)), *(["--allow-gaps"] if allow_gaps else [])]
+        from runtime.report import follow_up
+
+        reading = follow_up.reading(maps or (), allow_gaps)
         document = document | _drafted(source, result, draft, invocation, reading)
     emit(json, document, loop_pages.diagnosis)
     draw_page(report, summary, json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,9 @@ def inputs(
     columns = mapping(maps)
     source = opened(model, effects)
     data = source.recordings(recordings, columns, allow_gaps)
+    for recording in data:
+        for note in recording.notes:
+            print(f"{recording.path}: {note}", file=sys.stderr)
     with working("deriving and compiling the model"):
         return source, data, source.model()
 

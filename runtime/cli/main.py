@@ -22,6 +22,7 @@ from runtime.cli import (
     import_arm,
     improve,
     init,
+    inspect_recording,
     optimize,
     output,
     paper,
@@ -40,6 +41,7 @@ app = typer.Typer(
 for _verb in (
     init,
     import_arm,
+    inspect_recording,
     generate,
     verify,
     effects,

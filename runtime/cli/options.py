@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from runtime.cli.places import READ, WRITTEN, Role, check_writable
+from runtime.recordings.nameless import in_order
 from runtime.report import page
 from runtime.workspace import UsageError, is_name
 
@@ -24,7 +25,8 @@ Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECORDING...",
-        help="CSV, plain or gzip: t,q1,tau1,... and, if measured, temperature1,q1_link,tau1_link,tau1_rigid,fx,fy.",
+        help="CSV, plain or gzip: t,q1,tau1,... and, if measured, temperature1,q1_link,tau1_link,tau1_rigid,fx,fy; the "
+        "same in MCAP, ROS 2 bags, MATLAB, HDF5, Parquet, NumPy.",
     ),
     READ,
 ]
@@ -38,7 +40,13 @@ EffectsFile = Annotated[
 ]
 Map = Annotated[
     list[str] | None,
-    typer.Option("--map", metavar='q1="Position1 [deg]"', help="Read a signal from a column of another name."),
+    typer.Option(
+        "--map",
+        "--columns",
+        metavar='q1="Position1 [deg]"',
+        help="Read a signal from a column of another name, q=NAME those of all joints; --columns t,q1,tau1 names the "
+        "columns of a file without a header.",
+    ),
 ]
 AllowGaps = Annotated[bool, typer.Option("--allow-gaps", help="Split at gaps and drop NaN rows instead of refusing.")]
 Report = Annotated[
@@ -65,9 +73,10 @@ def nearby(path: Path) -> Path:
 
 
 def mapping(entries: Sequence[str] | None) -> dict[str, str]:
-    """`--map name=column`, several times, as a dictionary."""
+    """`--map name=column`, several times, and `--columns name,name` as a dictionary."""
     result: dict[str, str] = {}
-    for entry in entries or ():
+    given = entries or ()
+    for entry in (e for whole in given for e in ([whole] if "=" in whole or "," not in whole else in_order(whole))):
         name, equals, column = entry.partition("=")
         if not equals or not name.strip() or not column.strip():
             raise UsageError(f'--map {entry}: expected NAME=COLUMN, for example --map q1="Position1 [deg]"')

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from runtime.diagnosis.likelihood import whitened_bic
+from runtime.diagnosis.likelihood import ruled_out, whitened_bic
+from runtime.diagnosis.presliding import bristles
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import BIC_APART, HELD_OUT_FALLS_TO, MOST_BRANCHES
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Finding, Step
 from runtime.diagnosis.worth import squared
+from runtime.model.terms import Term
 
 OnSearchStep = Callable[[Step], None]
 
@@ -30,8 +32,13 @@ def complete(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
             if branch is not None:
                 branches.append(_follow(branch))
         search = _best(branches, number)
-    search.findings = [replace(f, rivals=tuple(t for t in f.rivals if t not in f.refuted)) for f in search.findings]
+    search.findings = [replace(f, rivals=_left(f)) for f in search.findings]
     return search
+
+
+def _left(finding: Finding) -> tuple[Term, ...]:
+    """The rivals of a finding that nothing refuted, and those that no likelihood tells from it."""
+    return tuple(dict.fromkeys(t for t in (*finding.rivals, *bristles(finding)) if t not in finding.refuted))
 
 
 def _follow(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
@@ -60,8 +67,9 @@ def _best(branches: list[Search], number: int) -> Search:
         return chosen
     worse = [_clearly_better(ends[best], end, scores[best], score) for end, score in zip(ends, scores, strict=True)]
     heads = [b.findings[number].term if len(b.findings) > number else None for b in branches]
-    refuted = {head for head, lost in zip(heads, worse, strict=True) if lost}
     finding = chosen.findings[number]
+    lost = {head for head, gone in zip(heads, worse, strict=True) if gone and head is not None}
+    refuted = {head for head in lost if ruled_out(head, ends[best], finding.joint_index)}
     rivals = tuple(t for t in finding.rivals if t not in refuted and t != finding.term)
     chosen.findings[number] = replace(finding, rivals=rivals, refuted=())
     return chosen

@@ -17,7 +17,7 @@ from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
 from runtime.diagnosis.steps import Finding, Step, seconds_moving
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
-from runtime.estimation.identify import prepared, refuse_copies
+from runtime.estimation.identify import prepared, refuse_copies, without_tip_rests
 from runtime.estimation.suspicions import suspicions
 from runtime.estimation.torque_lines import per_turn
 from runtime.estimation.twist import fit_twist
@@ -138,7 +138,7 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
-    motion = prepare(recordings, fitted.band, model.library)
+    motion = without_tip_rests(model, prepare(recordings, fitted.band, model.library))
     if motion.rigid_given != fitted.rigid_given:
         has, lacks = ("has", "do not") if motion.rigid_given else ("has no", "do")
         raise RecordingError(

@@ -10,7 +10,7 @@ import numpy as np
 from runtime.diagnosis import pairs
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
-from runtime.diagnosis.likelihood import outgrown, whitened_bic
+from runtime.diagnosis.likelihood import outgrown, plainest, whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -138,10 +138,27 @@ class Search:
         return self.findings[-1]
 
     def _judged(self, step: Step) -> Verdict:
-        """Candidates against a step; those are left out that act only where the residual is below the noise."""
+        """Candidates against a step."""
         ground = self._field_of(step)
-        terms = [t for t in ground.terms() if ground.watched(t) or missing_at(step, own_joints(self.model, t))]
-        return rank(ground, terms, step.floors)
+        return rank(ground, self._lacking(step, ground.terms()), step.floors)
+
+    def _in_place(self, step: Step, gone: Term) -> Verdict:
+        """Candidates that could stand for a finding against the step without it. What acts on none of its joints
+        explains something else, and what contains another finding would take that one's place as well."""
+        ground, own = self._field_of(step), set(joints_of(self.model, gone))
+        others = {(f.term.effect, f.term.joint) for f in self.findings if f.term != gone}
+        terms = [
+            t
+            for t in ground.terms()
+            if own & set(joints_of(self.model, t))
+            and not any((g, t.joint) in others for g in self.model.library.effects[t.effect].generalises)
+        ]
+        return rank(ground, self._lacking(step, terms), step.floors)
+
+    def _lacking(self, step: Step, terms: Sequence[Term]) -> list[Term]:
+        """Those of some terms that do not act only where the residual is below the noise."""
+        ground = self._field_of(step)
+        return [t for t in terms if ground.watched(t) or missing_at(step, own_joints(self.model, t))]
 
     def _further(self, term: Term) -> None:
         """Add more of an effect of which a joint may have several, what explains most first, as long as they pass."""
@@ -224,18 +241,22 @@ class Search:
         (a bristle from dry friction) shows only when everything is refitted. Recordings that were not fitted decide
         where they can.
         """
-        tried = [evidence, *[e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]]
+        others = [e for e in self.last.ranked if e.term in rivals and e is not evidence][:MOST_RIVALS]
+        special = self.model.library.effects[evidence.term.effect].generalises
+        others += [e for e in self.last.ranked if e.passes and e.term.effect in special and e not in others]
+        tried = [evidence, *others]
         steps = [self._with(step, e.candidate) for e in tried]
         best = 0
         for k, (other, after) in enumerate(zip(tried, steps, strict=True)):
             joint = joints_of(self.model, other.term)[0]
             if preferred(after, steps[best], joint):
                 best = k
+        best = plainest([e.term for e in tried], steps, best)
         lost = tuple(e.term for e, after in zip(tried, steps, strict=True) if refuted(after, steps[best]))
         terms = [e.term for e in tried]
         gone = {terms[best], *outgrown(self._field_of(step).ground, terms, steps, best)}
-        others = tuple(t for t in (evidence.term, *rivals) if t not in gone)
-        return Finding(tried[best], others, self.last, step, steps[best], lost)
+        alike = tuple(t for t in (evidence.term, *rivals) if t not in gone)
+        return Finding(tried[best], alike, self.last, step, steps[best], lost)
 
     def instead(self, number: int, term: Term) -> Search | None:
         """A search that differs from this one from a finding on: it has one of its rivals in its place; None where
@@ -345,12 +366,13 @@ class Search:
                 continue
             rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
             without = self._step(None, self._structure(rest), self.steps[-1])
-            verdict = self._judged(without)
+            verdict = self._in_place(without, finding.term)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
             best, others = verdict.best, [f for f in self.findings if f is not finding]
-            if best is None or self._taken_over(finding, without):
+            apart = best is not None and best.delta_bic - own >= BIC_APART
+            if self._taken_over(finding, without) or (best is None and not self._clearly_likelier(without)):
                 kept, shapes = others, {}
-            elif best.delta_bic - own >= BIC_APART and not self._worse_with(best, without):
+            elif best is not None and apart and not self._worse_with(best, finding, without):
                 others.insert(k, replace(finding, evidence=best, rivals=verdict.rivals, verdict=verdict))
                 kept, shapes = others, {best.term: best.candidate.shape}
             else:
@@ -368,9 +390,21 @@ class Search:
         alike = self._alike(finding.term, last.term)
         return alike and self._superfluous(finding.term, (last.term,), whole) == 0
 
-    def _worse_with(self, evidence: Evidence, without: Step) -> bool:
-        """Whether another effect in a finding's place explains less of recordings that were not fitted."""
+    def _clearly_likelier(self, without: Step) -> bool:
+        """Whether all findings, refitted, are likelier than without one of them, by as much as a candidate must be.
+
+        The gates weigh all joints under one variance, in which what one joint gains may drown in what others leave.
+        """
+        plain, whole = whitened_bic(self._field_of(without).ground, [without, self.steps[-1]])
+        return plain - whole > LEAST_DELTA_BIC
+
+    def _worse_with(self, evidence: Evidence, instead: Finding, without: Step) -> bool:
+        """Whether another effect in a finding's place, all refitted, is not clearly likelier, explains hardly more than
+        that finding does as a special case, or explains less of recordings that were not fitted."""
         whole, other = self.steps[-1], self._with_instead(evidence, without)
+        likely, other_way = whitened_bic(self._field_of(without).ground, [whole, other])
+        if likely - other_way < BIC_APART or plainest((evidence.term, instead.term), (other, whole), 0):
+            return True
         if whole.held_out is None or other.held_out is None:
             return False
         return squared(other.held_out) > squared(whole.held_out)

@@ -71,6 +71,10 @@ UNRESOLVED_ORDER: Final = 0.5
 """number of periods a turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole one:
 chance would find one in half of all; by construction."""
 
+TAKEN_OVER: Final = 0.5
+"""part of a joint's dry friction; a law of the position that takes more of it over is its presliding; between all of it
+and none, by construction."""
+
 # the search over candidates -----------------------------------------------------------------------------------------
 
 EXCERPT_SAMPLES: Final = 60_000

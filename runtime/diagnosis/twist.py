@@ -86,11 +86,17 @@ def _weighed(
     block = CandidateBlock({0: columns}, lower, np.full(1 + equation.along, np.inf))
     figures, residual = _figures(ground, block, before, _floor(field, joint))
     failed = [text for ok, text in figures.gates(_floor(field, joint), at_edge=False) if not ok]
-    # A finite end of every interval that is not the effect's absence: a gap above 0, a compliance above 0.
+    # A finite end of the interval that is not the effect's absence: a gap above 0, however stiff its flanks; a
+    # spring's compliance above 0.
+    info = field.model.library.effects[effect]
+    size = info.of_kind("play") if info.has_gap else info.of_kind("stiffness")
     failed += [
         f"its {name} may be none: 95 % in [{e.interval[0]:.3g}, {e.interval[1]:.3g}]"
         for name, e in values.items()
-        if e.interval is not None and not (e.interval[0] > 0 and np.isfinite(e.interval[1]))
+        if e.interval is not None
+        and size is not None
+        and name == size.name
+        and not (e.interval[0] > 0 and np.isfinite(e.interval[1]))
     ]
     after = before * float(np.sqrt(max(figures.after.sse, 0.0) / row.count))
     shape = {name: e.value for name, e in values.items()}

@@ -34,9 +34,10 @@ class Alike:
     def solve(self, moments: Array) -> Array:
         """(F, K) coefficients, moments (F, K)."""
         found, left = np.tile(self.lower, (len(self.grams), 1)), np.ones(len(self.grams), dtype=bool)
-        for held in list(self.ends) or [np.zeros(len(self.lower), dtype=bool)]:
-            if left.any():
-                self._try(held, moments, found, left)
+        if self._least_pivot > 0:
+            for held in list(self.ends) or [np.zeros(len(self.lower), dtype=bool)]:
+                if left.any():
+                    self._try(held, moments, found, left)
         while left.any():
             first = int(np.argmax(left))
             found[first] = bounded(self.grams[first], moments[first], self.lower, self.upper)
@@ -50,18 +51,20 @@ class Alike:
         ending = self._ending(held)
         if ending is None:
             return
-        theta = np.einsum("fij,fj->fi", ending.inverse, moments) + ending.offset
-        inside = np.all((theta >= self.lower) & (theta <= self.upper), axis=1)
-        fall = (moments - np.einsum("fij,fj->fi", self.grams, theta)) / self._reach
-        most = OPTIMAL * np.abs(moments / self._reach).max(axis=1, initial=0.0)
-        ended = left & inside & ((fall * ending.inward).max(axis=1, initial=0.0) <= most)
-        found[ended], left[ended] = theta[ended], False
+        theta = times(ending.inverse, moments) + ending.offset
+        ended = left & ((theta >= self.lower) & (theta <= self.upper)).all(axis=1)
+        if ended.any() and ending.inward.any():
+            fall = (moments - times(self.grams, theta)) / self._reach
+            most = OPTIMAL * np.abs(moments / self._reach).max(axis=1, initial=0.0)
+            ended &= (fall * ending.inward).max(axis=1, initial=0.0) <= most
         if ended.any():
+            found[ended], left[ended] = theta[ended], False
             self._remember(held, int(ended.sum()))
 
     def _remember(self, held: Mask, count: int) -> None:
         """In front where most of the problems end so, else behind the first."""
-        others = [e for e in self.ends if not np.array_equal(e, held)]
+        key = held.tobytes()
+        others = [e for e in self.ends if e.tobytes() != key]
         place = 0 if 2 * count > len(self.grams) else 1
         self.ends[:] = [*others[:place], held, *others[place:]][:KEPT_ENDS]
 
@@ -93,8 +96,8 @@ class Alike:
 
     def _scaled(self, part: Mask) -> Array:
         """Of some coefficients, with unit diagonals: (F, K', K')."""
-        size = self._reach[:, part]
-        found: Array = self.grams[:, part][:, :, part] / (size[:, :, None] * size[:, None])
+        size, place = self._reach[:, part], np.flatnonzero(part)
+        found: Array = self.grams[:, place[:, None], place] / (size[:, :, None] * size[:, None])
         return found
 
     @cached_property
@@ -116,11 +119,18 @@ class Alike:
         if least <= WELL_POSED and self._pivot(free) <= WELL_POSED:
             return None
         inverse, size, solved = np.zeros_like(self.grams), self._reach[:, free], np.linalg.inv(self._scaled(free))
-        inverse[:, np.outer(free, free)] = (solved / (size[:, :, None] * size[:, None])).reshape(len(inverse), -1)
+        place = np.flatnonzero(free)
+        inverse[:, place[:, None], place] = solved / (size[:, :, None] * size[:, None])
         at = np.where(held, np.where(low, self.lower, self.upper), np.clip(0.0, self.lower, self.upper))
         at[free] = 0.0
-        offset = at - np.einsum("fij,fj->fi", inverse, self.grams @ at)
+        offset = at - times(inverse, self.grams @ at) if at.any() else np.zeros_like(self._reach)
         return _Ending(inverse, offset, np.where(held, np.where(low, 1.0, -1.0), 0.0))
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """(F, K) products of matrices (F, K, K) and vectors (F, K)."""
+    product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
+    return product
 
 
 @dataclass(frozen=True)

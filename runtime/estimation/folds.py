@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.alike import Alike
+from runtime.estimation.alike import Alike, times
 from runtime.estimation.least_squares import rank
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ class NormalEquations:
 
 def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
     """(F,) squared errors of coefficients theta (F, K)."""
-    left: Array = squares + np.einsum("fi,fi->f", theta, np.einsum("fij,fj->fi", grams, theta) - 2 * moments)
+    left: Array = squares + (theta * (times(grams, theta) - 2 * moments)).sum(axis=1)
     return left
 
 

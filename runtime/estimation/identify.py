@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from runtime.estimation import delays, gaps, grids, soundness
+from runtime.estimation import delays, gaps, grids, onset_places, soundness, tip_rests
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.left_out import open_rotors
@@ -272,7 +272,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
     z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
     ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
     best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
-    return best, gaps.found(best, changed, skew)
+    return best, gaps.found(best, onset_places.found(best, changed, skew), skew)
 
 
 def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
@@ -312,7 +312,9 @@ class Identification:
         drivable = _drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction)
         if not self.fit.skew_free or not drivable:
             return None
-        every = replace(self.motion, standstill=np.zeros(self.model.n), quiet=np.full(self.model.n, np.inf))
+        every = replace(
+            self.motion, standstill=np.zeros(self.model.n), quiet=np.full(self.model.n, np.inf), spoiled=None
+        )
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
     def delay_json(self) -> list[dict[str, Any]]:
@@ -337,6 +339,21 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
+    """Recordings in the band that suits their noise and the model's inertia, less rows that the end-effector's rests
+    spoil. Raises RecordingError.
+    """
+    return without_tip_rests(model, _in_its_band(model, recordings))
+
+
+def without_tip_rests(model: Model, motion: Motion) -> Motion:
+    """The motion less rows that the end-effector's rests spoil, where the model file has something rub there."""
+    known = structure(model)
+    if not tip_rests.rubbing(model, known):
+        return motion
+    return tip_rests.left_out(model, motion, solve(model, motion, known, None)[1].prediction)
+
+
+def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia.
 
     An inertia of the file that is far too small makes it too wide: then the first lower one in which the encoders'

@@ -14,7 +14,7 @@ from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Ahead, Regressors
 from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS, NEUTRAL_INERTIA
 from runtime.model.loader import LumpInfo, Model
-from runtime.model.terms import Prediction, Term, Values, joints_of, structure
+from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
@@ -199,12 +199,18 @@ class Problem:
         fixed = regressors.measured(joint).copy()
         for term in self.layout.terms:
             if joint in joints_of(self.model, term):
-                columns = regressors.columns(term, joint, shapes[term])
+                columns = regressors.columns(term, joint, shapes[term], self._given(term, shapes))
                 fixed += columns[0]
                 x[self.layout.slices[term]] = columns[1:]
         if self.motion.rigid_given:
             x[self.layout.rotors.start + joint] = regressors.acceleration(joint)
         return x, fixed
+
+    def _given(self, term: Term, shapes: Mapping[Term, Values]) -> Values:
+        """Signals of a term that are shape parameters of others: of these shapes, not of an earlier fit."""
+        library = self.model.library
+        values = {name: given(library, shapes, name) for name in library.effects[term.effect].signals}
+        return {name: value for name, value in values.items() if value is not None}
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
         """Everything that is linear, compensated for the encoders' noise, for these shapes."""

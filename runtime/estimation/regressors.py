@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ LINK_LOAD = "link_load"
 """The arm's function whose value a recording may know better."""
 LINK_SIDE = "link_inertia"
 """The arm's function of the inertias without the rotors."""
+NOTHING_GIVEN: Final[Mapping[str, float]] = {}
 
 
 @dataclass
@@ -35,6 +37,7 @@ class Signals(SignalContext):
     prediction: Prediction | None
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
     _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
+    _read: dict[tuple[str, int | None, int], dict[str, Array | float]] = field(default_factory=dict)
 
     def signal(self, name: str, joint: int, own: int | None) -> Array | float:
         key = (name, joint, own)
@@ -48,11 +51,14 @@ class Signals(SignalContext):
         """A signal at a joint (0-based), for an effect that sits there."""
         return self.signal(name, joint, joint)
 
-    def of(self, term: Term, joint: int) -> dict[str, Array | float]:
+    def of(self, term: Term, joint: int) -> Mapping[str, Array | float]:
         """What a term reads for its torque at a joint (0-based), and the time, which tells how many samples there
         are."""
-        read = self.reader(term, joint)
-        return {"t": self.piece.t, **{name: read(name) for name in self.model.library.effects[term.effect].signals}}
+        key = (term.effect, term.joint, joint)
+        if key not in self._read:
+            read, names = self.reader(term, joint), self.model.library.effects[term.effect].signals
+            self._read[key] = {"t": self.piece.t, **{name: read(name) for name in names}}
+        return self._read[key]
 
     def lacks(self, term: Term) -> bool:
         """Whether the term reads of another effect that is not there: of a joint's dry friction, of a parameter."""
@@ -275,28 +281,38 @@ class Regressors:
 
         return self._kept(("acceleration", joint), True, make)
 
-    def columns(self, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
-        """(1 + k, M): the part without free coefficient, then one row a linear coefficient."""
-        return self._stored(term, joint, [shape])[0]
+    def columns(
+        self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
+    ) -> Array:
+        """(1 + k, M): the part without free coefficient, then one row a linear coefficient.
+
+        given   signals that are parameters of other effects, where these have other values than predicted
+        """
+        return self._stored(term, joint, [shape], given)[0]
 
     def columns_each(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
         """(S, 1 + k, M) `columns` for many shapes of a term."""
-        return np.array(self._stored(term, joint, shapes))
+        return np.array(self._stored(term, joint, shapes, NOTHING_GIVEN))
 
-    def _stored(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> list[Array]:
+    def _stored(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> list[Array]:
         library = self.model.library
         store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
-        keys = [(library.directory, self.model.directory, term, joint, *shape.values()) for shape in shapes]
+        where = (library.directory, self.model.directory, term, joint, *given.items())
+        keys = [(*where, *shape.values()) for shape in shapes]
         absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if key not in store}
         if absent:
-            store.update(zip(absent, self._in_band(term, joint, list(absent.values())), strict=True))
+            store.update(zip(absent, self._in_band(term, joint, list(absent.values()), given), strict=True))
         return [store[key] for key in keys]
 
-    def _in_band(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+    def _in_band(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> Array:
         if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
             return np.array([self._late(joint, self.ahead)] * len(shapes))
         parts = [
-            p.low_pass.columns(self.model.library, term.effect, s.of(term, joint), shapes, p.dt)
+            p.low_pass.columns(self.model.library, term.effect, {**s.of(term, joint), **given}, shapes, p.dt)
             for s, p in zip(self.signals, self.motion.pieces, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)

@@ -60,6 +60,10 @@ SEARCH_STEP: Final = 1e-4
 """part of a grid's stretch; over it a derivative by a shape is taken, and a search that moves less has ended; between
 rounding and curvature."""
 
+PLACE_STEPS: Final = 16
+"""number of steps to a step of a grid, to either side; a place at which a torque sets in is sought so finely, about
+what an arm goes in a sample; development recordings."""
+
 SEARCH_FALL: Final = 1e-6
 """part of the squared error; a search whose fall is less has ended; development recordings."""
 

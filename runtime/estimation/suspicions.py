@@ -31,12 +31,14 @@ from runtime.estimation.settings import (
     TURNED_FALLS_TO,
 )
 from runtime.motion.motion import Motion, Piece
+from runtime.recordings.cures import in_unit, read_from, turned_round
 from runtime.recordings.units import UNITS
 
 Array = NDArray[np.float64]
 
 DEGREE = UNITS["deg"][1]
 """rad."""
+MILLI = UNITS["mA"][1]
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
     able = [i for i in range(motion.n) if motion.moving(i).any()]
     if motion.rigid_given or not able:
         return ()
-    factors = _too_small(identification, able)
+    factors = _by_factor(identification, able)
     if not _doubtful(identification, able):
         return tuple(factors)
     trials = _Trials(identification, able)
@@ -139,11 +141,12 @@ class _Trials:
         """(n,) relative errors with torques mix (n, n) @ tau."""
         return self._errors(_changed(self.motion, lambda p: replace(p, tau=mix @ p.tau)), self._equations)
 
-    def _with_positions(self, mix: Array) -> Array:
-        """(n,) relative errors with positions mix (n, n) @ q."""
+    def _with_positions(self, mix: Array, torques: Array) -> Array:
+        """(n,) relative errors with positions mix (n, n) @ q and torques (n, n) @ tau."""
 
         def change(p: Piece) -> Piece:
-            return replace(p, q=mix @ p.q, qd=mix @ p.qd, qdd=mix @ p.qdd, slow=mix @ p.slow)
+            moved = [mix @ x for x in (p.q, p.qd, p.qdd, p.slow)]
+            return replace(p, q=moved[0], qd=moved[1], qdd=moved[2], slow=moved[3], tau=torques @ p.tau)
 
         standing = np.where(np.isinf(self.motion.standstill), 0.0, self.motion.standstill)
         standstill = np.where(np.isinf(self.motion.standstill), np.inf, mix @ standing)
@@ -168,7 +171,8 @@ class _Trials:
                 "sign",
                 f"its torque has the wrong sign: as recorded the best fit misses {100 * self.as_given[i]:.3g} % of it, "
                 f"turned round {100 * errors[i]:.3g} %",
-                f'expected positive where it drives towards positive positions: pass --map tau{i + 1}="-tau{i + 1}"',
+                "expected positive where it drives towards positive positions: pass "
+                f"{turned_round(self.motion.cells, f'tau{i + 1}')}",
             )
             for i in self.able
             if signs[i] < 0
@@ -180,7 +184,7 @@ class _Trials:
         for joints in [wide, *([i] for i in wide)] if len(wide) > 1 else [wide] if wide else []:
             factor = np.ones(self.motion.n)
             factor[joints] = DEGREE
-            errors = self._with_positions(np.diag(factor))
+            errors = self._with_positions(np.diag(factor), np.eye(self.motion.n))
             better = self._whole(errors) < self._whole(self.as_given)
             if better and np.all(errors[joints] < TURNED_FALLS_TO * self.as_given[joints]):
                 return [_degrees(self.motion, i, self._before_and_after(i, errors)) for i in joints]
@@ -191,28 +195,33 @@ class _Trials:
         return f"the best fit misses {before:.3g} % of its torque, with positions in degrees {after:.3g} %"
 
     def exchanged(self) -> list[Suspicion]:
-        """Two joints each of whose torques belongs to the other's motion, or with each other's positions."""
+        """Two joints each of whose torques belongs to the other's motion, with each other's positions, or in each
+        other's place: drivers log joints in the order of their names."""
         doubtful = [i for i in self.able if self.as_given[i] > SUSPECTED_FROM]
-        found: list[tuple[float, str, int, int]] = []
-        for (i, j), what in product(combinations(doubtful, 2), ("tau", "q")):
-            mix = np.eye(self.motion.n)
+        found: list[tuple[float, tuple[str, ...], int, int]] = []
+        for (i, j), what in product(combinations(doubtful, 2), (("tau",), ("q",), ("q", "tau"))):
+            mix, same = np.eye(self.motion.n), np.eye(self.motion.n)
             mix[[i, j]] = mix[[j, i]]
-            errors = self._with_torques(mix) if what == "tau" else self._with_positions(mix)
+            torques = mix if "tau" in what else same
+            errors = self._with_positions(mix, torques) if "q" in what else self._with_torques(torques)
             falls = max(errors[i] / self.as_given[i], errors[j] / self.as_given[j])
             if falls < EXCHANGED_FALLS_TO and self._whole(errors) < self._whole(self.as_given):
                 found.append((self._whole(errors), what, i + 1, j + 1))
-        if not found:
-            return []
-        _, what, one, other = min(found)
-        return [
-            Suspicion(
-                one,
-                "exchanged",
-                f"tau{one} follows the motion of joint {other}, and tau{other} that of joint {one}",
-                "expected position and torque of a joint under its own number: pass "
-                f'--map {what}{one}="{what}{other}" --map {what}{other}="{what}{one}"',
-            )
-        ]
+        return [_exchanged(self.motion, what, one, other) for _, what, one, other in sorted(found)[:1]]
+
+
+def _exchanged(motion: Motion, what: tuple[str, ...], one: int, other: int) -> Suspicion:
+    columns = " and ".join(f"{name}{one}" for name in what)
+    where = f"fits joint {other}, and that of joint {other} fits joint {one}"
+    pairs = [(f"{name}{a}", f"{name}{b}") for name in what for a, b in ((one, other), (other, one))]
+    maps = " ".join(read_from(motion.cells, column, place) for column, place in pairs)
+    alone = f"tau{one} follows the motion of joint {other}, and tau{other} that of joint {one}"
+    return Suspicion(
+        one,
+        "exchanged",
+        f"what is recorded as {columns} {where}" if len(what) > 1 else alone,
+        f"expected position and torque of a joint under its own number: pass {maps}",
+    )
 
 
 def _changed(motion: Motion, change: Callable[[Piece], Piece]) -> Motion:
@@ -225,8 +234,8 @@ def _turns(motion: Motion, joint: int) -> float:
     return (max(float(p.q[joint].max()) for p in motion.pieces) - low) / (2 * pi)
 
 
-def _too_small(identification: Identification, able: Sequence[int]) -> list[Suspicion]:
-    """Joints whose inertia comes out as the file's, divided by the gear ratio or by the degrees in a radian."""
+def _by_factor(identification: Identification, able: Sequence[int]) -> list[Suspicion]:
+    """Joints whose inertia comes out as the file's divided by the gear ratio or a radian's degrees, or times 1000."""
     if not identification.model.lumps_known:
         return []
     found = []
@@ -237,6 +246,11 @@ def _too_small(identification: Identification, able: Sequence[int]) -> list[Susp
         said = f"its inertia comes to {fitted:.3g}, 1/{stated / fitted:.3g} of the {stated:.3g} in the model file"
         if _turns(identification.motion, i) > 1 and info.type == "revolute" and _about(stated / fitted, 1 / DEGREE):
             found.append(_degrees(identification.motion, i, said))
+        elif _about(stated / fitted, MILLI):
+            unit = "mN m" if info.torque_constant is None else "mA"
+            cure = in_unit(identification.motion.cells, f"tau{i + 1}", unit)
+            large = f"its inertia comes to {fitted:.3g}, {fitted / stated:.4g} times the {stated:.3g} in the model file"
+            found.append(Suspicion(i + 1, "milli", large, f"if its torque is in {unit}, pass {cure}"))
         elif info.gear_ratio > LEAST_TELLING_RATIO and _about(stated / fitted, info.gear_ratio):
             found.append(
                 Suspicion(
@@ -255,7 +269,7 @@ def _degrees(motion: Motion, joint: int, said: str) -> Suspicion:
         joint + 1,
         "degrees",
         f"its position covers {_turns(motion, joint):.3g} turns, and {said}",
-        f'expected radians: if it is in degrees, pass --map q{joint + 1}="q{joint + 1} [deg]"',
+        f"expected radians: if it is in degrees, pass {in_unit(motion.cells, f'q{joint + 1}', 'deg')}",
     )
 
 

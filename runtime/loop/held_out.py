@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from runtime.diagnosis.steps import residuals_elsewhere
-from runtime.estimation.identify import Identification
+from runtime.estimation.identify import Identification, without_tip_rests
 from runtime.estimation.problem import Problem
 from runtime.motion import repeats
 from runtime.motion.motion import prepare
@@ -18,7 +18,7 @@ def floors(identification: Identification, recordings: Sequence[Recording]) -> t
     if not recordings:
         return ()
     model, fit = identification.model, identification.fit
-    motion = prepare(recordings, identification.motion.band, model.library)
+    motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model.library))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
     found = repeats.find(motion)
     floors = []

@@ -222,6 +222,7 @@ class Library:
         self.metadata, self._lib = _open(directory, "effects.json")
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
+        self._place = {name: place for place, name in enumerate(self.signals)}
         self._lanes: int = self.metadata["lanes"]
         self.effects: dict[str, EffectInfo] = effects_of(self.metadata)
         # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
@@ -334,8 +335,10 @@ class Library:
 
     def _pointers(self, arrays: Mapping[str, Array]) -> ctypes.Array[ctypes.c_void_p]:
         """One a signal; null for those that are not there."""
-        found = (arrays[name].ctypes.data if name in arrays else None for name in self.signals)
-        return (ctypes.c_void_p * len(self.signals))(*found)
+        found = (ctypes.c_void_p * len(self.signals))()
+        for name, array in arrays.items():
+            found[self._place[name]] = array.ctypes.data
+        return found
 
     def _call(
         self,
@@ -356,27 +359,36 @@ class Library:
         return out
 
     def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:
-        for name in parameters:
-            info.parameter(name)
-        needed = [p.name for p in info.parameters if p.role == "shape" or (linear_too and p.role == "linear")]
-        missing = [name for name in needed if name not in parameters]
+        found, missing, read = [], [], 0
+        for p in info.parameters:
+            if p.name in parameters:
+                found.append(float(parameters[p.name]))
+                read += 1
+            else:
+                found.append(p.default or 0.0)
+                if p.role == "shape" or (linear_too and p.role == "linear"):
+                    missing.append(p.name)
+        if read < len(parameters):
+            for name in parameters:
+                info.parameter(name)
         if missing:
             raise LoaderError(f'effect "{info.name}" needs a value of: {", ".join(missing)}')
-        return np.array([float(parameters.get(p.name, p.default or 0.0)) for p in info.parameters], dtype=np.float64)
+        return np.array(found, dtype=np.float64)
 
     def _signals(self, info: EffectInfo, signals: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
         """Those that the effect reads, each (N,); N is the length of the arrays in `signals`, read or not."""
         missing = [name for name in info.signals if name not in signals]
         if missing:
             raise LoaderError(f'effect "{info.name}" reads {", ".join(missing)}, which is not among the signals given')
-        lengths = {name: np.shape(value)[0] for name, value in signals.items() if np.ndim(value) == 1}
+        given = {name: np.asarray(value, dtype=np.float64) for name, value in signals.items()}
+        lengths = {name: len(array) for name, array in given.items() if array.ndim == 1}
         if len(set(lengths.values())) > 1:
             text = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise LoaderError(f"signals differ in length: {text}")
         count = next(iter(lengths.values()), 1)
         arrays = {}
         for name in info.signals:
-            array = np.asarray(signals[name], dtype=np.float64)
+            array = given[name]
             if array.ndim > 1:
                 raise LoaderError(f'signal "{name}" has shape {array.shape}, expected a number or (N,)')
             arrays[name] = np.full(count, float(array)) if array.ndim == 0 else np.ascontiguousarray(array)

@@ -108,8 +108,8 @@ def lines(
     least = float(np.log(among)) + LINE_ABOVE_CHANCE
     spectrum = waves.spectrum(left)
     for order in spectrum.peaks(span):
-        half_periods = np.unique(np.floor(order * angle / np.pi))
-        if len(half_periods) < 2 * LEAST_PERIODS:
+        half_periods = np.floor(order * angle / np.pi).astype(np.intp)
+        if np.count_nonzero(np.bincount(half_periods - half_periods.min())) < 2 * LEAST_PERIODS:
             continue
         beside = left - wave_beside(order * angle, left, base, projection)
         reach = surroundings(order, period)
@@ -168,13 +168,13 @@ class Waves:
         grid = _Grid.of(angle, ANGLE_GRID / high)
         index = np.arange(int(np.ceil(low / grid.step)), int(high / grid.step) + 1)
         count = len(angle)
-        window = grid.finer().sums(np.ones((1, count)), 2 * index)[0]
+        window = grid.doubled().sums(np.ones((1, count)), index)[0]
         own: Array = np.array([count + window.real, -window.imag, count - window.real]) / 2
         value, vector = np.linalg.eigh(projection)
         # The projection as a square, so that what the columns take of a wave is one.
         cross = grid.sums((vector * np.sqrt(np.maximum(value, 0.0))).T @ base, index)
         cosine, sine = cross.real, -cross.imag
-        own -= [np.sum(x * y, axis=0) for x, y in ((cosine, cosine), (cosine, sine), (sine, sine))]
+        own -= [np.einsum("rk,rk->k", x, y) for x, y in ((cosine, cosine), (cosine, sine), (sine, sine))]
         return cls(grid, index, own, period, count)
 
     def about(self, low: float, high: float) -> Waves:
@@ -217,9 +217,9 @@ class _Grid:
         """From one order to the next."""
         return 2 * np.pi / (self.size * self.spacing)
 
-    def finer(self) -> _Grid:
-        """One of the same orders and as many more."""
-        return _Grid(2 * self.place, self.spacing / 2, 2 * self.size)
+    def doubled(self) -> _Grid:
+        """One of twice the orders: half as wide, with room for as many steps, as most of the sums are of nothing."""
+        return _Grid(2 * self.place, self.spacing / 2, self.size)
 
     @cached_property
     def _shares(self) -> csc_array:

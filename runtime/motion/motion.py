@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -145,12 +145,16 @@ class Motion:
     standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
     quiet (n,): torque noise in the band over the joint's dry friction: how much of that must not leak, through the
     band's filter, from where it is not known into a row that counts.
+    cells: of each signal, what `--map` takes for the field of the first recording from which it was read.
+    spoiled (n, M): rows that rests elsewhere than in the joint itself spoil; None: there are none.
     """
 
     band: Band
     pieces: tuple[Piece, ...]
     standstill: Array
     quiet: Array
+    cells: Mapping[str, str] = field(default_factory=dict)
+    spoiled: Mask | None = None
 
     @property
     def n(self) -> int:
@@ -210,7 +214,9 @@ class Motion:
                 pieces.append(piece.cut(window))
                 rows.append(start + window.start // piece.low_pass.factor + np.arange(len(pieces[-1].centres)))
             start += len(piece.centres)
-        return replace(self, pieces=tuple(pieces)), np.concatenate(rows)
+        held = np.concatenate(rows)
+        spoiled = None if self.spoiled is None else self.spoiled[:, held]
+        return replace(self, pieces=tuple(pieces), spoiled=spoiled), held
 
     def moving(self, joint: int) -> Mask:
         """(M,) rows at which the joint (0-based) moves."""
@@ -218,9 +224,10 @@ class Motion:
 
     @cached_property
     def _moving(self) -> list[Mask]:
-        return [
+        own = [
             np.concatenate([p.moving(i, self.standstill[i], self.quiet[i]) for p in self.pieces]) for i in range(self.n)
         ]
+        return own if self.spoiled is None else [a & ~b for a, b in zip(own, self.spoiled, strict=True)]
 
     @cached_property
     def row_piece(self) -> NDArray[np.intp]:
@@ -316,7 +323,7 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
     # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
     held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
-    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill), np.full(n, np.inf))
+    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill), np.full(n, np.inf), recordings[0].cells)
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")

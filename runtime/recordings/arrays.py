@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.contents import Array, Field, Table
+from runtime.recordings.contents import Array, RecordedField, Samples
 from runtime.recordings.errors import Refusal
-from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_FIELDS, SHARED_LENGTH
+from runtime.recordings.settings import LARGEST_MATRIX, LEAST_SIGNAL, MAX_BYTES, MOST_FIELDS
 
 _TIMES = re.compile(r"(t|time|timestamp|stamp)s?(\d?|_.*)", re.IGNORECASE)
 """The last part of the name of a variable that holds instants."""
@@ -50,7 +50,7 @@ class Variable:
     @property
     def is_signal(self) -> bool:
         """Whether it can hold samples of some joints."""
-        return len(self.shape) in (1, 2) and self.samples >= SHARED_LENGTH and 0 < self.width <= LARGEST_MATRIX
+        return len(self.shape) in (1, 2) and self.samples >= LEAST_SIGNAL and 0 < self.width <= LARGEST_MATRIX
 
     @property
     def place(self) -> str:
@@ -113,15 +113,15 @@ class ArrayContents:
             home = re.sub(r"[./]?[^./]*$", "", home)
 
     @cached_property
-    def fields(self) -> tuple[Field, ...]:
-        return tuple(Field(name, self._clock(v), v.place) for v, _, name in self._columns)
+    def fields(self) -> tuple[RecordedField, ...]:
+        return tuple(RecordedField(name, self._clock(v), v.place) for v, _, name in self._columns)
 
     @cached_property
     def times(self) -> Mapping[str, int]:
         places = {name: index for index, (_, _, name) in enumerate(self._columns)}
         return {time.name: places[time.name] for time in self._timed.values()}
 
-    def load(self, wanted: Mapping[str, int]) -> Table:
+    def load(self, wanted: Mapping[str, int]) -> Samples:
         read: dict[str, Array] = {}
         signals: dict[str, Array] = {}
         for name, index in wanted.items():
@@ -131,7 +131,7 @@ class ArrayContents:
             signals[name] = np.ascontiguousarray(read[variable.name][column])
         length = max(len(x) for x in signals.values())
         places = {name: self.fields[index].place for name, index in wanted.items()}
-        return Table(signals, np.arange(1, length + 1), places)
+        return Samples(signals, np.arange(1, length + 1), places)
 
     def _read(self, variable: Variable, beside: int) -> Array:
         """(columns, N) of a variable; whole numbers too long for a float less the first."""

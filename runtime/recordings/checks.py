@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.recordings import plausible
-from runtime.recordings.contents import Array, Numbers, Table
+from runtime.recordings.contents import Array, Numbers, Samples
 from runtime.recordings.errors import Refusal
 from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, ROUNDING
 
 
-def finite(table: Table, allow_gaps: bool, refuse: Refusal) -> Table:
+def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
     """The signals without NaN, infinite or absurd values; samples with NaN are dropped if gaps are allowed."""
     drop = np.zeros(len(table.numbers), dtype=bool)
     for name, values in list(table.signals.items()):
@@ -44,7 +44,7 @@ def enough(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
         refuse(f"only {len(t)} samples{left}; expected at least {MIN_SAMPLES}")
 
 
-def runs(table: Table, refuse: Refusal) -> Numbers:
+def runs(table: Samples, refuse: Refusal) -> Numbers:
     """(N,) number of each sample's run."""
     run = table.signals.get("run")
     if run is None:
@@ -56,7 +56,7 @@ def runs(table: Table, refuse: Refusal) -> Numbers:
     return run.astype(np.int64)
 
 
-def segments(table: Table, run: Numbers, cell: str, allow_gaps: bool, refuse: Refusal) -> tuple[slice, ...]:
+def segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: Refusal) -> tuple[slice, ...]:
     """Gap-free pieces, each within one run. cell: the field of the time."""
     t = table.signals["t"]
     steps, same = np.diff(t), np.diff(run) == 0

@@ -14,14 +14,14 @@ from scipy.interpolate import make_interp_spline
 
 from runtime.recordings import checks
 from runtime.recordings.columns import Column
-from runtime.recordings.contents import Array, Contents, Table
+from runtime.recordings.contents import Array, Contents, Samples
 from runtime.recordings.errors import Refusal
 from runtime.recordings.settings import GAP, MIN_SAMPLES, ROUNDING, SPLINE_DEGREE
 
 
 def on_one(
     contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal
-) -> tuple[Table, tuple[str, ...]]:
+) -> tuple[Samples, tuple[str, ...]]:
     """The used columns in SI over the instants of the positions, and what was brought there, a line each clock."""
     of_t = contents.fields[used["t"].index].clock
     groups: dict[str, dict[str, Column]] = {}
@@ -47,7 +47,7 @@ def on_one(
     return table, tuple(notes)
 
 
-def _rate(table: Table) -> float:
+def _rate(table: Samples) -> float:
     """Hz."""
     step = float(np.median(np.diff(table.signals["t"]))) if len(table.numbers) > 1 else 0.0
     return 1 / step if step > 0 else np.inf
@@ -60,7 +60,7 @@ def _time(contents: Contents, clock: str, t: Column, of_t: str) -> Column:
     return replace(t, index=contents.times[clock], cell=contents.fields[contents.times[clock]].name)
 
 
-def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal) -> Table:
+def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal) -> Samples:
     """Fields of one clock in SI, finite."""
     raw = contents.load({name: column.index for name, column in used.items()})
     lengths = {name: len(values) for name, values in raw.signals.items()}
@@ -70,11 +70,11 @@ def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, re
             f"{name} has {lengths[name]} samples and t {lengths['t']}; expected as many, or a time beside each; "
             "name the right one with --map t="
         )
-    signals = {name: values * used[name].factor + used[name].offset for name, values in raw.signals.items()}
+    signals = {name: used[name].in_si(values) for name, values in raw.signals.items()}
     return checks.finite(replace(raw, signals=signals), allow_gaps, refuse)
 
 
-def _joined(table: Table, other: Table, clock: str, allow_gaps: bool, refuse: Refusal) -> Table:
+def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:
     """A table with the signals of another clock at its instants, where that has some."""
     t, there = table.signals["t"], other.signals["t"]
     if len(there) < MIN_SAMPLES:

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
-from runtime.recordings.contents import some
-from runtime.recordings.text import NUMBERED
+from runtime.recordings.contents import Array, some
+from runtime.recordings.nameless import NUMBERED
 from runtime.recordings.units import EXAMPLES, UNITS, hint, normal
 from symbolic.model_file.checks import quote
 
@@ -55,6 +55,10 @@ class Column:
     offset: float
     cell: str = ""
 
+    def in_si(self, values: Array) -> Array:
+        """Values (N,) of the field in SI."""
+        return values if (self.factor, self.offset) == (1.0, 0.0) else values * self.factor + self.offset
+
 
 def columns(
     header: Sequence[str],
@@ -86,7 +90,7 @@ def columns(
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped twice")
         column = _column(name, index, unit, joints, fail)
-        column = replace(column, cell=wanted.strip() if unit is None or "[" in wanted else f"{wanted.strip()} [{unit}]")
+        column = replace(column, cell=wanted.strip())
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
             fail(f"--map {name}: {quote(wanted)} has a minus; expected one before positions, rates and torques only")
         found[name] = replace(column, factor=sign * column.factor)
@@ -98,7 +102,8 @@ def columns(
             continue
         if name in found:
             fail(f"two columns are {name}: {quote(header[found[name].index])} and {quote(header[index])}; drop one")
-        cell = header[index].strip() if _split(header[index])[1] or not unit else f"{header[index].strip()} [{unit}]"
+        bare, stated = split[index]
+        cell = bare if stated or not unit else f"{bare} [{unit}]"
         found[name] = replace(_column(name, index, unit, joints, fail), cell=cell)
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
@@ -154,11 +159,21 @@ def _mapped(
         hits, unit = _hits(wanted, header, split), _split(wanted)[1]
     if len(hits) > 1:
         fail(f"--map {name}: {len(hits)} columns are called {quote(wanted)}; expected one")
+    if not hits and wanted.startswith("#"):
+        fail(
+            f"--map {name}: no column {quote(wanted)}; the file has a header: {some(header)}; name its columns instead"
+        )
     if not hits:
         close = difflib.get_close_matches(wanted, [h.strip() for h in header], n=1, cutoff=0.5)
         hint = f"did you mean {quote(close[0])}?" if close else f"the file has {some(header)}"
         fail(f"--map {name}: no column {quote(wanted)}; {hint}")
     return hits[0], unit if unit is not None else split[hits[0]][1], sign
+
+
+def fields_meant(wanted: str, header: Sequence[str]) -> list[int]:
+    """The cells of a header that an entry of `--map` means, with a minus or without."""
+    split = [_split(cell) for cell in header]
+    return _hits(wanted, header, split) or _hits(wanted.strip().removeprefix("-"), header, split)
 
 
 def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]]) -> list[int]:

@@ -16,7 +16,7 @@ Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Field:
+class RecordedField:
     """A column of a file, before it is read.
 
     name     as the file has it, with `[unit]` where the file states one
@@ -34,7 +34,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Table:
+class Samples:
     """Signals of one clock.
 
     signals   name -> (N,)
@@ -50,7 +50,7 @@ class Table:
         """Where in the file a signal's sample stands."""
         return f"{self.places[name]} {self.numbers[sample]}"
 
-    def kept(self, samples: NDArray[np.bool_]) -> Table:
+    def kept(self, samples: NDArray[np.bool_]) -> Samples:
         """Those samples (N,) alone."""
         signals = {name: values[samples] for name, values in self.signals.items()}
         return replace(self, signals=signals, numbers=self.numbers[samples])
@@ -72,12 +72,12 @@ class Contents(Protocol):
     def header(self) -> str: ...
 
     @property
-    def fields(self) -> Sequence[Field]: ...
+    def fields(self) -> Sequence[RecordedField]: ...
 
     @property
     def times(self) -> Mapping[str, int]: ...
 
-    def load(self, wanted: Mapping[str, int]) -> Table:
+    def load(self, wanted: Mapping[str, int]) -> Samples:
         """The fields of one clock by signal, as the file has them. wanted: signal -> index. Raises RecordingError."""
         ...
 

@@ -27,7 +27,8 @@ def opened(path: Path, refuse: Refusal) -> ArrayContents:
     import h5py
 
     variables: list[Variable] = []
-    matlab = path.open("rb").read(len(MATLAB)) == MATLAB
+    with open(path, "rb") as begin:
+        matlab = begin.read(len(MATLAB)) == MATLAB
 
     def visit(name: str, node: Any) -> bool | None:
         if isinstance(node, h5py.Dataset) and _is_plain(node) and not name.startswith("#"):

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.contents import Array, Field, Table
+from runtime.recordings.contents import Array, RecordedField, Samples
 from runtime.recordings.errors import Refusal
 from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS
 
@@ -29,7 +29,7 @@ _NUMBER = 8
 
 
 @dataclass(frozen=True)
-class Batch:
+class MessageBatch:
     """Messages of one topic: message k is buffer[starts[k] : starts[k] + lengths[k]], logged at times[k] ns."""
 
     topic: str
@@ -114,7 +114,7 @@ class JointStates:
         self._layouts: dict[str, list[Layout]] = {}
         self._bytes = 0
 
-    def add(self, batch: Batch) -> None:
+    def add(self, batch: MessageBatch) -> None:
         """Decodes messages. Raises RecordingError."""
         first = self._counted.get(batch.topic, 0) + 1
         self._counted[batch.topic] = first + len(batch.starts) - 1
@@ -125,7 +125,7 @@ class JointStates:
 
     def _of_one_length(
         self,
-        batch: Batch,
+        batch: MessageBatch,
         length: int,
         starts: NDArray[np.int64],
         times: NDArray[np.int64],
@@ -171,7 +171,7 @@ class JointStates:
         for name, place in zip(_SIGNALS, layout.at, strict=True):
             if place is not None:
                 block = np.ascontiguousarray(rows[:, place : place + _NUMBER * len(layout.joints)])
-                values[name] = block.view(f"{layout.order}f8").astype(np.float64, copy=False)
+                values[name] = np.ascontiguousarray(block.view(f"{layout.order}f8").T, dtype=np.float64)
         self._bytes += sum(x.nbytes for x in values.values()) + 3 * stamps.nbytes
         if self._bytes > MAX_BYTES:
             self.refuse(f"holds more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
@@ -216,11 +216,11 @@ def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
         for part in parts:
             block = part.values.get(name)
             if block is None:
-                block = np.full((len(part.stamps), len(joints)), np.nan)
+                block = np.full((len(joints), len(part.stamps)), np.nan)
             elif part.joints != joints:
-                block = block[:, [part.joints.index(joint) for joint in joints]]
+                block = block[[part.joints.index(joint) for joint in joints]]
             blocks.append(block)
-        values[name] = np.concatenate(blocks).T
+        values[name] = np.concatenate(blocks, axis=1)
     stamps = np.concatenate([part.stamps for part in parts])
     numbers = np.concatenate([part.numbers for part in parts])
     order = np.argsort(numbers, kind="stable")
@@ -250,15 +250,17 @@ class JointStateContents:
         return found
 
     @cached_property
-    def fields(self) -> tuple[Field, ...]:
+    def fields(self) -> tuple[RecordedField, ...]:
         found = []
         for stream, name, k in self._index:
             place = f"{stream.topic} message"
             if name == "stamp":
-                found.append(Field(f"{stream.clock}.stamp", stream.clock, place, "t"))
+                found.append(RecordedField(f"{stream.clock}.stamp", stream.clock, place, "t"))
             else:
                 joint = stream.joints[k]
-                found.append(Field(f"{stream.clock}.{name}.{joint}", stream.clock, place, _SIGNALS[name], joint))
+                found.append(
+                    RecordedField(f"{stream.clock}.{name}.{joint}", stream.clock, place, _SIGNALS[name], joint)
+                )
         return tuple(found)
 
     @cached_property
@@ -269,7 +271,7 @@ class JointStateContents:
     def _origin(self) -> int:
         return min(int(stream.stamps.min()) for stream in self.streams)
 
-    def load(self, wanted: Mapping[str, int]) -> Table:
+    def load(self, wanted: Mapping[str, int]) -> Samples:
         stream = self._index[next(iter(wanted.values()))][0]
         signals: dict[str, Array] = {}
         for signal, index in wanted.items():
@@ -278,10 +280,10 @@ class JointStateContents:
                 signals[signal] = np.asarray((stream.stamps - self._origin) * 1e-9, dtype=np.float64)
             else:
                 signals[signal] = np.ascontiguousarray(stream.values[name][k])
-        return Table(signals, stream.numbers, {signal: self.fields[i].place for signal, i in wanted.items()})
+        return Samples(signals, stream.numbers, {signal: self.fields[i].place for signal, i in wanted.items()})
 
 
-def collected(batches: Iterable[Batch], refuse: Refusal) -> JointStates:
+def collected(batches: Iterable[MessageBatch], refuse: Refusal) -> JointStates:
     """All messages of these batches."""
     states = JointStates(refuse)
     for batch in batches:

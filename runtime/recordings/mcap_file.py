@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from runtime.recordings.errors import Refusal
 from runtime.recordings.extras import require
-from runtime.recordings.joint_state import TYPE, Batch, JointStateContents, collected
+from runtime.recordings.joint_state import TYPE, JointStateContents, MessageBatch, collected
 from runtime.recordings.settings import LONGEST_RECORD, MAX_BYTES
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -66,7 +66,7 @@ def opened(path: Path, refuse: Refusal) -> JointStateContents:
     return states.contents("MCAP", log.types())
 
 
-def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Batch]:
+def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
     """The messages of joint states, a chunk at a time."""
     loose: list[tuple[int, int, int]] = []
     chunk: memoryview | None = None
@@ -74,12 +74,14 @@ def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Batch]:
     while True:
         kind, content, place = _record(data, place, refuse)
         if kind == _INDEX and chunk is not None:
+            if struct.unpack_from("<H", content)[0] not in log.channels:
+                _declared_in(chunk, log, refuse, whole=True)
             yield from _indexed(chunk, content, log)
         elif kind != _INDEX:
             chunk = None
         if kind == _CHUNK:
             chunk = _unpacked(content, log, refuse)
-            _declared_in(chunk, log, refuse)
+            _declared_in(chunk, log, refuse, whole=False)
         elif kind in (_SCHEMA, _CHANNEL):
             log.declare(kind, content)
         elif kind == _MESSAGE:
@@ -156,18 +158,18 @@ def _zstd(packed: memoryview, size: int, refuse: Refusal) -> bytes:
     return unpacked
 
 
-def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal) -> None:
-    """Schemas and channels of a chunk: they stand before its first message, others before that of their channel."""
+def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal, whole: bool) -> None:
+    """Schemas and channels of a chunk, as far as its first message, or in the whole of it."""
     place = 0
     while place < len(chunk):
         kind, content, place = _record(chunk, place, refuse)
         if kind in (_SCHEMA, _CHANNEL):
             log.declare(kind, content)
-        elif kind == _MESSAGE and struct.unpack_from("<H", content)[0] in log.channels:
+        elif kind == _MESSAGE and not whole:
             break
 
 
-def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[Batch]:
+def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[MessageBatch]:
     """The messages of one channel in a chunk."""
     channel, size = struct.unpack_from("<HI", content)
     if not log.is_wanted(channel):
@@ -187,7 +189,7 @@ def _of_channel(
     starts: NDArray[np.int64],
     lengths: NDArray[np.int64],
     log: _Log,
-) -> Iterator[Batch]:
+) -> Iterator[MessageBatch]:
     """Messages whose contents begin at these places, in the order in which they were logged."""
     if not log.is_wanted(channel) or not len(starts):
         return
@@ -198,7 +200,7 @@ def _of_channel(
         raise ValueError("an index names messages of another channel")
     topic = log.channels[channel][0]
     times = heads["logged"].astype(np.int64)
-    yield Batch(topic, buffer, starts + _MESSAGE_HEAD.itemsize, lengths - _MESSAGE_HEAD.itemsize, times)
+    yield MessageBatch(topic, buffer, starts + _MESSAGE_HEAD.itemsize, lengths - _MESSAGE_HEAD.itemsize, times)
 
 
 def _gathered(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:

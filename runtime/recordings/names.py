@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from runtime.recordings.columns import Fail
-from runtime.recordings.contents import Contents, Field, some
+from runtime.recordings.columns import Fail, fields_meant
+from runtime.recordings.contents import Contents, RecordedField, some
 
 _FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 _OURS = re.compile(r"(?:q|qd|dq|tau|temperature)\d{1,3}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)
@@ -18,7 +18,7 @@ _WHOLE = re.compile(r"(q|qd|dq|tau|temperature)((?:_desired|_link|_rigid)?)", re
 
 
 @dataclass(frozen=True)
-class Recorder:
+class KnownLog:
     """A program whose logs are known.
 
     signature   fields that tell its logs
@@ -33,8 +33,8 @@ class Recorder:
     note: str
 
 
-RECORDERS = (
-    Recorder(
+KNOWN_LOGS = (
+    KnownLog(
         "Universal Robots' RTDE recorder",
         frozenset(("timestamp", "actual_q_0")),
         {
@@ -48,7 +48,7 @@ RECORDERS = (
         0,
         "tau is actual_current, in A: the joints' torque_constant makes it a torque",
     ),
-    Recorder(
+    KnownLog(
         "libfranka's log",
         frozenset(("q[0]", "dq[0]", "tau_J[0]")),
         {
@@ -63,7 +63,7 @@ RECORDERS = (
         "tau is tau_J, measured behind the gears: what rubs before them is not in it",
     ),
 )
-"""Headers as the programs write them: RTDE client library, example record.py; libfranka, logToCSV."""
+"""Headers as these programs write them: RTDE client library, example record.py; libfranka, logToCSV."""
 
 
 @dataclass(frozen=True)
@@ -84,22 +84,22 @@ def understood(
     if any(field.signal for field in contents.fields):
         known, notes = _by_joint(contents, joints, spread, fail)
         return Understood(known, spread, notes)
-    if recorder := _recorder(contents.fields):
-        notes = () if "tau1" in spread else (f"read as {recorder.name}: {recorder.note}",)
-        return Understood(_translated(contents.fields, recorder), spread, notes)
+    if log := _known_log(contents.fields):
+        notes = () if "tau1" in spread else (f"read as {log.name}: {log.note}",)
+        return Understood(_translated(contents.fields, log), spread, notes)
     return Understood(_last_parts(contents.fields), spread)
 
 
 def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> int:
     """How many joints a file's fields, or the mapping, name: q1, q2, …; at least one."""
-    if any(field.signal for field in contents.fields):
-        clock = _clock_of("q", contents.fields, fail)
-        return max(1, sum(field.signal == "q" and field.clock == clock for field in contents.fields))
-    recorder = _recorder(contents.fields)
-    known = _translated(contents.fields, recorder) if recorder else _last_parts(contents.fields)
-    named = {cell.split("[")[0].strip().lower() for cell in known} | set(mapping)
     if "q" in mapping:
         return max(1, len(_members(mapping["q"], contents.fields)[0]))
+    if "q1" not in mapping and any(field.signal for field in contents.fields):
+        clock = _clock_of("q", contents.fields, (), fail)
+        return max(1, sum(field.signal == "q" and field.clock == clock for field in contents.fields))
+    log = _known_log(contents.fields)
+    known = _translated(contents.fields, log) if log else _last_parts(contents.fields)
+    named = {cell.split("[")[0].strip().lower() for cell in known} | set(mapping)
     numbers = itertools.takewhile(lambda k: f"q{k}" in named, itertools.count(1))
     return max(1, sum(1 for _ in numbers))
 
@@ -113,7 +113,7 @@ def _bare(name: str) -> str:
 
 
 def _spread(
-    fields: Sequence[Field], joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+    fields: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
 ) -> dict[str, str]:
     """`q=actual_q` as q1=actual_q_0, q2=actual_q_1, …; what names one joint stands as it is, and before that."""
     found: dict[str, str] = {}
@@ -124,7 +124,7 @@ def _spread(
         members, sign, unit = _members(wanted, fields)
         if len(members) < len(joints):
             fail(
-                f"--map {name}: {len(members)} columns are called {wanted}1, {wanted}2 and so on; expected one of each "
+                f"--map {name}: {len(members)} columns are called {_bare(wanted)} with a number; expected one of each "
                 f"of {len(joints)} joints; the file has {some([f.name for f in fields])}"
             )
         ordered = _named(members, joints) or members
@@ -133,12 +133,12 @@ def _spread(
     return found | {name: wanted for name, wanted in mapping.items() if not _WHOLE.fullmatch(name.strip())}
 
 
-def _members(wanted: str, fields: Sequence[Field]) -> tuple[list[Field], str, str]:
+def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[RecordedField], str, str]:
     """The fields of a family in its order, and the sign and the unit that were asked for."""
     sign = "-" if wanted.strip().startswith("-") else ""
     base = _bare(wanted.strip().removeprefix("-"))
     unit = wanted.strip().removeprefix("-")[len(base) :].strip()
-    numbered: list[tuple[int, Field]] = []
+    numbered: list[tuple[int, RecordedField]] = []
     for place, field in enumerate(fields):
         bare = _bare(field.name)
         if field.joint is not None and field.signal != "t":
@@ -161,12 +161,13 @@ def _by_joint(
     """The names of fields that know their signal and joint, and what was assumed of them."""
     fields = contents.fields
     known, notes = [field.name for field in fields], []
-    home = None if "q1" in mapping else _clock_of("q", fields, fail)
+    chosen = fields_meant(mapping["q1"], known) if "q1" in mapping else []
+    home = fields[chosen[0]].clock if chosen else _clock_of("q", fields, joints, fail)
     for signal in ("q", "qd", "tau"):
         if f"{signal}1" in mapping:
             continue
         clocks = {field.clock for field in fields if field.signal == signal}
-        clock = home if home in clocks or signal == "qd" else _clock_of(signal, fields, fail)
+        clock = home if home in clocks or signal != "tau" else _clock_of(signal, fields, joints, fail)
         members = [field for field in fields if field.signal == signal and field.clock == clock]
         ordered = _named(members, joints)
         if ordered is None:
@@ -186,36 +187,41 @@ def _by_joint(
     return tuple(known), tuple(notes)
 
 
-def _clock_of(signal: str, fields: Sequence[Field], fail: Fail) -> str | None:
-    """What a signal is sampled with, positions rather where the torques are; None if there is none."""
-    clocks = list(dict.fromkeys(field.clock for field in fields if field.signal == signal))
+def _clock_of(
+    signal: str, fields: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]], fail: Fail
+) -> str | None:
+    """What a signal of these joints is sampled with, positions rather where torques are; None if there is none."""
+    there: dict[str, list[RecordedField]] = {}
+    for field in fields:
+        if field.signal == signal:
+            there.setdefault(field.clock, []).append(field)
+    clocks = [clock for clock, members in there.items() if joints and _named(members, joints)] or list(there)
     both = [clock for clock in clocks if any(f.signal == "tau" and f.clock == clock for f in fields)]
     choice = both or clocks
     if len(choice) > 1:
-        examples = " or ".join(
-            f'--map {signal}="{next(_stem(f) for f in fields if (f.signal, f.clock) == (signal, clock))}"'
-            for clock in choice[:2]
-        )
+        examples = " or ".join(f'--map {signal}="{_stem(there[clock][0])}"' for clock in choice[:2])
         fail(f"{some(choice)} all have {signal}; choose one with {examples}")
     return choice[0] if choice else None
 
 
-def _stem(field: Field) -> str:
+def _stem(field: RecordedField) -> str:
     return field.name.removesuffix(f".{field.joint}")
 
 
-def _named(members: Sequence[Field], joints: Sequence[Mapping[str, Any]]) -> list[Field] | None:
+def _named(members: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]]) -> list[RecordedField] | None:
     """The fields of the joints in the model's order, by their names; None where names do not tell."""
-    wanted, there = [str(joint.get("name")) for joint in joints], {str(field.joint): field for field in members}
-    return [there[name] for name in wanted] if all(name in there for name in wanted) else None
+    there = {field.joint: field for field in members if field.joint is not None}
+    ordered = [there.get(joint["name"]) if joint.get("name") else None for joint in joints]
+    known = [field for field in ordered if field is not None]
+    return known if len(known) == len(joints) else None
 
 
 # --- formats that do not ---
 
 
-def _recorder(fields: Sequence[Field]) -> Recorder | None:
+def _known_log(fields: Sequence[RecordedField]) -> KnownLog | None:
     names = {_last(field.name) for field in fields}
-    return next((recorder for recorder in RECORDERS if recorder.signature <= names), None)
+    return next((log for log in KNOWN_LOGS if log.signature <= names), None)
 
 
 def _last(name: str) -> str:
@@ -223,21 +229,21 @@ def _last(name: str) -> str:
     return re.split(r"[./]", _bare(name))[-1]
 
 
-def _translated(fields: Sequence[Field], recorder: Recorder) -> tuple[str, ...]:
-    """Each of a recorder's fields in our words, the first of a name where several have it."""
+def _translated(fields: Sequence[RecordedField], log: KnownLog) -> tuple[str, ...]:
+    """Each of a log's fields in our words, the first of a name where several have it."""
     seen: set[str] = set()
     known = []
     for field in fields:
         name = _last(field.name)
         pattern, number = re.sub(r"\d+", "{}", name), re.search(r"\d+", name)
-        ours = recorder.signals.get(pattern, "")
-        ours = ours.format(int(number[0]) - recorder.first + 1) if number else ours
+        ours = log.signals.get(pattern, "")
+        ours = ours.format(int(number[0]) - log.first + 1) if number else ours
         known.append(field.name if not ours or ours in seen else ours)
         seen.add(ours)
     return tuple(known)
 
 
-def _last_parts(fields: Sequence[Field]) -> tuple[str, ...]:
+def _last_parts(fields: Sequence[RecordedField]) -> tuple[str, ...]:
     """Names whose last part alone is one of ours, where one field has it: arm.q1 is q1."""
     parts = [re.split(r"[./]", field.name.strip())[-1] for field in fields]
     counts = {part: parts.count(part) for part in set(parts) if _OURS.fullmatch(_bare(part))}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from runtime import files
 from runtime.recordings import checks, clocks, formats, names
 from runtime.recordings.columns import IN_PLANE, IN_SPACE, columns
-from runtime.recordings.contents import Array, Table
+from runtime.recordings.contents import Array, Samples
 from runtime.recordings.errors import RecordingError as RecordingError
 from runtime.recordings.errors import Refusal, printable
 
@@ -115,7 +115,7 @@ def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> 
 
 def _recording(
     path: Path,
-    table: Table,
+    table: Samples,
     cells: Mapping[str, str],
     joints: Sequence[Mapping[str, Any]],
     space: bool,

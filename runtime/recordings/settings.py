@@ -44,5 +44,5 @@ SPLINE_DEGREE: Final = 3
 """power of the polynomials by which signals of another clock are brought to the instants of the positions: below a
 tenth of the sampling rate exact to a part in a thousand; de Boor, A Practical Guide to Splines, 1978."""
 
-SHARED_LENGTH: Final = 2
-"""samples; a variable with fewer is a setting and no signal."""
+LEAST_SIGNAL: Final = 20
+"""samples; a variable with fewer is no signal but a setting of each joint, of which an arm has at most some ten."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from runtime.recordings.errors import Refusal
-from runtime.recordings.joint_state import TYPE, Batch, JointStateContents, collected
+from runtime.recordings.joint_state import TYPE, JointStateContents, MessageBatch, collected
 from runtime.recordings.settings import LONGEST_RECORD
 
 MAGIC = b"SQLite format 3\0"
@@ -35,7 +35,9 @@ _TOPICS = "SELECT id, name, type, serialization_format FROM topics"
 _MESSAGES = "SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY timestamp"
 
 
-def _batches(bag: sqlite3.Connection, topics: dict[int, tuple[str, str, str]], refuse: Refusal) -> Iterator[Batch]:
+def _batches(
+    bag: sqlite3.Connection, topics: dict[int, tuple[str, str, str]], refuse: Refusal
+) -> Iterator[MessageBatch]:
     for number, (topic, kind, form) in topics.items():
         if kind not in TYPE or form != "cdr":
             continue
@@ -46,4 +48,4 @@ def _batches(bag: sqlite3.Connection, topics: dict[int, tuple[str, str, str]], r
             lengths = np.array([len(data) for _, data in some])
             buffer = np.frombuffer(b"".join(data for _, data in some), np.uint8)
             times = np.array([time for time, _ in some], dtype=np.int64)
-            yield Batch(topic, buffer, np.cumsum(lengths) - lengths, lengths, times)
+            yield MessageBatch(topic, buffer, np.cumsum(lengths) - lengths, lengths, times)

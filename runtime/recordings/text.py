@@ -16,14 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.contents import Array, Field, Table
+from runtime.recordings.contents import Array, RecordedField, Samples
 from runtime.recordings.errors import RecordingError, Refusal
+from runtime.recordings.nameless import NUMBERED
 from runtime.recordings.settings import MAX_BYTES
 from symbolic.model_file.checks import quote
 
 GZIP = b"\x1f\x8b"
-NUMBERED = "#{}"
-"""The name of a column, counted from 1, where the file has none."""
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
 _REMARK = re.compile(r"\s*[#%]+\s*")
 _BLANK = " "
@@ -47,17 +46,17 @@ class TextContents:
     refuse: Refusal
 
     @cached_property
-    def fields(self) -> tuple[Field, ...]:
-        return tuple(Field(name) for name in self.names)
+    def fields(self) -> tuple[RecordedField, ...]:
+        return tuple(RecordedField(name) for name in self.names)
 
     @property
     def times(self) -> Mapping[str, int]:
         return {}
 
-    def load(self, wanted: Mapping[str, int]) -> Table:
+    def load(self, wanted: Mapping[str, int]) -> Samples:
         table, lines = self._numbers(wanted)
         signals = {name: table[:, k] for k, name in enumerate(wanted)}
-        return Table(signals, lines, dict.fromkeys(wanted, "line"))
+        return Samples(signals, lines, dict.fromkeys(wanted, "line"))
 
     def _numbers(self, wanted: Mapping[str, int]) -> tuple[Array, NDArray[np.int64]]:
         """The wanted columns (N, k) and the line of each row."""

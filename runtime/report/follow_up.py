@@ -64,12 +64,17 @@ class Invocation:
         return _path(self.improved) if self.improved else self.like or _path(self.model)
 
     def _data(self) -> list[str]:
-        maps = [part for entry in self.maps for part in ("--map", entry)]
-        return [*map(_path, self.recordings), *maps, *(["--allow-gaps"] if self.allow_gaps else [])]
+        return [*map(_path, self.recordings), *reading(self.maps, self.allow_gaps)]
 
     def _line(self, verb: str, arguments: Sequence[str]) -> str:
         own = [] if self.effects is None else ["--effects", _path(self.effects)]
         return shlex.join(["tendon", verb, *arguments, *own])
+
+
+def reading(maps: Sequence[str], allow_gaps: bool) -> list[str]:
+    """The options by which recordings were read, as one would type them."""
+    entries = [part for entry in maps for part in ("--map" if "=" in entry else "--columns", entry)]
+    return [*entries, *(["--allow-gaps"] if allow_gaps else [])]
 
 
 def about(text: str) -> str:

@@ -228,12 +228,14 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
-    """All parameters of all terms: as stated, else shape from the middle of its grid and size by SHARE."""
+    """All parameters of all terms: as stated, else shape from the middle of its grid and size by SHARE; what a planar
+    arm has not is 0, so that a payload of which nothing else is said sits at the tip."""
     done: Structure = {}
     # Effects that read what others predict come last, so that those are there.
     order = sorted(terms, key=lambda t: len(model.library.needs[t.effect] & OF_OTHERS))
     for term in order:
-        info, given = model.library.effects[term.effect], dict(terms[term])
+        info = model.library.effects[term.effect]
+        given = {**{p.name: 0.0 for p in info.parameters if p.space}, **terms[term]}
         if any(p.name not in given for p in info.parameters if p.role != "given"):
             given = {**_moderate(model, piece, term, given, done), **given}
         for p in info.parameters:
@@ -268,9 +270,9 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
         columns = regressors.raw_columns(signals, term, joint, shape)[1:]
         rows = np.maximum(rows, np.sqrt(np.mean(columns**2, axis=1)))
         size = max(size, float(np.sqrt(np.mean(signals.rigid[joint] ** 2))))
-    if not (rows > 0).all():
+    if not all(row > 0 for row, c in zip(rows, info.coefficients, strict=True) if not c.space):
         raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
-    found = model.library.recover(term.effect, np.where(rows > 0, SHARE * size / rows, 0.0), shape)
+    found = model.library.recover(term.effect, SHARE * size / np.where(rows > 0, rows, np.inf), shape)
     # A factor is an effect by what it differs from 1; its fixed part says so.
     sizes = {p.name: p.neutral + SHARE if p.neutral else found[p.name] for p in info.parameters}
     return {p.name: float(np.clip(sizes[p.name], *p.bounds)) for p in info.parameters}

@@ -10,6 +10,7 @@ they stand (k (q - q0)), a LinearForm says in which coefficients it is.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -129,7 +130,7 @@ class Effect(DescribedEffect[Parameter]):
         """What identification solves for, (k,): the form's coefficients, else the linear parameters."""
         return self.form.coefficients if self.form else self.linear
 
-    @property
+    @functools.cached_property
     def signals(self) -> tuple[Signal, ...]:
         """Those it reads, in the order of SIGNALS."""
         used = _symbols(self)
@@ -253,7 +254,15 @@ def _symbols(effect: Effect) -> set[sp.Symbol]:
 
 
 def _union(expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
-    return set().union(*(e.free_symbols for e in expressions))
+    """The symbols of all of them; a part that stands at several places is looked at once, unlike by free_symbols."""
+    seen: set[sp.Basic] = set()
+    ahead: list[sp.Basic] = list(map(sp.sympify, expressions))
+    while ahead:
+        e = ahead.pop()
+        if e not in seen:
+            seen.add(e)
+            ahead += e.args
+    return {e for e in seen if isinstance(e, sp.Symbol)}
 
 
 _OPERATORS = {sp.Add: "add", sp.Mul: "mul", sp.Pow: "pow", sp.atan2: "atan2"}

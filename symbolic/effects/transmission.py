@@ -14,7 +14,7 @@ LOAD, LINK_INERTIA, COUPLING = (SIGNAL[name].symbol for name in ("load", "link_i
 COUPLING_RATE, COUPLING_SLOPE = (SIGNAL[name].symbol for name in ("coupling_rate", "coupling_slope"))
 
 
-def linear_step(A: sp.Matrix, x: sp.Matrix, early: sp.Matrix, late: sp.Matrix, h: sp.Expr = DT) -> sp.Matrix:
+def linear_step(A: sp.Matrix, x: sp.Matrix, early: sp.Matrix, late: sp.Matrix, h: sp.Expr) -> sp.Matrix:
     """One step of dx/dt = A x + b(t) over h by Radau IIA with two stages.
 
     It is of third order and L-stable: a mode far faster than the samples vanishes at once in place of
@@ -38,12 +38,23 @@ _DEFLECTION, _RATE, _BEFORE = state("deflection"), state("rate"), state("load")
 # The step needs the load of the samples to come; it is continued in a straight line from the last two.
 _SLOPE = LOAD - _BEFORE
 _AHEAD = LOAD + _SLOPE
-_NEXT = linear_step(
+# The step in plain symbols: what stands for them may be long, and its matrices would be expanded.
+_STEP = _H, _X, _V, _EARLY, _LATE = sp.symbols("h x v early late")
+_PLAIN = linear_step(
     sp.Matrix([[0, 1], [-_K / LINK_INERTIA, -_D / LINK_INERTIA]]),
-    sp.Matrix([_DEFLECTION, _RATE]),
-    sp.Matrix([0, (LOAD + _SLOPE / 3) / LINK_INERTIA]),
-    sp.Matrix([0, _AHEAD / LINK_INERTIA]),
+    sp.Matrix([_X, _V]),
+    sp.Matrix([0, _EARLY / LINK_INERTIA]),
+    sp.Matrix([0, _LATE / LINK_INERTIA]),
+    _H,
 )
+
+
+def _stepped(*there: sp.Expr) -> sp.Matrix:
+    """Deflection and rate after the time h on the spring, from x and v; early, late: the force at h/3 and at h."""
+    return _PLAIN.xreplace(dict(zip(_STEP, there, strict=True)))
+
+
+_NEXT = _stepped(DT, _DEFLECTION, _RATE, LOAD + _SLOPE / 3, _AHEAD)
 
 
 def _missed(acceleration: sp.Expr) -> sp.Expr:
@@ -140,23 +151,13 @@ def _gap_step() -> sp.Matrix:
     on = DT * (1 - free) + free * (_met(1) * (DT - _until(1)) + _met(-1) * (DT - _until(-1)))
     off = DT - on
     rest = _K * side * _HALF
-    # The step in plain symbols first: what stands for them is long, and its matrices would be expanded.
-    h, x, v, early, late = sp.symbols("h x v early late")
-    plain = linear_step(
-        sp.Matrix([[0, 1], [-_K / LINK_INERTIA, -_D / LINK_INERTIA]]),
-        sp.Matrix([x, v]),
-        sp.Matrix([0, early / LINK_INERTIA]),
-        sp.Matrix([0, late / LINK_INERTIA]),
-        h,
+    return _stepped(
+        on,
+        _DEFLECTION + _RATE * off + _FREE * off**2 / 2,
+        _RATE + _FREE * off,
+        _AHEAD - _SLOPE * sp.Rational(2, 3) * on / DT + rest,
+        _AHEAD + rest,
     )
-    there = {
-        h: on,
-        x: _DEFLECTION + _RATE * off + _FREE * off**2 / 2,
-        v: _RATE + _FREE * off,
-        early: _AHEAD - _SLOPE * sp.Rational(2, 3) * on / DT + rest,
-        late: _AHEAD + rest,
-    }
-    return plain.xreplace(there)
 
 
 _ACROSS = _gap_step()

@@ -21,7 +21,7 @@ COMPILED = """
 import sys
 from pathlib import Path
 from codegen.toolchain import build
-build.shared_library({p.name: p.read_text() for p in Path(sys.argv[1]).glob("*_f64.[ch]")}, "code")
+build.shared_library({p.name: p.read_text() for p in Path(sys.argv[1]).glob("*_f64.[ch]")}, "code", build.STRAIGHT)
 """
 PROVED = """
 import sys

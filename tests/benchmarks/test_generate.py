@@ -57,10 +57,10 @@ def test_generate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         arguments = ("-c", command, "generate", str(changed), "--out", str(out / "vishard4"))
         before = _processor_time()
         whole.append(timed(lambda: _python(*arguments))[0])  # noqa: B023
-        arm.append(_compiling(out / "vishard4"))
+        arm.append(_compiling(out / "vishard4", build.STRAIGHT))
         processor.append(_processor_time() - before)
         parts.append(_laps(_python("-c", PARTS, str(changed))))
-        effects.append(_compiling(out / "effects"))
+        effects.append(_compiling(out / "effects", build.LOOPS))
     text = (tmp_path / "generated0" / "vishard4" / "vishard4_f64.c").read_text()
     assert f"parameters->l1 = {LENGTH};" in text
     least = {name: min(p[name] for p in parts) for name in parts[0]}
@@ -94,10 +94,10 @@ def _laps(text: str) -> dict[str, float]:
     return {name: float(seconds) for name, seconds in (line.split() for line in text.splitlines())}
 
 
-def _compiling(directory: Path) -> float:
+def _compiling(directory: Path, level: str) -> float:
     """Seconds to compile a directory's double-precision C, as codegen.prepare does it."""
     files = {path.name: path.read_text() for path in directory.glob("*_f64.[ch]")}
-    return timed(lambda: build.shared_library(files, "code"))[0]
+    return timed(lambda: build.shared_library(files, "code", level))[0]
 
 
 def _report(start: float, parts: Mapping[str, float], whole: float, arm: float, effects: float) -> None:

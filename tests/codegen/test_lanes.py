@@ -73,3 +73,38 @@ def test_what_vectors_do_not_have_stays_a_loop(vishard4: Arm | SpatialArm) -> No
     """The contact's inverse takes an arc tangent."""
     function = derive(vishard4).function("contact_inverse")
     assert not c_lanes.in_lanes(Tape.of(function))
+
+
+EACH = """
+#include "tendon_lanes_f64.h"
+void each(int count, const double *x, double *sine, double *cosine);
+void alone(int count, const double *x, double *sine, double *cosine);
+void each(int count, const double *x, double *sine, double *cosine)
+{
+    tendon_sincos_each_f64(count, x, sine, cosine);
+}
+void alone(int count, const double *x, double *sine, double *cosine)
+{
+    for (int k = 0; k < count; ++k) {
+        tendon_sincos_f64(x[k], &sine[k], &cosine[k]);
+    }
+}
+"""
+
+
+@pytest.mark.parametrize("flags", [None, ()], ids=["widest", "plain"])
+def test_angles_taken_together_have_the_bits_of_one_alone(
+    flags: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if flags is not None:
+        monkeypatch.setattr(build, "vector_flags", lambda: flags)
+    arm = render.arm_files(derived("rx90"))
+    headers = {path: arm[path] for path in ("tendon_lanes_f64.h", "tendon_math_f64.h")}
+    compiled, rng = ctypes.CDLL(str(build.shared_library(headers | {"each.c": EACH}, "each"))), np.random.default_rng(2)
+    for count in range(1, 17):
+        x = np.zeros(16)
+        x[:count] = rng.uniform(-4000, 4000, count)
+        found, expected = np.zeros((2, 2, 16))
+        for call, (sine, cosine) in ((compiled.each, found), (compiled.alone, expected)):
+            call(count, pointer(x), pointer(sine), pointer(cosine))
+        assert found[:, :count].tobytes() == expected[:, :count].tobytes()

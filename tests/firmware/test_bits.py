@@ -51,7 +51,7 @@ def sources(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactor
 def on_this_computer(directory: Path, command: tuple[str, ...], level: str) -> Results:
     """The motion's results as a shared library of this computer gives them."""
     library = directory / f"host{abs(hash((command, level)))}.so"
-    flags = [flag for flag in build.FLAGS if not flag.startswith("-O")]
+    flags = list(build.FLAGS)
     # Else zig compiles runtime libraries first.
     flags += ["-fno-sanitize=all", "-nostdlib"] if "ziglang" in command else []
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(build.cache_directory() / "zig")}

@@ -57,7 +57,7 @@ def test_it_compiles_where_it_stands(vishard4: Arm, tmp_path: Path, kind: str) -
         (tmp_path / Path(path).name).write_text(files[path])
     tools = None if kind == "host" else cross.find(kind)
     compiler = build.compiler() if tools is None else tools.compile
-    flags = (*build.FLAGS, "-pedantic") if tools is None else tools.flags(cross.TARGETS["cortex-m4f"])
+    flags = (build.LOOPS, *build.FLAGS, "-pedantic") if tools is None else tools.flags(cross.TARGETS["cortex-m4f"])
     for path in handwritten_files():
         if path.endswith(".h") or (tools is None and path.startswith("boards/mps2/")):
             continue

@@ -143,7 +143,7 @@ def test_make_says_what_there_is(tree: Path) -> None:
 def test_everything_compiles_without_a_warning(tree: Path, tmp_path: Path, kind: str) -> None:
     """The stub of a board, too, which is in no image; and what we compile for this computer."""
     if kind == "host":
-        command = [*build.compiler(), *build.FLAGS, "-pedantic"]
+        command = [*build.compiler(), build.LOOPS, *build.FLAGS, "-pedantic"]
     else:
         tools = cross.find(kind)
         command = [*tools.compile, *tools.flags(cross.TARGETS["cortex-m4f"])]

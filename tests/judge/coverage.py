@@ -60,7 +60,11 @@ FAMILY: dict[str, tuple[str, Callable[[Row, Row], Values]]] = {
         "friction",
         lambda p, _: {"positive": p["VISCOUS_POSITIVE"], "negative": p["VISCOUS_NEGATIVE"]},
     ),
-    "viscous_power": ("friction", lambda p, _: {"torque": p["POWER"], "exponent": p["POWER_EXPONENT"]}),
+    "viscous_power": (
+        "friction",
+        # Of friction in proportion to the speed it is the general law, whose torque the plant has elsewhere.
+        lambda p, _: {"torque": p["POWER"], "exponent": p["POWER_EXPONENT"]} if "POWER" in p else {},
+    ),
     "stribeck": ("friction", lambda p, _: {"torque": p["CREEP"], "speed": p["CREEP_SPEED"]}),
     "load_friction": ("friction", lambda p, _: {"coefficient": p["LOAD"]}),
     "friction_patch": (

@@ -21,6 +21,7 @@ from runtime.workspace import Source, open_model
 
 VERBS = [
     "init",
+    "inspect",
     "generate",
     "verify",
     "effects",

@@ -31,6 +31,7 @@ from runtime.workspace import Source
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import SpatialArm
 from symbolic.model_file.exchange import exporting
+from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.exchange.importing import imported
 from symbolic.model_file.frames import rotation
 
@@ -124,6 +125,16 @@ def full(arm: SpatialArm) -> np.ndarray:
 def states(n: int, count: int = 20, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q, qd, qdd = np.random.default_rng(seed).uniform(-2, 2, (3, n, count))
     return q, qd, qdd
+
+
+def test_a_zero_stays_one() -> None:
+    """What the search for possible bodies leaves of a zero is no number for a person to read."""
+    body = StatedBody(2.0, (0.0, 0.1, 0.0), (0.03, 0.0, 1e-6, 0.04, 0.0, 0.05))
+    noise = 1e-17 * np.random.default_rng(0).standard_normal(10)
+    found = exporting.body_of(np.array(exporting.parameters(body)) + noise)
+    assert found.com == (0.0, pytest.approx(0.1), 0.0)
+    assert found.inertia == pytest.approx(body.inertia, rel=1e-9)
+    assert (found.inertia[1], found.inertia[4]) == (0.0, 0.0)
 
 
 # --- torques of a chain ---

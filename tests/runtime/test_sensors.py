@@ -92,9 +92,14 @@ def doubts(model: Model, recording: Recording, *terms: Term) -> dict[str, str]:
 ELASTICITY, DELAY = Term("elasticity", 1), Term("torque_delay", 1)
 
 
+def spoken_of(found: Diagnosis) -> set[str]:
+    """What is named, with its rivals."""
+    return {name for term, rivals in named(found) for name in (term, *rivals)}
+
+
 def test_a_link_side_encoder_tells_a_spring_from_a_gap(arm: dict[int, Model]) -> None:
-    """One cosine shakes a spring as it would a gap; the encoder sees a line or a dead zone. A gap shows in the torque,
-    too, whose flanks are struck at instants of their own."""
+    """One cosine shakes a spring as it would a gap; the encoder sees a line or a dead zone. A gap may show in the
+    torque, too, whose flanks are struck at instants of their own."""
     poor = Setting(excitation="one_cosine")
     made = recorded(poor, ("elasticity", 0, 1500.0))
     found = diagnose(arm[1], [made.plain])
@@ -104,6 +109,37 @@ def test_a_link_side_encoder_tells_a_spring_from_a_gap(arm: dict[int, Model]) ->
     made = recorded(poor, ("backlash", 0, 3e-3))
     assert named(diagnose(arm[1], [made.plain]))[0][0] == "backlash@1"
     assert named(diagnose(arm[1], [made.with_link()]))[0] == ("backlash@1", [])
+
+
+def test_a_gap_without_width_is_a_spring(arm: dict[int, Model]) -> None:
+    """A spring, whose link on flanks a hundredth of a milliradian apart moves alike: another integration of the same
+    law is no evidence of a gap."""
+    made = recorded(Setting(excitation="one_cosine"), ("elasticity", 0, 2400.0), seed=2)
+    assert named(diagnose(arm[1], [made.plain])) == [("elasticity@1", ["backlash@1"])]
+
+
+def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap(arm: dict[int, Model]) -> None:
+    """The blows in a wide gap follow from motion above the band: a soft spring comes as near as a simulation of them.
+    The encoder shows the play, behind flanks so stiff that nothing tells them from rigid ones."""
+    made = recorded(Setting(excitation="one_cosine"), ("backlash", 0, 4.8e-3), seed=2)
+    found = diagnose(arm[1], [made.plain])
+    assert "backlash@1" in spoken_of(found)
+    assert "q1_link" in {x["signal"] for f in found.to_json()["findings"] for x in f["missing_signals"]}
+    found = diagnose(arm[1], [made.with_link()])
+    assert named(found) == [("backlash@1", [])]
+    low, high = found.to_json()["findings"][0]["parameters"]["gap"]["interval"]
+    assert low < 4.8e-3 < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ["one_cosine", "full"])
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_a_spring_and_a_gap_never_rule_each_other_out_wrongly(arm: dict[int, Model], seed: int, motion: str) -> None:
+    """On the torque alone the true one is named or a rival; with the link's encoder it is named, and first."""
+    for effect, amount in (("elasticity", 1500.0), ("backlash", 3e-3)):
+        made = recorded(Setting(excitation=motion), (effect, 0, (1.0, 0.6, 1.6)[seed % 3] * amount), seed=seed)
+        assert f"{effect}@1" in spoken_of(diagnose(arm[1], [made.plain])), effect
+        assert named(diagnose(arm[1], [made.with_link()]))[0][0] == f"{effect}@1", effect
 
 
 def test_a_link_side_encoder_says_whether_the_transmission_gives_way(arm: dict[int, Model]) -> None:

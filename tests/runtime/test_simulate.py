@@ -17,6 +17,7 @@ from runtime.simulation.settings import NOISE
 from runtime.simulation.simulate import SimulationError, parse_hidden, read_motion, simulate
 from symbolic.model_file import reader
 from tests import plants
+from tests.spatial_arms import drawn
 
 ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 MEMORYLESS_AT_A_JOINT = ["stribeck", "linear_spring", "torque_ripple", "torque_delay", "thermal_friction"]
@@ -62,6 +63,15 @@ def test_stated_values_are_used(drive: Model) -> None:
     hidden = parse_hidden("stribeck@1:torque=0.6,speed=0.15", drive)
     _, values = simulate(drive, [hidden], SimulationSettings(seconds=20.0))
     assert values[Term("stribeck", 1)] == {"torque": 0.6, "speed": 0.15}
+
+
+def test_a_payload_in_space_sits_at_the_tip_unless_its_centre_is_stated() -> None:
+    """As on a planar arm; also on a gantry, whose torques no centre changes."""
+    model = load_model(prepare_arm(drawn("pp", seed=3)), load_library(prepare_effects(space=True)))
+    hidden = [parse_hidden(text, model) for text in ("payload", "payload:mass=2,y=0.1")]
+    values = [simulate(model, [item], SimulationSettings(seconds=10.0))[1][item.term] for item in hidden]
+    centres = [tuple(each[axis] for axis in "xyz") for each in values]
+    assert centres == [(0.0, 0.0, 0.0), (0.0, 0.1, 0.0)]
 
 
 def test_seed_decides_motion_and_noise(arm: Model) -> None:

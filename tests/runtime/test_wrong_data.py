@@ -116,6 +116,17 @@ def test_exchanged_joints(model: Model, arm_recording: Recording, what: str) -> 
     assert f'--map {what}1="{what}2" --map {what}2="{what}1"' in str(found[0])
 
 
+def test_joints_in_another_order(model: Model, arm_recording: Recording) -> None:
+    """As drivers log them that sort by name: positions and torques stand together, in each other's place."""
+    order = [0, 2, 1, 3]
+    q, tau = (np.ascontiguousarray(x[order]) for x in (arm_recording.q, arm_recording.tau))
+    found = suspicions(identify(model, [replace(arm_recording, q=q, tau=tau)]))
+    assert [s.kind for s in found] == ["exchanged"]
+    said = "joint 2: what is recorded as q2 and tau2 fits joint 3, and that of joint 3 fits joint 2; "
+    assert str(found[0]).startswith(said)
+    assert str(found[0]).endswith('pass --map q2="q3" --map q3="q2" --map tau2="tau3" --map tau3="tau2"')
+
+
 def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recording) -> None:
     """Its torque never changes while it moves; the others are fitted as if it were recorded."""
     tau = arm_recording.tau.copy()

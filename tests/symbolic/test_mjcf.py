@@ -82,6 +82,33 @@ def test_bodies_whose_shape_is_not_there_are_unknown(tmp_path: Path) -> None:
     assert any(note.startswith("mass, centre and inertia of joint 3: not stated") for note in made.notes)
 
 
+def test_what_is_only_drawn_needs_no_file(tmp_path: Path) -> None:
+    """As in collections of simulated arms: meshes and materials beside the shapes that weigh."""
+    assets = (
+        '<asset><texture name="wood" file="nowhere.png" type="2d"/><material name="m" texture="wood"/>'
+        '<mesh name="fine" file="nowhere.stl"/></asset><worldbody>'
+    )
+    fine = '<geom type="mesh" mesh="fine" mass="0"/><geom type="sphere" material="m"'
+    text = ARM.replace("<worldbody>", assets).replace('<geom type="sphere"', fine)
+    text = text.replace('<site name="tool"', '<site name="tool" material="m"')
+    assert read(tmp_path, text).arm == read(tmp_path, ARM).arm
+
+
+def test_weightless_bodies_are_said(tmp_path: Path) -> None:
+    made = read(tmp_path, ARM.replace('<body name="b"', '<body name="b" gravcomp="1"'))
+    assert any(note.startswith("gravcomp") for note in made.notes)
+
+
+def test_what_mujoco_warns_of_is_heard_and_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelError):
+        read(tmp_path, ARM.replace('mass="2"', 'mass="nan"'))
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
+    assert capfd.readouterr() == ("", "")
+
+
 def test_what_mujoco_refuses_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ModelError) as caught:
         read(tmp_path, ARM.replace("<worldbody>", "<nonsense/><worldbody>"))

@@ -97,7 +97,10 @@ def _check_locks(tree: Tree, locked: Mapping[str, float]) -> None:
         if joint is None:
             raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, tree.joints)}")
         if joint.kind not in MOVING:
-            raise ModelError(f"{tree.file}: --lock {name}: the joint is {joint.kind}; only {_or(MOVING)} can be locked")
+            raise ModelError(
+                f"{tree.file}: --lock {shortened(name)}: the joint is {shortened(joint.kind)}; only {_or(MOVING)} can "
+                "be locked"
+            )
 
 
 def _link(tree: Tree, name: str, option: str) -> str:
@@ -171,12 +174,12 @@ def _check_moves(tree: Tree, joint: TreeJoint) -> None:
     if joint.mimics is not None:
         raise ModelError(
             f"{place} follows {quote(joint.mimics)} (mimic), which an arm's joint cannot; hold it: --lock "
-            f"{joint.name}=VALUE, or end before it: --tip {joint.parent}"
+            f"{shortened(joint.name)}=VALUE, or end before it: --tip {shortened(joint.parent)}"
         )
     if joint.kind not in MOVING:
         raise ModelError(
-            f"{place} is {joint.kind}; an arm has {_or(MOVING)} joints: begin behind it: --base {joint.child}, or end "
-            f"before it: --tip {joint.parent}"
+            f"{place} is {shortened(joint.kind)}; an arm has {_or(MOVING)} joints: begin behind it: --base "
+            f"{shortened(joint.child)}, or end before it: --tip {shortened(joint.parent)}"
         )
 
 

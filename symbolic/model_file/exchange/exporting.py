@@ -28,6 +28,9 @@ SLENDER, LEAST_RADIUS, USUAL_MASS = 8.0, 0.04, 1.0
 """A body of which nothing is known: a cylinder from its joint to the next, that many times as long as its radius in m,
 of the other bodies' usual mass in kg."""
 
+ROUNDING = 1e-12
+"""Part of a body's size, or of its inertia; less is left of a zero by the search for bodies that can be."""
+
 
 @dataclass(frozen=True)
 class ExportedJoint:
@@ -193,10 +196,9 @@ def parameters(body: StatedBody) -> list[float]:
 
 
 def body_of(values: Sequence[float]) -> StatedBody:
-    """The body with these ten parameters."""
-    mass, (x, y, z) = values[0], (float(h) / float(values[0]) for h in values[1:4])
-    xx, xy, xz, yy, yz, zz = (float(value) for value in values[4:])
-    m = float(mass)
+    """The body with these ten parameters, without what rounding leaves where a number is 0."""
+    m, x, y, z, xx, xy, xz, yy, yz, zz = map(float, values)
+    x, y, z = x / m, y / m, z / m
     inertia = (
         xx - m * (y * y + z * z),
         xy + m * x * y,
@@ -205,7 +207,14 @@ def body_of(values: Sequence[float]) -> StatedBody:
         yz + m * y * z,
         zz - m * (x * x + y * y),
     )
-    return StatedBody(m, (x, y, z), inertia)
+    spread = inertia[0] + inertia[3] + inertia[5]
+    x, y, z = _without_rounding((x, y, z), math.sqrt(spread / m))
+    xx, xy, xz, yy, yz, zz = _without_rounding(inertia, spread)
+    return StatedBody(m, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def _without_rounding(values: Sequence[float], size: float) -> tuple[float, ...]:
+    return tuple(0.0 if abs(value) < ROUNDING * size else value for value in values)
 
 
 def document(made: ExportedArm, missing: float) -> dict[str, Any]:

@@ -224,7 +224,8 @@ def _placeholders(found: TreeChain, friction: bool) -> list[str]:
         here = [joint.type == kind for joint in found.joints]
         for word in (*friction_words, "speed", "torque"):
             stated = [_stated(joint.joint, word) if own else 0.0 for joint, own in zip(found.joints, here, strict=True)]
-            if is_placeholder(stated) if word in friction_words else is_round(stated):
+            # Drives of one make have one limit, but several joints have hardly the same power of ten by chance.
+            if is_placeholder(stated) if word in friction_words else is_round(stated) and sum(map(bool, stated)) > 1:
                 seen[f"{word} = {max(stated):g}"] = [value > 0 for value in stated]
     if not seen:
         return []
@@ -249,7 +250,7 @@ def is_placeholder(stated: Sequence[float]) -> bool:
 
 
 def is_round(stated: Sequence[float]) -> bool:
-    """Whether all values that are not 0 are one power of ten; drives of one make have one limit, but hardly such."""
+    """Whether all values that are not 0 are one power of ten."""
     values = {value for value in stated if value}
     if len(values) != 1:
         return False

@@ -6,7 +6,9 @@ Source: the XML reference at mujoco.readthedocs.io.
 from __future__ import annotations
 
 import importlib
+import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from symbolic.model_file.frames import Rotation, Vector, about, angles, composed
 
 KINDS = ("free", "ball", "prismatic", "revolute")
 """By MuJoCo's number."""
-UNSEEN = ("keys", "sensors", "pairs", "excludes", "skins", "equalities", "tendons")
+UNSEEN = ("keys", "sensors", "pairs", "excludes", "skins", "flexes", "equalities", "tendons")
 """Parts of a description that say nothing of a single arm, but may refer to shapes that are not read."""
 
 
@@ -40,17 +42,37 @@ def tree(path: Path) -> Tree:
             "--upgrade mujoco (the extra `mjcf`)"
         )
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        related = len(spec.equalities) + len(spec.tendons)
-        unknown = _without_shapes(mujoco, spec)
-        model = spec.compile()
+        with _heard(mujoco) as warned:
+            spec = mujoco.MjSpec.from_file(str(path))
+            related = len(spec.equalities) + len(spec.tendons)
+            afloat = sum(body.gravcomp != 0 for body in spec.bodies)
+            unknown = _without_shapes(mujoco, spec)
+            model = spec.compile()
     except (ValueError, OSError) as error:
         raise ModelError(f"{printable(str(path))}: MuJoCo says: {printable(' '.join(str(error).split()))}") from None
     found = _Bodies(model, unknown)
     links, joints = found.tree()
     x, y, z = (float(g) for g in model.opt.gravity)
-    notes = ("equality constraints and tendons are not part of an arm: left out",) if related else ()
-    return Tree(printable(str(path)), "MJCF", spec.modelname, links, joints, (x, y, z), notes)
+    notes = [f"MuJoCo warns: {printable(' '.join(text.split()))}" for text in warned]
+    if related:
+        notes.append("equality constraints and tendons are not part of an arm: left out")
+    if afloat:
+        notes.append("gravcomp, which takes bodies' weight away, is not part of an arm: left out")
+    return Tree(printable(str(path)), "MJCF", spec.modelname, links, joints, (x, y, z), tuple(notes))
+
+
+@contextmanager
+def _heard(mujoco: Any) -> Iterator[list[str]]:
+    """What MuJoCo warns of meanwhile, which it would write to the screen and to a file in the user's folder."""
+    texts: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(texts.append)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield texts
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
@@ -66,15 +88,23 @@ def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
     for k, body in enumerate(spec.bodies):
         if not body.name:
             body.name = f"body{k}"
-        meshes = [geom for geom in body.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]
-        if meshes and not body.explicitinertial and k > 0:
+        stored = [geom for geom in body.geoms if geom.meshname or geom.hfieldname]
+        if k > 0 and not body.explicitinertial and any(_weighs(spec, geom) for geom in stored):
             unknown.add(body.name)
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
-        for geom in list(body.geoms) if body.explicitinertial or k == 0 else meshes:
+        for geom in list(body.geoms) if body.explicitinertial or k == 0 else stored:
             spec.delete(geom)
+        for drawn in [*body.geoms, *body.sites]:
+            drawn.material = ""
     for asset in [*spec.meshes, *spec.hfields, *spec.materials, *spec.textures]:
         spec.delete(asset)
     return unknown
+
+
+def _weighs(spec: Any, geom: Any) -> bool:
+    """Whether a body without a stated inertia has some from this shape."""
+    first, last = spec.compiler.inertiagrouprange
+    return bool(geom.mass != 0 and geom.density != 0 and first <= geom.group <= last)
 
 
 class _Bodies:

@@ -1,0 +1,63 @@
+"""The verb that looks into a recording before anything is concluded from it: inspect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, mapping
+from runtime.cli.output import NO, emit
+from runtime.cli.places import READ, WRITTEN
+
+app = typer.Typer()
+
+
+@app.command("inspect", epilog="Example: tendon inspect run1.mcap arm.toml")
+def inspect(
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="CSV, MCAP, ROS 2 bag, MATLAB, HDF5, Parquet or NumPy."), READ
+    ],
+    model: Annotated[
+        Path | None, typer.Argument(metavar="[MODEL]", help="Model file (TOML), for what only a model can tell."), READ
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the signals over time: .svg, .png or .pdf."), WRITTEN
+    ] = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """What is in a file, and what looks wrong about it. Exit 1 if it cannot be used as it is."""
+    from runtime.inspection.inspection import inspect as inspected
+    from runtime.inspection.inspection import with_model
+    from runtime.report.terminal import inspection_pages, pages
+
+    columns = mapping(maps)
+    source = None
+    if model is not None:
+        from runtime.cli.opening import opened
+
+        source = opened(model, effects)
+    found = inspected(recording, source.described_joints() if source else None, columns, allow_gaps)
+    if source is not None and found.recording is not None:
+        with pages.working("deriving and compiling the model"):
+            loaded = source.model()
+        with pages.working("fitting"):
+            found = with_model(found, loaded)
+    emit(json, found.to_json(), inspection_pages.inspection)
+    if picture is not None and found.recording is not None:
+        from runtime.inspection.signals import named
+        from runtime.report.plots.inspection_plots import signals_over_time
+        from runtime.report.plots.style import save
+
+        read = found.recording
+        save(signals_over_time(read.t, list(named(read)), read.segments, recording.name), picture)
+        if json != "-":
+            from runtime.report.terminal.cells import say
+
+            say(f"Picture: {picture}")
+    if found.problem is not None:
+        raise typer.Exit(NO)

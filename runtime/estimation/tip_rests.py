@@ -1,0 +1,78 @@
+"""Where the end-effector rests or turns under dry friction of its own: what that is there, no joint knows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.estimation.regressors import Regressors, Signals
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, Term, joints_of
+from runtime.motion import turns
+from runtime.motion.motion import Motion
+from runtime.motion.settings import STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RATE = "tip_rate"
+"""The arm's function whose values are rates of the end-effector."""
+
+
+def rubbing(model: Model, terms: Iterable[Term]) -> list[tuple[Term, str]]:
+    """Terms without a memory that read a rate of the end-effector, and the name of that."""
+    signal, effects = model.library.signal, model.library.effects
+    plain = [term for term in terms if not effects[term.effect].states]
+    return [(t, name) for t in plain for name in effects[t.effect].signals if _of_tip(signal[name].source)]
+
+
+def _of_tip(source: object) -> bool:
+    return isinstance(source, dict) and source.get("function") == RATE
+
+
+def left_out(model: Model, motion: Motion, prediction: Prediction) -> Motion:
+    """The motion without the rows that rests and turns of the end-effector spoil.
+
+    What rubs there reaches every joint, whose own motion shows nothing of it: where a plate sticks at the end of a
+    stroke, all joints that press it may be moving.
+    """
+    spoiled = np.zeros((model.n, len(motion.row_piece)), dtype=bool)
+    here, again = (Regressors(model, m, prediction).signals for m in (motion, motion.perturbed))
+    for term, name in rubbing(model, prediction.values):
+        rest = _standstill(here, again, term, name)
+        for i in joints_of(model, term):
+            spoiled[i] |= np.concatenate([_spoiled(s, term, name, i, rest, motion) for s in here])
+    return replace(motion, spoiled=spoiled)
+
+
+def _standstill(here: Iterable[Signals], again: Iterable[Signals], term: Term, name: str) -> float:
+    """The rate below which it rests: as of a joint, from its noise and from its top speed."""
+    (own, other) = (
+        np.concatenate([np.asarray(s.of(term, joints_of(s.model, term)[0])[name]) for s in side])
+        for side in (here, again)
+    )
+    noise = float(np.sqrt(np.mean((other - own) ** 2)))
+    return max(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * float(np.abs(own).max()))
+
+
+def _spoiled(signals: Signals, term: Term, name: str, joint: int, rest: float, motion: Motion) -> Mask:
+    """(M,) in-band rows of one piece at a joint (0-based)."""
+    piece, noise = signals.piece, float(motion.band.torque_floor()[joint])
+    dry = _dry_friction(signals, term, name, joint, rest)
+    there, most = dry > noise, float(dry.max())
+    if not there.any():
+        return np.zeros(len(piece.centres), dtype=bool)
+    still, turning = turns.resting(np.asarray(signals.of(term, joint)[name]), rest)
+    return turns.spoiled(still & there, turning & there, piece.dt, piece.low_pass, noise / most)
+
+
+def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rest: float) -> Array:
+    """(N,) half of what a term's torque at a joint (0-based) jumps by as a rate turns."""
+    assert signals.prediction is not None
+    values, read = signals.prediction.values[term], signals.of(term, joint)
+    rate, library = np.full(len(signals.piece.t), rest), signals.model.library
+    sides = [library.torque(term.effect, {**read, name: x}, values, signals.piece.dt) for x in (rate, -rate)]
+    return np.asarray(np.abs(sides[0] - sides[1]) / 2)

@@ -1,0 +1,132 @@
+"""Everything that a file says before anything is concluded from it: its fields, its signals, what looks wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.estimation.estimate import Estimate
+from runtime.estimation.identify import Identification, identify
+from runtime.estimation.suspicions import Suspicion, suspicions
+from runtime.inspection import guesses
+from runtime.inspection.settings import WELL_TOLD
+from runtime.inspection.shifts import shifts_json
+from runtime.inspection.signals import clock_json, joints_json, signals_json
+from runtime.inspection.suspected import of_rates, without_model
+from runtime.model.loader import Model
+from runtime.motion import repeats
+from runtime.recordings import formats
+from runtime.recordings.contents import Contents
+from runtime.recordings.errors import RecordingError, Refusal, printable
+from runtime.recordings.recording import Recording, count_joints, read
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was found in one file.
+
+    contents     its fields, whether they are understood or not
+    recording    None where it cannot be read, even with what is wrong split off or dropped
+    problem      why it cannot be used as it is, with the place and the cure; None if it can
+    names        of the joints, where the model has some
+    """
+
+    path: Path
+    contents: Contents
+    recording: Recording | None
+    problem: str | None
+    names: tuple[str | None, ...]
+    fitted: Identification | None = None
+    unfitted: str | None = None
+
+    @property
+    def found(self) -> list[Suspicion]:
+        """What looks wrong: by the model where there is one, as every verb says it, else by the signals alone."""
+        if self.recording is None:
+            return []
+        told = without_model(self.recording) if self.fitted is None else list(suspicions(self.fitted))
+        return [*told, *(s for s in of_rates(self.recording) if s.joint not in {t.joint for t in told})]
+
+    def to_json(self) -> dict[str, Any]:
+        """Every figure."""
+        recording, fitted = self.recording, self.fitted
+        return {
+            "file": str(self.path),
+            "format": self.contents.format,
+            "fields": [{"name": f.name, "clock": f.clock} for f in self.contents.fields],
+            "problem": self.problem,
+            "suggested": [] if recording else self._suggested(),
+            "notes": list(recording.notes) if recording else [],
+            "clock": clock_json(recording) if recording else None,
+            "signals": signals_json(recording) if recording else [],
+            "joints": joints_json(recording, self.names) if recording else [],
+            "shifts": shifts_json(recording) if recording else [],
+            "repeats": None if fitted is None else {"seconds": repeats.find(fitted.motion).seconds},
+            "delay": [] if fitted is None else fitted.delay_json(),
+            "parameters": [] if fitted is None else _parameters(fitted),
+            "unfitted": self.unfitted,
+            "suspicions": [{"joint": s.joint, "kind": s.kind, "found": s.found, "cure": s.cure} for s in self.found],
+        }
+
+    def _suggested(self) -> list[str]:
+        """Options that may name what was not found."""
+        if self.problem is None or "no column" not in self.problem:
+            return []
+        return guesses.options(self.contents.fields)
+
+
+def inspect(
+    path: Path, joints: Mapping[str, Any] | None, mapping: Mapping[str, str], allow_gaps: bool = False
+) -> Inspection:
+    """A file, read as far as it goes.
+
+    joints   metadata of the arm, as `recording.read` takes it; None: as many joints as the file names
+    Raises RecordingError where it is no recording at all.
+    """
+    refuse = Refusal(printable(path))
+    contents = formats.opened(path, refuse)
+    names = tuple(joint.get("name") for joint in joints["joints"]) if joints else ()
+    problem: str | None = None
+    try:
+        arm = joints if joints is not None else count_joints(path, mapping)
+        return Inspection(path, contents, read(path, arm, mapping, allow_gaps), None, names)
+    except RecordingError as error:
+        problem = str(error)
+    try:
+        arm = joints if joints is not None else count_joints(path, mapping)
+        return Inspection(path, contents, read(path, arm, mapping, True), problem, names)
+    except RecordingError:
+        return Inspection(path, contents, None, problem, names)
+
+
+def with_model(inspection: Inspection, model: Model) -> Inspection:
+    """The same with what a fit of the model's structure tells of it."""
+    if inspection.recording is None:
+        return inspection
+    try:
+        return replace(inspection, fitted=identify(model, [inspection.recording]))
+    except RecordingError as error:
+        return replace(inspection, unfitted=str(error))
+
+
+def _parameters(fitted: Identification) -> list[dict[str, Any]]:
+    """Which parameters this recording can tell: "well", "together" with others, "hardly", or "no"."""
+    inference = fitted.inference
+    lumps = zip(fitted.model.lumps, inference.lumps, strict=True)
+    rows: list[tuple[str, int | None, Estimate]] = [(lump.name, None, e) for lump, e in lumps]
+    for term, values in inference.values.items():
+        rows += [(f"{term} {name}", term.joint, e) for name, e in values.items()]
+    return [{"name": name, "joint": joint, "told": _told(e), **e.to_json()} for name, joint, e in rows]
+
+
+def _told(e: Estimate) -> str:
+    if e.with_others:
+        return "together"
+    if e.interval is None or not np.all(np.isfinite(e.interval)):
+        return "no"
+    half = (e.interval[1] - e.interval[0]) / 2
+    return "well" if half < WELL_TOLD * abs(e.value) else "hardly"

@@ -1,0 +1,108 @@
+"""What is in a recording, as the terminal shows it."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+
+from runtime.report.terminal.cells import Document, console, empty_table, figure, say
+from runtime.wording import numbered, quantity
+from symbolic.model_file.checks import quote
+
+_MOST_FIELDS = 24
+
+
+def inspection(document: Document) -> None:
+    """A file's contents, its clock and signals, what its data can tell, and what looks wrong with the cure."""
+    _file(document)
+    if document["clock"]:
+        _clock(document)
+        _signals(document)
+        _joints(document)
+        _motion(document)
+        _parameters(document)
+    else:
+        _fields(document)
+    _wrong(document)
+
+
+def _file(document: Document) -> None:
+    fields = len(document["fields"])
+    say(f"{document['file']}: {document['format']}, {fields} field{'s' if fields != 1 else ''}")
+    say(*(f"{note}" for note in document["notes"]))
+
+
+def _fields(document: Document) -> None:
+    families = Counter(re.sub(r"_?\d+$", "", f["name"]) for f in document["fields"])
+    names = [quote(name) + (f" ({many})" if many > 1 else "") for name, many in families.items()]
+    more = f" and {len(names) - _MOST_FIELDS} more" if len(names) > _MOST_FIELDS else ""
+    say(f"Fields: {', '.join(names[:_MOST_FIELDS])}{more}")
+
+
+def _clock(document: Document) -> None:
+    clock = document["clock"]
+    gaps = f"{clock['gaps']} gap{'s' if clock['gaps'] != 1 else ''}"
+    runs = f", {clock['runs']} runs" if clock["runs"] > 1 else ""
+    say(
+        f"{clock['samples']} samples, {quantity(clock['seconds'], 's')} at {quantity(clock['rate_hz'], 'Hz')}; jitter "
+        f"{quantity(clock['jitter'], 's', 2)}, longest step {quantity(clock['longest_step'], 's', 3)}, {gaps}{runs}"
+    )
+
+
+def _signals(document: Document) -> None:
+    table = empty_table("signal", "field", "unit", "least", "largest", "resolution", "noise")
+    for s in document["signals"]:
+        numbers = [figure(s[key]) for key in ("least", "largest", "resolution", "noise")]
+        table.add_row(s["signal"], "" if s["field"] == s["signal"] else s["field"], s["unit"], *numbers)
+    console().print(table)
+
+
+def _joints(document: Document) -> None:
+    for j in document["joints"]:
+        who = f"Joint {numbered(j['joint'], j['name'])}"
+        if not j["moves"]:
+            say(f"{who}: is held")
+            continue
+        passive = "" if j["powered"] else "; its torque never changes"
+        far, fast = quantity(j["range"], j["unit"]), quantity(j["top_speed"], f"{j['unit']}/s")
+        say(f"{who}: moves over {far}, up to {fast}{passive}")
+
+
+def _motion(document: Document) -> None:
+    for shift in document["shifts"]:
+        how = "later" if shift["value"] > 0 else "earlier"
+        say(f"{shift['signal']} is {quantity(abs(shift['value']), 's', 3)} {how} than its position")
+    if document["repeats"]:
+        seconds = document["repeats"]["seconds"]
+        say(f"Motion that is repeated: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")
+    for delay in document["delay"]:
+        if delay["estimated"]:
+            say(f"Joint {delay['joint']}: from torque to motion {quantity(delay['value'], 's', 3)}")
+
+
+def _parameters(document: Document) -> None:
+    if document["suspicions"]:  # a fit of wrong data tells nothing
+        return
+    words = {
+        "well": "These data tell",
+        "hardly": "They hardly tell",
+        "together": "Together only",
+        "no": "They do not tell",
+    }
+    for kind, text in words.items():
+        names = [p["name"] for p in document["parameters"] if p["told"] == kind]
+        if names:
+            say(f"{text}: {', '.join(names)}")
+
+
+def _wrong(document: Document) -> None:
+    if document["problem"]:
+        say(f"Not to be used as it is: {document['problem']}")
+    if document["suggested"]:
+        say(f"Perhaps: {' '.join(document['suggested'])}")
+    if document["unfitted"]:
+        say(f"No fit: {document['unfitted']}")
+    for s in document["suspicions"]:
+        say(f"Joint {s['joint']}: {s['found']}; {s['cure']}")
+    if not (document["problem"] or document["suspicions"] or document["unfitted"]):
+        say("Nothing looks wrong." if document["parameters"] else "Nothing looks wrong; with MODEL more can be told.")

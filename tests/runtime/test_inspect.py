@@ -1,0 +1,201 @@
+"""tendon inspect: what is in a file, and for each mistake that users make the cure, as it is typed."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from runtime.cli import main, output
+from runtime.inspection.guesses import options
+from runtime.inspection.shifts import shifts_json
+from runtime.inspection.suspected import of_rates, without_model
+from runtime.recordings.contents import RecordedField
+from runtime.recordings.recording import Recording, read
+from tests.runtime.formats import write_mcap
+
+Array = NDArray[np.float64]
+
+DEGREES = 180 / np.pi
+INERTIA = 0.2365  # kg m^2, as the drive's file has it
+
+
+def motion(seconds: float = 20.0) -> dict[str, Array]:
+    """t, q, qd, tau of a drive at 1 kHz: inertia, dry and viscous friction, noise; it ends where it began."""
+    rng = np.random.default_rng(5)
+    t = np.arange(round(1000 * seconds)) / 1000
+    q, qd, qdd = np.zeros((3, len(t)))
+    for k, f in enumerate((0.15, 0.4, 0.95, 2.3)):
+        a, w = 0.5 / (1 + f) ** 1.5, 2 * np.pi * f
+        q += a * np.sin(w * t + k)
+        qd += a * w * np.cos(w * t + k)
+        qdd -= a * w**2 * np.sin(w * t + k)
+    tau = INERTIA * qdd + 0.5 * np.sign(qd) + 0.5 * qd + 0.03 * rng.standard_normal(len(t))
+    return {"t": t, "q1": q + 1e-5 * rng.standard_normal(len(t)), "qd1": qd, "tau1": tau}
+
+
+def write(path: Path, columns: dict[str, Array], header: bool = True) -> Path:
+    first = [",".join(columns)] if header else []
+    rows = np.column_stack(list(columns.values()))
+    path.write_text("\n".join([*first, *(",".join(f"{x:.9g}" for x in row) for row in rows)]))
+    return path
+
+
+def run(capsys, *arguments: str | Path) -> tuple[int, str, str]:
+    status = output.run(main.app, list(map(str, arguments)))
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def changed(**signals) -> dict[str, Array]:
+    return {name: x for name, x in (motion() | signals).items() if x is not None}
+
+
+MISTAKES = {
+    "sign": (lambda m: changed(tau1=-m["tau1"]), '--map tau1="-tau1"', 0),
+    "degrees": (lambda m: changed(q1=m["q1"] * DEGREES, qd1=None), '--map q1="q1 [deg]"', 0),
+    "degrees beside a rate": (lambda m: changed(q1=m["q1"] * DEGREES), '--map q1="q1 [deg]"', 0),
+    "rate in degrees": (lambda m: changed(qd1=m["qd1"] * DEGREES), '--map qd1="qd1 [deg/s]"', 0),
+    "rate in rpm": (lambda m: changed(qd1=m["qd1"] * 30 / np.pi), '--map qd1="qd1 [rpm]"', 0),
+    "rate turned round": (lambda m: changed(qd1=-m["qd1"]), '--map qd1="-qd1"', 0),
+    "ms": (lambda m: changed(t=m["t"] * 1000), '--map t="t [ms]"', 1),
+    "mN m": (lambda m: changed(tau1=m["tau1"] * 1000), '--map tau1="tau1 [mN m]"', 0),
+    "ratio": (lambda m: changed(tau1=m["tau1"] / 100), "gear ratio of 100", 0),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_each_mistake_is_answered_by_its_cure(tmp_path, capsys, name):
+    mistake, cure, expected = MISTAKES[name]
+    path = write(tmp_path / "run.csv", mistake(motion()))
+    status, out, _ = run(capsys, "inspect", path, "drive")
+    assert status == expected
+    assert cure in out
+    assert "Nothing looks wrong" not in out
+
+
+@pytest.mark.parametrize("name", [n for n in MISTAKES if n not in ("ratio", "mN m", "degrees beside a rate")])
+def test_the_cure_cures(tmp_path, capsys, name):
+    """What is typed as it stands leaves nothing to say."""
+    mistake, cure, _ = MISTAKES[name]
+    path = write(tmp_path / "run.csv", mistake(motion()))
+    status, out, _ = run(capsys, "inspect", path, "drive", *shlex.split(cure))
+    assert (status, "Nothing looks wrong." in out) == (0, True), out
+
+
+def test_right_data_are_not_suspected(tmp_path, capsys):
+    path = write(tmp_path / "run.csv", motion())
+    document = tmp_path / "run.json"
+    status, out, _ = run(capsys, "inspect", path, "drive", "--json", document, "--picture", tmp_path / "run.svg")
+    assert status == 0
+    assert "Nothing looks wrong." in out
+    assert "20000 samples, 20 s at 1000 Hz" in out
+    found = json.loads(document.read_text())
+    assert (found["format"], found["suspicions"], found["problem"]) == ("CSV", [], None)
+    assert found["clock"]["gaps"] == 0
+    q = found["signals"][0]
+    assert q["signal"] == "q1"
+    assert q["noise"] == pytest.approx(1e-5, rel=0.15)
+    assert {p["name"]: p["told"] for p in found["parameters"]}["J1"] == "well"
+    assert b"<svg" in (tmp_path / "run.svg").read_bytes()
+
+
+def test_without_a_model_the_signals_are_asked(tmp_path, capsys):
+    path = write(tmp_path / "run.csv", changed(tau1=-motion()["tau1"], qd1=None))
+    status, out, _ = run(capsys, "inspect", path)
+    assert status == 0
+    assert "its torque brakes the motion on the whole" in out
+    assert '--map tau1="-tau1"' in out
+    status, out, _ = run(capsys, "inspect", path, "--map", "tau1=-tau1")
+    assert "Nothing looks wrong; with MODEL more can be told." in out
+
+
+def test_a_missing_header(tmp_path, capsys):
+    path = write(tmp_path / "run.csv", changed(qd1=None), header=False)
+    status, out, _ = run(capsys, "inspect", path, "drive")
+    assert status == 1
+    assert "its first line is no header but 3 numbers; name its 3 columns with --columns t,q1,tau1" in out
+    assert run(capsys, "inspect", path, "drive", "--columns", "t,q1,tau1")[0] == 0
+    assert run(capsys, "compare", "drive", path, "--columns", "t,q1,tau1")[0] == 0
+
+
+def test_other_names_are_guessed_and_not_believed(tmp_path, capsys):
+    m = motion()
+    columns = {"time_ms": m["t"] * 1000, "ref_pos": m["q1"], "act_pos_deg": m["q1"] * DEGREES, "torque": m["tau1"]}
+    path = write(tmp_path / "run.csv", columns)
+    status, out, _ = run(capsys, "inspect", path, "drive")
+    assert status == 1
+    line = next(line for line in out.splitlines() if line.startswith("Perhaps: "))
+    assert line == 'Perhaps: --map q1="act_pos_deg [deg]" --map tau1="torque" --map t="time_ms [ms]"'
+    assert run(capsys, "inspect", path, "drive", *shlex.split(line)[1:])[0] == 0
+    write(path, {"t": m["t"], "q1": m["q1"], "Iq": m["tau1"]})
+    assert 'Perhaps: --map tau1="Iq [A]"\n' in run(capsys, "inspect", path)[1]
+
+
+def test_families_are_guessed_whole():
+    names = [f"{name}{k}" for name in ("ref_pos", "act_pos_deg", "act_torque_nm") for k in (1, 2)]
+    fields = [RecordedField(f"rec.{name}", "rec.time") for name in [*names, "time"]]
+    assert options(fields) == [
+        '--map q="rec.act_pos_deg [deg]"',
+        '--map tau="rec.act_torque_nm"',
+        '--map t="rec.time"',
+    ]
+
+
+def test_what_is_no_recording_is_one_line(tmp_path, capsys):
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\x06")
+    status, out, err = run(capsys, "inspect", tmp_path / "a.mcap", "--json", "-")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "the MCAP file is cut off" in err
+
+
+def test_gaps_and_what_is_lost_are_told(tmp_path, capsys):
+    m = {name: np.delete(x, slice(5000, 5100)) for name, x in motion().items()}
+    status, out, _ = run(capsys, "inspect", write(tmp_path / "run.csv", m), "drive")
+    assert status == 1
+    assert "1 gap" in out
+    assert "line 5002: a gap of 0.101 s in t" in out
+
+
+def two_joints(**more) -> Recording:
+    t = np.arange(4000) / 1000
+    q = np.array([np.sin(3 * t), 0.7 * np.cos(5 * t + 1)])
+    qd = np.array([3 * np.cos(3 * t), -3.5 * np.sin(5 * t + 1)])
+    whole = np.zeros(len(t), dtype=np.int64)
+    made = {"q": q, "qd": qd, "tau": qd + np.sign(qd)} | more
+    types = ("revolute", "revolute")
+    return Recording(Path("r"), t, whole, types=types, segments=(slice(0, 4000),), temperature=(None, None), **made)
+
+
+def test_rates_of_exchanged_joints():
+    right = two_joints()
+    assert of_rates(right) == without_model(right) == []
+    assert right.qd is not None
+    found = of_rates(two_joints(qd=right.qd[::-1]))
+    assert [(s.joint, s.kind) for s in found] == [(1, "exchanged"), (2, "exchanged")]
+    assert found[0].cure == 'expected both under one number: pass --map qd1="qd2"'
+
+
+@pytest.mark.parametrize("late", [-0.004, 0.0025, 0.03])
+def test_a_shift_in_time_is_found(late):
+    """A link-side encoder that is read later, or a rate: to a hundredth of a millisecond."""
+    r = two_joints()
+    t = r.t - late
+    link = np.array([1.01 * np.sin(3 * t), 0.7 * np.cos(5 * t + 1) + 0.02])
+    rate = np.array([3 * np.cos(3 * t), -3.5 * np.sin(5 * t + 1)])
+    found = {s["signal"]: s["value"] for s in shifts_json(two_joints(q_link=link, qd=rate))}
+    assert found == pytest.approx(dict.fromkeys(("q1_link", "q2_link", "qd1", "qd2"), late), abs=1e-5)
+
+
+def test_the_cure_names_the_fields_of_the_file(tmp_path, capsys):
+    m = motion()
+    signals = {"t": m["t"], "q": m["q1"][None], "tau": -m["tau1"][None]}
+    path = write_mcap(tmp_path / "run.mcap", [("/joint_states", ("elbow",), signals)])
+    _, out, _ = run(capsys, "inspect", path, "drive")
+    assert '--map tau1="-/joint_states.effort.elbow"' in out
+    assert np.array_equal(read(path, 1, {"tau1": "-/joint_states.effort.elbow"}).tau[0], m["tau1"])
