@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import re
 
+MORE_THAN_NOISE = 1.5
+"""Noise floors; what is left of a joint's torque below it is shown as noise."""
+
 
 def sentence(text: str) -> str:
     """With a capital and a full stop."""
@@ -25,6 +28,14 @@ def number(value: float | None, digits: int = 4) -> str:
     else:
         text = f"{value / 10**exponent:.{digits - 1}f}".rstrip("0").rstrip(".") + f"·10{_raised(exponent)}"
     return text.replace("-", "−")
+
+
+def told_apart(value: float, other: float, digits: int = 2) -> str:
+    """Significant digits of a value, as few as show on which side of the other it lies."""
+    if not math.isfinite(value) or value == other:
+        return number(value, digits)
+    enough = (k for k in range(digits, 17) if (float(f"{value:.{k - 1}e}") - other) * (value - other) > 0)
+    return number(value, next(enough, 17))
 
 
 def numbered(joint: int, name: str | None) -> str:

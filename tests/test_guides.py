@@ -71,6 +71,7 @@ SLOW = (
     "tendon sweep",
     "tendon paper",
     "tendon verify vishard4",
+    "tendon verify begun.toml",
     "--on unicorn",
 )
 """What stands in a command or script that takes some ten seconds or more, or needs what such a one leaves. `make test`

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime.cli.opening import opened
+from runtime.cli.opening import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import READ, WRITTEN
@@ -93,6 +93,8 @@ def execute(
     asked = _Asked(on, settings, hide or (), change or (), arm, json != "-")
     is_real = _is_real(asked)
     source = opened(model, effects)
+    check_hidden(source, "--hide", hide or ())
+    check_hidden(source, "--set", change or ())
     result, more = (_real if is_real else _simulated)(source, trajectory, asked)
     document = {**result.to_json(), **more}
     plan = result.plan.trajectory

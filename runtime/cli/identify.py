@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import typer
 
@@ -17,6 +19,7 @@ from runtime.cli.options import (
     check_own,
 )
 from runtime.cli.output import NO, emit
+from symbolic.model_file.arm import ROTOR
 
 app = typer.Typer()
 
@@ -46,10 +49,31 @@ def identify(
     with pages.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
         document = found.to_json()
+    document["skew"] |= {"given": skew is not None}
     if write and found.verdict == "fitted":
         source.replace(source.put(source.text, document))
-    emit(json, document, pages.identify)
+    written = _written(document) if write and found.verdict == "fitted" else []
+    emit(json, {**document, "written": written}, pages.identify)
+    if written and json != "-":
+        pages.say(f"Written to {source.path}: {', '.join(written)}.")
     if found.verdict == "refused":
         if write and json != "-":
             pages.say(f"Nothing written to {source.path}.")
         raise typer.Exit(NO)
+
+
+def _written(document: Mapping[str, Any]) -> list[str]:
+    """Names of the values that a model file gets: those that a recording told."""
+    inertial = [
+        p["name"] if p["name"] != ROTOR else f"{ROTOR}@{p['joint']}" for p in document["inertial"] if _told(p["fit"])
+    ]
+    effects = [
+        (entry["name"] if entry["joint"] is None else f"{entry['name']}@{entry['joint']}")
+        for entry in document["effects"]
+        if any(_told(p["value"]) for p in entry["parameters"].values())
+    ]
+    return [*inertial, *effects]
+
+
+def _told(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)

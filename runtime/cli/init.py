@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,7 @@ from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN, check_writable
+from runtime.cli.questions import Questions
 from runtime.workspace import UsageError, effects_library
 
 if TYPE_CHECKING:
@@ -62,11 +64,15 @@ def init(
     schema: Annotated[
         bool, typer.Option("--schema", help="Put the JSON schemas beside it, by which editors check such files.")
     ] = False,
+    questions: Annotated[
+        bool, typer.Option("--questions/--no-questions", help="Ask for what the options leave open, or leave it out.")
+    ] = True,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    said = Answered(name, joints, space, gravity, gear_ratio, torque_constant, rotor_inertia, length, mass)
-    if like is not None and (urdf is not None or any(vars(said).values())):
+    asked = Questions(sys.stdin if questions else None)
+    said = Answered(name, joints, space, gravity, gear_ratio, torque_constant, rotor_inertia, length, mass, asked)
+    if like is not None and (urdf is not None or said.stated):
         raise UsageError("--like is a copy as it stands; leave the other options out, or --like")
     if urdf is None and any((base, tip, lock)):
         raise UsageError("--base, --tip and --lock are of a --urdf")

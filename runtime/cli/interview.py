@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from runtime.cli.questions import ask, choice, for_each, number, numbers, of_option
+from runtime.cli.questions import Questions, choice, for_each, number, numbers, of_option
 from runtime.workspace import UsageError
 from symbolic.model_file.beginning import Motor, NewArm, NewJoint
 from symbolic.model_file.keys import MAX_JOINTS
@@ -33,28 +33,43 @@ class Answered:
     rotor_inertia: str | None
     length: str | None
     mass: str | None
+    questions: Questions
+
+    @property
+    def stated(self) -> bool:
+        """Whether the command line says anything of the arm."""
+        return any(value is not None for key, value in vars(self).items() if key != "questions")
 
 
 def new_arm(said: Answered, called: str, effects: tuple[str, ...], schema: str | None) -> NewArm:
     """An arm, asked for; called: what it is named if nothing is said. Raises UsageError."""
-    name = said.name or ask("Name of the arm, a C identifier", str, called, called) or called
+    name = said.name or said.questions.ask("Name of the arm, a C identifier", str, called, called) or called
     asked = "Joints from the base outwards, r for one that turns and p for one that slides, such as r,r,p"
-    types = of_option("--joints", said.joints, _types) if said.joints else ask(asked, _types, "", needed=True)
+    types = (
+        of_option("--joints", said.joints, _types)
+        if said.joints
+        else said.questions.ask(asked, _types, "", needed=True)
+    )
     assert types is not None
     space = said.space
     if space is None:
         space = bool(
-            ask("Do all joints move in one plane, or in space", choice(plane=False, space=True), "space", True)
+            said.questions.ask(
+                "Do all joints move in one plane, or in space", choice(plane=False, space=True), "space", True
+            )
         )
-    gravity = _gravity(said.gravity, space)
+    gravity = _gravity(said, space)
     sides = {
         field: for_each(f"--{field.replace('_', '-')}", getattr(said, field), len(types))
         for field in ("gear_ratio", "torque_constant", "rotor_inertia", "length", "mass")
     }
-    joints = tuple(_joint(k, kind, space, sides) for k, kind in enumerate(types, 1))
+    joints = tuple(_joint(said.questions, k, kind, space, sides) for k, kind in enumerate(types, 1))
     tip: tuple[float, ...] = (0.0, 0.0, 0.0)
     if space:
-        tip = ask("Flange or tool in the last joint's frame, x, y, z in m", numbers(3), "0, 0, 0", tip) or tip
+        tip = (
+            said.questions.ask("Flange or tool in the last joint's frame, x, y, z in m", numbers(3), "0, 0, 0", tip)
+            or tip
+        )
     return NewArm(name, gravity, joints, effects, tip, schema)
 
 
@@ -64,7 +79,10 @@ def motors(said: Answered, arm: SpatialArm) -> list[Motor]:
         field: for_each(f"--{field.replace('_', '-')}", getattr(said, field), len(arm.joints))
         for field in ("gear_ratio", "torque_constant", "rotor_inertia")
     }
-    return [_motor(f"Joint {k} ({j.name})", k, j.type, sides, j.gear_ratio) for k, j in enumerate(arm.joints, 1)]
+    return [
+        _motor(said.questions, f"Joint {k} ({j.name})", k, j.type, sides, j.gear_ratio)
+        for k, j in enumerate(arm.joints, 1)
+    ]
 
 
 Sides = dict[str, Sequence[float | None] | None]
@@ -77,21 +95,21 @@ def _types(text: str) -> tuple[JointType, ...]:
     return tuple(_TYPES[letter] for letter in letters)
 
 
-def _gravity(given: str | None, space: bool) -> tuple[float, ...]:
+def _gravity(said: Answered, space: bool) -> tuple[float, ...]:
     count, default = (3, _DOWN) if space else (2, _PLAIN)
-    if given is not None:
-        return of_option("--gravity", given, numbers(count))
+    if said.gravity is not None:
+        return of_option("--gravity", said.gravity, numbers(count))
     where = "along x, y, z of the base" if space else "in the plane of motion, zero where that is horizontal"
     shown = ", ".join(f"{g:g}" for g in default)
-    return ask(f"Gravity {where}, m/s^2", numbers(count), shown, default) or default
+    return said.questions.ask(f"Gravity {where}, m/s^2", numbers(count), shown, default) or default
 
 
-def _joint(k: int, kind: JointType, space: bool, sides: Sides) -> NewJoint:
+def _joint(questions: Questions, k: int, kind: JointType, space: bool, sides: Sides) -> NewJoint:
     at = f"Joint {k}"
     position, rate, force = ("rad", "rad/s", "N m") if kind == "revolute" else ("m", "m/s", "N")
 
     def of(question: str, read: Callable[[str], Any], shown: str = _UNKNOWN, default: Any = None, **more: Any) -> Any:
-        return ask(f"{at}: {question}", read, shown, default, **more)
+        return questions.ask(f"{at}: {question}", read, shown, default, **more)
 
     place: dict[str, Any] = {}
     if space:
@@ -105,7 +123,7 @@ def _joint(k: int, kind: JointType, space: bool, sides: Sides) -> NewJoint:
             raise UsageError(f"{at}: the length of a planar link cannot be left out; expected m to the next joint")
     return NewJoint(
         type=kind,
-        motor=_motor(at, k, kind, sides, 1.0),
+        motor=_motor(questions, at, k, kind, sides, 1.0),
         mass=_given(sides, "mass", k, lambda: of("mass of its link, kg", number)),
         com=of(
             f"its centre of mass, {'x, y, z' if space else 'along and across the link'}, m",
@@ -124,11 +142,11 @@ def _joint(k: int, kind: JointType, space: bool, sides: Sides) -> NewJoint:
     )
 
 
-def _motor(at: str, k: int, kind: JointType, sides: Sides, stated: float) -> Motor:
+def _motor(questions: Questions, at: str, k: int, kind: JointType, sides: Sides, stated: float) -> Motor:
     turns = "turns of the motor a turn of the joint" if kind == "revolute" else "rad of the motor a metre"
 
     def of(question: str, shown: str = _UNKNOWN, default: float | None = None) -> Callable[[], float | None]:
-        return lambda: ask(f"{at}: {question}", number, shown, default)
+        return lambda: questions.ask(f"{at}: {question}", number, shown, default)
 
     ratio = _given(sides, "gear_ratio", k, of(f"gear ratio, {turns}", f"{stated:g}", stated))
     return Motor(

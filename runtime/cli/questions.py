@@ -10,7 +10,8 @@ import math
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, TextIO, TypeVar
 
 from runtime.workspace import UsageError
 
@@ -18,31 +19,39 @@ T = TypeVar("T")
 UNKNOWN = "?"
 
 
-def ask(question: str, read: Callable[[str], T], shown: str, default: Any = None, needed: bool = False) -> T | None:
-    """The answer to one question.
+@dataclass(frozen=True)
+class Questions:
+    """answers: where they come from; None: nothing is asked, and everything is as by an empty line."""
 
-    read     of an answer that is not empty; raises ValueError that says what was expected
-    shown    what stands in brackets; default: what it means
-    needed   whether there is no default
-    Raises UsageError.
-    """
-    typed = sys.stdin.isatty()
-    while True:
-        if typed:
-            print(f"{question} [{shown}]: " if shown else f"{question}: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline()
-        answer = line.strip()
-        if not answer and not needed:
-            return default
-        try:
-            if not answer:
-                raise ValueError("an answer is needed")
-            return read(answer)
-        except ValueError as error:
-            problem = f"{question}: {answer or 'nothing'}: {error}"
-            if not typed or not line:
-                raise UsageError(problem) from error
-            print(problem, file=sys.stderr)
+    answers: TextIO | None
+
+    def ask(
+        self, question: str, read: Callable[[str], T], shown: str, default: Any = None, needed: bool = False
+    ) -> T | None:
+        """The answer to one question.
+
+        read     of an answer that is not empty; raises ValueError that says what was expected
+        shown    what stands in brackets; default: what it means
+        needed   whether there is no default
+        Raises UsageError.
+        """
+        typed = self.answers is not None and self.answers.isatty()
+        while True:
+            if typed:
+                print(f"{question} [{shown}]: " if shown else f"{question}: ", end="", file=sys.stderr, flush=True)
+            line = "" if self.answers is None else self.answers.readline()
+            answer = line.strip()
+            if not answer and not needed:
+                return default
+            try:
+                if not answer:
+                    raise ValueError("an answer is needed")
+                return read(answer)
+            except ValueError as error:
+                problem = f"{question}: {answer or 'nothing'}: {error}"
+                if not typed or not line:
+                    raise UsageError(problem) from error
+                print(problem, file=sys.stderr)
 
 
 def number(text: str) -> float | None:

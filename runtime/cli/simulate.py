@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.opening import opened
+from runtime.cli.opening import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
@@ -37,6 +37,7 @@ def simulate(
     from runtime.report.terminal import pages
 
     source = opened(model, effects)
+    check_hidden(source, "--hide", hide or ())
     with pages.working("deriving and compiling the model"):
         loaded = source.model()
     from runtime.model.terms import structure

@@ -34,7 +34,7 @@ from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
 from runtime.progress import of_each
-from runtime.wording import quantity
+from runtime.wording import number, quantity, told_apart, unit
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,8 @@ class Limit:
             f"{name.replace('_', ' ')} {quantity(value, unit_of(model, self.term, name), 2)}"
             for name, value in self.assumed.items()
         ]
-        text = f"{self.parameter.replace('_', ' ')} {than} {quantity(self.value, self.unit, 3)}"
+        amount = told_apart(self.value, 1.0, 3) if number(self.value, 3) == "1" else number(self.value, 3)
+        text = f"{self.parameter.replace('_', ' ')} {than} {amount}{unit(self.unit, ' ')}"
         return text + (f", with {', '.join(others)}" if others else "")
 
 

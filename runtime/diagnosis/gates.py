@@ -38,7 +38,7 @@ from runtime.estimation.folds import Grams, NormalEquations
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
-from runtime.wording import whole
+from runtime.wording import told_apart, whole
 
 Array = NDArray[np.float64]
 
@@ -175,7 +175,8 @@ class Figures:
         """Whether each is open and what is to be said if not, those first that cost least to know."""
         delta, size = self.delta_bic, self.eff / floor
         yield delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"
-        yield size > LEAST_EFFECT, f"its own torque is {size:.2f} of the noise floor, not {LEAST_EFFECT:g}"
+        own = told_apart(size, LEAST_EFFECT)
+        yield size > LEAST_EFFECT, f"its own torque is {own} of the noise floor, not more than {LEAST_EFFECT:g}"
         part = 100 * self.share
         yield part > 100 * least_share, f"{_EXPLAINS} {part:.0f} % of what is left, not {100 * least_share:.0f} %"
         yield not at_edge, "its shape lies at the edge of what was searched"

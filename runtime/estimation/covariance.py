@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, unit_of
+from runtime.model.terms import Term, Values, structure, unit_of
 
 if TYPE_CHECKING:
     from runtime.estimation.problem import Fit, Problem
@@ -70,6 +70,7 @@ class Inference:
         return [{"joint": k, "name": f"rotor{k}", **_as_fit(e)} for k, e in enumerate(self.rotors, start=1)]
 
     def to_json(self, model: Model) -> dict[str, Any]:
+        stated = structure(model)
         return {
             "inertial": [
                 {"joint": info.joint, "name": info.name, "model": info.value, **_as_fit(e)}
@@ -82,7 +83,7 @@ class Inference:
                     "effect": term.effect,
                     "joint": term.joint,
                     "name": term.name,
-                    "parameters": {k: e.to_json() for k, e in values.items()},
+                    "parameters": {k: {**e.to_json(), "model": stated.get(term, {}).get(k)} for k, e in values.items()},
                 }
                 for term, values in self.values.items()
             ],

@@ -16,12 +16,9 @@ from runtime.model.terms import at, joints_of
 from runtime.motion.noise_floor import Floor
 from runtime.plain_json import plain
 from runtime.report.follow_up import Invocation, unknown
-from runtime.wording import numbered
+from runtime.wording import MORE_THAN_NOISE, numbered
 
 Result = Comparison | Diagnosis | Improvement
-
-MORE_THAN_NOISE = 1.5
-"""Noise floors; what is left of a joint's torque below it is shown as noise."""
 
 
 @dataclass(frozen=True)

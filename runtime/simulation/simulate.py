@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import gzip
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 
 from runtime.estimation.grids import points
 from runtime.estimation.regressors import Regressors, Signals
-from runtime.model.loader import EffectInfo, JointInfo, Library, LoaderError, Model
+from runtime.model.loader import EffectInfo, JointInfo, Library, Model
 from runtime.model.signals import OF_OTHERS
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import Band
@@ -43,7 +43,8 @@ from runtime.simulation.settings import (
     WARM,
     WARMING,
 )
-from symbolic.described import DescribedParameter, numbered
+from symbolic.described import AnyEffect, DescribedParameter, numbered
+from symbolic.model_file.checks import did_you_mean, nearest, quote
 
 Array = NDArray[np.float64]
 
@@ -61,18 +62,27 @@ class Hidden:
 
 
 def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
+    """As `hidden_in`, of a model that is there."""
+    return hidden_in(text, model.library.effects, model.n, model.name, option)
+
+
+def hidden_in(text: str, effects: Mapping[str, AnyEffect], n: int, arm: str, option: str = "--hide") -> Hidden:
     """`EFFECT@JOINT[:KEY=VALUE,...]`; no @JOINT for an effect of the arm or the contact. Raises SimulationError.
 
-    option   where it was written, for the messages
+    effects, n, arm   the library by name, of an arm with n joints and its name
+    option            where it was written, for the messages
     """
     place, _, assignments = text.partition(":")
     name, at, number = place.partition("@")
     usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
-    effect, which = numbered(name, model.library.effects)
-    try:
-        info = model.library[effect]
-    except LoaderError as error:
-        raise SimulationError(f"{option} {text}: {error}") from error
+    effect, which = numbered(name, effects)
+    if effect not in effects:
+        close = nearest(effect, effects)
+        meant = f'did you mean "{close}"? ' if close else ""
+        raise SimulationError(
+            f"{option} {text}: there is no effect {quote(effect)}; {meant}(tendon effects lists them all)"
+        )
+    info = effects[effect]
     joint: int | None = None
     if info.scope in ("arm", "contact"):
         if at:
@@ -80,19 +90,21 @@ def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
         if info.scope == "contact" and model.spatial:
             raise SimulationError(f'{option} {text}: "{name}" acts in the plane, and {model.name} is an arm in space')
     else:
-        last = model.n - (info.scope == "joints")
+        last = n - (info.scope == "joints")
         if last < 1:
-            raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {model.name} has one')
+            raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {arm} has one')
         if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= last:
             raise SimulationError(f'{option} {text}: found joint "{number}", expected 1 to {last}; {usage}')
         joint = int(number)
     values: Values = {}
     for assignment in filter(None, assignments.split(",")):
         key, equals, value = assignment.partition("=")
+        names = tuple(p.name for p in info.parameters)
+        if key.strip() not in names:
+            known = did_you_mean(key.strip(), names) if names else "it has none"
+            raise SimulationError(f'{option} {text}: "{name}" has no parameter {quote(key.strip())}; {known}')
         try:
-            values[info.parameter(key.strip()).name] = float(value)
-        except LoaderError as error:
-            raise SimulationError(f"{option} {text}: {error}") from error
+            values[key.strip()] = float(value)
         except ValueError as error:
             raise SimulationError(f'{option} {text}: found "{assignment}", expected a number; {usage}') from error
         if not equals or not isfinite(values[key.strip()]):

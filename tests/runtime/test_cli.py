@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -109,6 +110,17 @@ def test_every_verb_has_help_with_an_example(run, verb):
     assert (status, err) == (0, "")
     assert f"Example: tendon {verb}" in out
     assert "--json" in out
+
+
+def test_the_version_and_the_completion_of_the_shell(run, monkeypatch):
+    status, out, _ = run("--version")
+    assert status == 0
+    assert out.startswith("tendon")
+    for name, value in (("_TENDON_COMPLETE", "complete_bash"), ("COMP_WORDS", "tendon dia"), ("COMP_CWORD", "1")):
+        monkeypatch.setenv(name, value)
+    code = "from runtime.cli.main import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["diagnose"]
 
 
 def test_help_without_arguments(run):
@@ -332,6 +344,31 @@ def test_simulate_tells_what_it_hid(recorded):
 @pytest.mark.parametrize("hide", ["stribek@1", "stribeck@2", "stribeck", "stribeck@1:torque", "stribeck@1:torque=x"])
 def test_simulate_refuses(run, here, hide):
     assert hide.partition(":")[0] in refused(run, here, "simulate", "drive.toml", "--out", "x.csv", "--hide", hide)
+
+
+def test_a_mistyped_effect_is_told_before_the_model_is_built(run, here, monkeypatch):
+    monkeypatch.setattr(Source, "model", lambda *_: pytest.fail("built"))
+    Path("x.json").write_text("{}")
+    simulated = ("execute", "drive.toml", "x.json", "--on", "simulation")
+    for call in (("simulate", "drive.toml", "--out", "x.csv"), simulated):
+        line = refused(run, here, *call, "--hide", "stribek@1")
+        assert 'there is no effect "stribek"; did you mean "stribeck"?' in line
+        line = refused(run, here, *call, "--hide", "stribeck@1:torqe=1")
+        assert '"stribeck" has no parameter "torqe"; did you mean "torque"?' in line
+
+
+def test_identify_says_what_was_assumed_stated_and_written(run, here, recorded):
+    (here / "drive.toml").write_text(DRIVE + "coefficient = 1.5\n")
+    status, out, _ = run("identify", "drive.toml", recorded, "--write")
+    assert status == 0
+    assert "Skew between torque and motion: " in out
+    assert " samples (given)" not in out
+    assert re.search(r"viscous: coefficient +1\.5 +[\d.]+", out)
+    assert re.search(r"coulomb_asymmetric: positive +– +[\d.]+", out)
+    assert out.splitlines()[-1] == "Written to drive.toml: J1, coulomb_asymmetric@1, viscous@1."
+    _, out, _ = run("identify", "drive.toml", recorded, "--skew", "0.5")
+    assert "0.5 samples (given)" in out
+    assert "Written" not in out
 
 
 def test_identify_writes_values_where_they_belong(run, here, recorded):

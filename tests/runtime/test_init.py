@@ -81,6 +81,14 @@ def test_options_ask_nothing_that_they_say(init: Init) -> None:
     assert all(not j.effects for j in arm.joints)
 
 
+def test_without_questions_nothing_is_read(init: Init) -> None:
+    assert init("--joints", "r", "--space", "--no-questions", "--out", "one.toml", answers=("50",) * 20)[0] == 0
+    assert reader.load(Path("one.toml")).joints[0].gear_ratio == 1.0
+    status, _, err = init("--no-questions", answers=("arm", "r"))
+    assert (status, err.count("\n")) == (2, 1)
+    assert "an answer is needed" in err
+
+
 def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
     motor = ("101", "0.1", "6e-5")
     status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motor * 2)

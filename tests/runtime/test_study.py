@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.model.loader import Model
 from runtime.study import figures, published
 from runtime.study.cases import StudyCase
 from runtime.study.experiment import StudyBench
 from runtime.study.study import Study
-from runtime.study.tables import Row
+from runtime.study.tables import Claim, Row
 from runtime.workspace import Source
 
 
@@ -98,3 +100,19 @@ def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Sou
     assert runs["D"].cost == pytest.approx(planned["D"], rel=0.05)
     assert runs["B"].reversal == pytest.approx(published.REVERSAL["B"], abs=0.03)
     assert runs["B"].reversal > runs["D"].reversal > -1.5708
+
+
+@pytest.mark.parametrize(("unclaimed", "status"), [("", 1), ("the geometry is not published", 0)])
+def test_the_exit_status_says_whether_the_study_keeps_what_it_claims(
+    unclaimed: str, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What is known not to come out is said with the reason, and costs no exit status."""
+    claim = Claim("the spring leaves joint 4", "13 to 16", "12 to 25", False, unclaimed)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Source, "model", lambda _: None)
+    monkeypatch.setattr(Source, "controller", lambda _: tmp_path)
+    monkeypatch.setattr(Study, "table", lambda *_: {"parameters": [], "claims": [vars(claim)]})
+    assert output.run(app, ["paper", "table1"]) == status
+    out = capsys.readouterr().out
+    assert 'Not reproduced: "the spring leaves joint 4 13 to 16", here 12 to 25; ' in out
+    assert (f"not claimed: {unclaimed}." if unclaimed else "it should come out.") in out

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import re
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
 
 from runtime.report.terminal import cells, loop_pages
+from runtime.wording import told_apart
 
 
 def delay(joint: int, value: float) -> dict[str, Any]:
@@ -28,6 +33,44 @@ def test_joints_of_one_delay_share_a_line(
     cells.delay_lines({"delay": [delay(i, value) for i, value in enumerate(values, 1)]})
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(" (")[0] for line in lines] == [f"Delay from torque to motion, {where}" for where in places]
+
+
+@given(
+    st.lists(st.lists(st.text("abcdefgh ", max_size=30), min_size=3, max_size=3), min_size=1, max_size=5),
+    st.integers(20, 90),
+)
+def test_no_word_is_broken_however_narrow_the_terminal(rows: list[list[str]], width: int) -> None:
+    """Every word stands whole, and no line is longer than the terminal, or than a word that is."""
+    screen = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cells, "console", lambda: Console(file=screen, width=width, markup=False, highlight=False))
+        patch.setattr("sys.stdout", type("Terminal", (), {"isatty": lambda _: True})())
+        table = cells.empty_table("first", "second heading", "third")
+        for row in rows:
+            table.add_row(*row)
+        cells.show_table(table)
+        cells.say(" ".join(rows[0]))
+    given = {word for row in rows for cell in row for word in cell.split()}
+    said = screen.getvalue()
+    known = given | {"first", "first:", "second", "heading", "heading:", "third", "third:"}
+    assert {word for word in said.split() if "─" not in word} <= known
+    assert given <= set(said.split())
+    longest = max(map(len, known))
+    assert all(len(line.rstrip()) <= max(width, longest + 6) for line in said.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("value", "other", "said"),
+    [(0.1499, 0.15, "0.1499"), (0.12, 0.15, "0.12"), (1.0043, 1.0, "1.004"), (0.9996, 1.0, "0.9996"), (1.0, 1.0, "1")],
+)
+def test_a_number_is_told_from_the_limit_beside_it(value: float, other: float, said: str) -> None:
+    assert told_apart(value, other) == said
+
+
+def test_what_is_noise_is_not_said_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:
+    joint = {"joint": 1, "relative": 0.01, "floor": 0.1, "floor_source": "repeats", "repeatable": True}
+    cells.joints_table({"joints": [{**joint, "rms": 0.102}, {**joint, "rms": 0.3}]})
+    assert [line.split()[-1] for line in capsys.readouterr().out.splitlines() if "repeats" in line] == ["noise", "yes"]
 
 
 def weighed(effect: str, delta_bic: float, share: float, failed: list[str]) -> dict[str, Any]:

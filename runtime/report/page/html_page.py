@@ -11,14 +11,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from runtime import files
 from runtime.diagnosis.steps import Step, seconds_moving
-from runtime.estimation.compare import as_written, structure_shares
+from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
 from runtime.report.page import NAME
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
-from runtime.report.summary import MORE_THAN_NOISE, Result, ResultSummary
-from runtime.wording import number, numbered, percent, quantity, sentence
+from runtime.report.summary import Result, ResultSummary
+from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence
 
 Row = dict[str, Any]
 
@@ -173,12 +173,16 @@ def _error_block(summary: ResultSummary, joint: int) -> Row:
         f"({percent(summary.floor(joint))} of the torque), from {_SOURCES[series.floor.source]}; "
         f"the instruments' own noise: {quantity(series.floor.spectrum, series.force_unit)}",
         "held_floor": None if held_floor is None else _held_floor(summary, joint, held_floor),
-        "repeatable": {True: "yes", False: "no", None: "unknown, no motion was repeated"}[
-            series.floor.repeatable(series.rms)
-        ],
+        "repeatable": _repeatable(series),
         "figure": figures.drawn(figures.error(summary.steps, joint, held_floor), f"error{joint + 1}", caption),
         "structure": figures.structure(first, summary.last, joint),
     }
+
+
+def _repeatable(series: JointSeries) -> str:
+    if series.rms <= MORE_THAN_NOISE * series.floor.value:
+        return "it is at the noise floor"
+    return {True: "yes", False: "no", None: "unknown, no motion was repeated"}[series.floor.repeatable(series.rms)]
 
 
 def _held_floor(summary: ResultSummary, joint: int, relative: float) -> str:

@@ -116,5 +116,5 @@ def recordings(compared: Tables | None) -> Row | None:
 
 def skew(inference: Inference) -> Row:
     found = Estimate(inference.skew, inference.skew_interval, "samples")
-    how = "estimated from the data" if inference.skew_interval else "as given"
+    how = "estimated from the data" if inference.skew_interval else "not estimated: as given or assumed"
     return {"value": f"{estimate(found)} samples", "how": how}

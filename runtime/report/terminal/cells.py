@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from runtime.wording import numbered
+from runtime.wording import MORE_THAN_NOISE, numbered
 from symbolic.model_file.checks import at_joint
 
 _ENDLESS = 10_000
@@ -57,7 +57,10 @@ def fit_table(document: Document, names: Names) -> None:
     for entry in document["effects"]:
         for name, p in entry["parameters"].items():
             label = f"{entry['name']}: {name}"
-            table.add_row(joint_cell(entry["joint"], names), label, "", figure(p["value"]), interval(p, ""), unit(p))
+            stated = figure(p["model"]) if "model" in p else ""
+            table.add_row(
+                joint_cell(entry["joint"], names), label, stated, figure(p["value"]), interval(p, ""), unit(p)
+            )
     show_table(table)
 
 
@@ -65,7 +68,8 @@ def joints_table(document: Document) -> None:
     """What is left of each joint's torque, beside its noise floor."""
     table = empty_table("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable")
     for j in document["joints"]:
-        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")]
+        left = j["rms"] > MORE_THAN_NOISE * j["floor"]
+        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")] if left else "noise"
         table.add_row(
             numbered(j["joint"], j.get("name")),
             figure(j["rms"]),

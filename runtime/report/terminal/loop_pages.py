@@ -24,7 +24,7 @@ from runtime.report.terminal.cells import (
     show_table,
     unit,
 )
-from runtime.wording import numbered
+from runtime.wording import numbered, told_apart
 from symbolic.model_file.checks import at_joint
 
 _MOST_CLOSE = 3
@@ -126,9 +126,14 @@ def _seen(document: Document) -> None:
 def _sentence(seen: Document) -> str:
     side, value = ("less", seen["below"]) if "below" in seen else ("more", seen["above"])
     where = f"{seen['effect']}{at_joint(seen['joint'])}"
-    text = f"{where} whose {seen['parameter']} is {side} than {value:.2g} {unit(seen)}"
+    text = f"{where} whose {seen['parameter']} is {side} than {_amount(value)} {unit(seen)}"
     assumed = ", ".join(f"{name} {figure(x)}" for name, x in seen["with"].items())
     return text.rstrip() + (f" (with {assumed} in SI)" if assumed else "")
+
+
+def _amount(value: float) -> str:
+    """Two digits; of a factor as many as tell it from 1, with which there is nothing."""
+    return told_apart(value, 1.0) if f"{value:.2g}" == "1" else f"{value:.2g}"
 
 
 def _limit(seen: Document | None) -> str:
@@ -136,7 +141,7 @@ def _limit(seen: Document | None) -> str:
         return "–"
     side, value = ("<", seen["below"]) if "below" in seen else (">", seen["above"])
     assumed = ", ".join(f"{name} {x:.2g}" for name, x in seen["with"].items() if x)
-    return f"{seen['parameter']} {side} {value:.2g} {unit(seen)}".rstrip() + (f" ({assumed})" if assumed else "")
+    return f"{seen['parameter']} {side} {_amount(value)} {unit(seen)}".rstrip() + (f" ({assumed})" if assumed else "")
 
 
 def _warnings(document: Document) -> None:

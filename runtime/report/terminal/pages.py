@@ -107,7 +107,7 @@ def effect(document: Document) -> None:
 def identify(document: Document) -> None:
     """Base inertial parameters and effects with their 95 % intervals, what they miss, and whether to believe them."""
     skew = document["skew"]
-    origin = "estimated" if skew.get("estimated") else "given"
+    origin = "estimated" if skew.get("estimated") else "given" if skew.get("given") else "assumed"
     say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
     say(f"Skew between torque and motion: {figure(skew['value'])} {skew['unit']} ({origin}){interval(skew)}.")
     delay_lines(document)
