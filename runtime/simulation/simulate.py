@@ -63,7 +63,11 @@ class Hidden:
 
 def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
     """As `hidden_in`, of a model that is there."""
-    return hidden_in(text, model.library.effects, model.n, model.name, option)
+    hidden = hidden_in(text, model.library.effects, model.n, model.name, option)
+    name = hidden.term.effect
+    if model.spatial and model.library[name].scope == "contact":
+        raise SimulationError(f'{option} {text}: "{name}" acts in the plane, and {model.name} is an arm in space')
+    return hidden
 
 
 def hidden_in(text: str, effects: Mapping[str, AnyEffect], n: int, arm: str, option: str = "--hide") -> Hidden:
@@ -87,8 +91,6 @@ def hidden_in(text: str, effects: Mapping[str, AnyEffect], n: int, arm: str, opt
     if info.scope in ("arm", "contact"):
         if at:
             raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{number}')
-        if info.scope == "contact" and model.spatial:
-            raise SimulationError(f'{option} {text}: "{name}" acts in the plane, and {model.name} is an arm in space')
     else:
         last = n - (info.scope == "joints")
         if last < 1:
