@@ -321,21 +321,28 @@ void tendon_lugre_columns_batch_f64(
     const double *restrict p,
     double *restrict out)
 {
+    (void)dt;
+    const double *restrict q = s->q;
     const double *restrict qd = s->qd;
     const double *restrict level = s->level;
-    double x[1];
+    double x[2];
     if (count == 0U) {
         return;
     }
     x[0] = 0.0;
+    x[1] = q[0];
     for (size_t k = 0; k < count; ++k) {
-        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double t2 = x[0] - t1;
-        const double t3 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-        out[k] = t2;
-        out[count + k] = qd[k] - x[0] * t3;
-        const double next0 = t1 + t2 * tendon_exp_f64(-(t3 * (p[0] * dt)));
+        const double t1 = q[k] - x[1];
+        const double t2 = level[k] * tendon_sgn_f64(t1);
+        const double t3 = level[k] + 1e-09;
+        const double t4 = t2 + (x[0] - t2) * tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) /
+            t3));
+        out[k] = t4 - level[k] * tendon_sgn_f64(qd[k]);
+        out[count + k] = qd[k] - t4 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3;
+        const double next0 = t4;
+        const double next1 = q[k];
         x[0] = next0;
+        x[1] = next1;
     }
 }
 
@@ -347,24 +354,32 @@ void tendon_lugre_torque_batch_f64(
     const double *restrict p,
     double *restrict out)
 {
+    (void)dt;
+    const double *restrict q = s->q;
     const double *restrict qd = s->qd;
     const double *restrict level = s->level;
-    double x[1];
+    double x[2];
     if (count == 0U) {
         return;
     }
     x[0] = 0.0;
+    x[1] = q[0];
     for (size_t k = 0; k < count; ++k) {
-        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double t2 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-        const double t3 = x[0] - t1;
-        out[k] = p[1] * (qd[k] - x[0] * t2) + t3;
-        const double next0 = t1 + t3 * tendon_exp_f64(-(t2 * (p[0] * dt)));
+        const double t1 = q[k] - x[1];
+        const double t2 = level[k] * tendon_sgn_f64(t1);
+        const double t3 = level[k] + 1e-09;
+        const double t4 = (x[0] - t2) * tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) / t3));
+        const double t5 = t2 + t4;
+        out[k] = t4 + (t2 + p[1] * (qd[k] - t5 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3)) -
+            level[k] * tendon_sgn_f64(qd[k]);
+        const double next0 = t5;
+        const double next1 = q[k];
         x[0] = next0;
+        x[1] = next1;
     }
 }
 
-/* lugre_states along `count` samples, 1 row in `out`. */
+/* lugre_states along `count` samples, 2 rows in `out`. */
 void tendon_lugre_states_batch_f64(
     size_t count,
     const tendon_signals_f64 *s,
@@ -372,20 +387,25 @@ void tendon_lugre_states_batch_f64(
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict qd = s->qd;
+    (void)dt;
+    const double *restrict q = s->q;
     const double *restrict level = s->level;
-    double x[1];
+    double x[2];
     if (count == 0U) {
         return;
     }
     x[0] = 0.0;
+    x[1] = q[0];
     for (size_t k = 0; k < count; ++k) {
-        const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-        const double t2 = tendon_exp_f64(-((tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) * (p[0] * dt) /
-            (level[k] + 1e-09)));
+        const double t1 = q[k] - x[1];
+        const double t2 = level[k] * tendon_sgn_f64(t1);
+        const double t3 = tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) / (level[k] + 1e-09)));
         out[k] = x[0];
-        const double next0 = t1 + (x[0] - t1) * t2;
+        out[count + k] = x[1];
+        const double next0 = t2 + (x[0] - t2) * t3;
+        const double next1 = q[k];
         x[0] = next0;
+        x[1] = next1;
     }
 }
 
@@ -397,10 +417,12 @@ void tendon_lugre_columns_at_once_f64(
     const double *restrict p,
     double *restrict out)
 {
+    (void)dt;
+    const double *restrict q = s->q;
     const double *restrict qd = s->qd;
     const double *restrict level = s->level;
     double own[2][8];
-    double x[1][8];
+    double x[2][8];
     if (count == 0U) {
         return;
     }
@@ -409,18 +431,24 @@ void tendon_lugre_columns_at_once_f64(
             own[i][j] = p[2 * j + i];
         }
         x[0][j] = 0.0;
+        x[1][j] = q[0];
     }
     for (size_t k = 0; k < count; ++k) {
         double row[2][8];
         TENDON_INDEPENDENT
         for (size_t j = 0; j < 8; ++j) {
-            const double t1 = level[k] * tendon_sgn_f64(qd[k]);
-            const double t2 = x[0][j] - t1;
-            const double t3 = (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / (level[k] + 1e-09);
-            row[0][j] = t2;
-            row[1][j] = qd[k] - x[0][j] * t3;
-            const double next0 = t1 + t2 * tendon_exp_f64(-(t3 * (own[0][j] * dt)));
+            const double t1 = q[k] - x[1][j];
+            const double t2 = level[k] * tendon_sgn_f64(t1);
+            const double t3 = level[k] + 1e-09;
+            const double t4 = (x[0][j] - t2) * tendon_exp_f64(-(own[0][j] * (tendon_ramp_f64(t1) +
+        tendon_ramp_f64(-t1)) / t3));
+            const double t5 = t2 + t4;
+            row[0][j] = t5 - level[k] * tendon_sgn_f64(qd[k]);
+            row[1][j] = qd[k] - t5 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3;
+            const double next0 = t5;
+            const double next1 = q[k];
             x[0][j] = next0;
+            x[1][j] = next1;
         }
         for (size_t j = 0; j < 8; ++j) {
             for (size_t i = 0; i < 2; ++i) {

@@ -209,7 +209,7 @@ void tendon_lugre_torque_batch_f64(
     const double *restrict p,
     double *restrict out);
 
-/* lugre_states along `count` samples, 1 row in `out`. */
+/* lugre_states along `count` samples, 2 rows in `out`. */
 void tendon_lugre_states_batch_f64(
     size_t count,
     const tendon_signals_f64 *s,

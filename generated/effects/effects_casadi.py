@@ -136,6 +136,7 @@ it must be given). Units are those of a revolute joint; at a prismatic one N sta
 STATES = {
     "lugre": {
         "bristle": ("N m", "torque of the bent bristles, between the two Coulomb levels"),
+        "position": ("rad", "q of the last sample"),
     },
     "spring_hysteresis": {
         "element1": ("rad", "deflection of element 1"),
@@ -455,22 +456,24 @@ def friction_patch_torque():
 def lugre_torque():
     """lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
       + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction
+    in   q [rad]: joint position
     in   qd [rad/s]: joint rate
     in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
-    in   x (1) [N m]: bristle
+    in   x (2) [N m, rad]: bristle, position
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
     out  torque [N m]: added to the motor torque
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
       Trans. Automatic Control 40(3)
-    Operations: 43 operations (11 add, 6 sub, 22 mul, 2 div, 2 neg) and 4 max and 2 min
+    Operations: 87 operations (21 add, 12 sub, 46 mul, 3 div, 5 neg) and 1 exp and 8 max and 4 min
     """
+    q = ca.SX.sym("q")
     qd = ca.SX.sym("qd")
     level = ca.SX.sym("level")
     p = ca.SX.sym("p", 2)
     (p_stiffness, p_damping) = ca.vertsplit(p)
-    x = ca.SX.sym("x", 1)
-    (x_bristle,) = ca.vertsplit(x)
+    x = ca.SX.sym("x", 2)
+    (x_bristle, x_position) = ca.vertsplit(x)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
     t1 = qd / width_rate
@@ -483,74 +486,94 @@ def lugre_torque():
     t8 = t7 * t7
     t9 = t7 * t8
     t10 = (15.0 * t3 + (5.0 + t4 * t4 - 5.0 * t5)) * t6 + t6 * (15.0 * t8 + (5.0 + t9 * t9 - 5.0 * (t8 * t8)))
-    t11 = x_bristle * (ca.fmax(0.0, -(qd + width_rate)) + (ca.fmax(0.0, qd - width_rate) + t10)) / (1e-09 + level)
-    torque = ca.SX(x_bristle + p_damping * (qd - t11) - 0.125 * (t2 * (level * (3.0 * t5 + (15.0 - 10.0 * t3)))))
-    inputs, outputs = [qd, level, p, x, width], [torque]
-    return ca.Function("lugre_torque", inputs, outputs, ["qd", "level", "p", "x", "width"], ["torque"])
+    t11 = 1.0 / (1e-09 + level)
+    t12 = q - x_position
+    t13 = 1.0 / width_position * t12
+    t14 = ca.fmax(-1.0, ca.fmin(1.0, t13))
+    t15 = t14 * t14
+    t16 = t15 * t15
+    t17 = 0.125 * level
+    t18 = t17 * (t14 * (3.0 * t16 + (15.0 - 10.0 * t15)))
+    t19 = t14 * t15
+    t20 = 0.03125 * width_position
+    t21 = ca.fmax(-1.0, ca.fmin(1.0, -t13))
+    t22 = t21 * t21
+    t23 = t21 * t22
+    t24 = (15.0 * t15 + (5.0 + t19 * t19 - 5.0 * t16)) * t20 + t20 * (15.0 * t22 + (5.0 + t23 * t23 - 5.0 * (t22 * t22)))
+    t25 = p_stiffness * (ca.fmax(0.0, t12 - width_position) + (ca.fmax(0.0, -(width_position + t12)) + t24))
+    t26 = t18 + (x_bristle - t18) * ca.exp(-(t11 * t25))
+    t27 = qd - t26 * ((ca.fmax(0.0, -(qd + width_rate)) + (ca.fmax(0.0, qd - width_rate) + t10)) * t11)
+    torque = ca.SX(t26 + (p_damping * t27 - t17 * (t2 * (3.0 * t5 + (15.0 - 10.0 * t3)))))
+    inputs, outputs = [q, qd, level, p, x, width], [torque]
+    return ca.Function("lugre_torque", inputs, outputs, ["q", "qd", "level", "p", "x", "width"], ["torque"])
 
 
 def lugre_start():
     """lugre_start: The memory of lugre where a motion begins.
+    in   q [rad]: joint position
     in   qd [rad/s]: joint rate
     in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
-    in   x (1) [N m]: bristle
+    in   x (2) [N m, rad]: bristle, position
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
-    out  x_next (1) [N m]: at the first sample
+    out  x_next (2) [N m, rad]: at the first sample
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
       Trans. Automatic Control 40(3)
     Operations: 0 operations
     """
+    q = ca.SX.sym("q")
     qd = ca.SX.sym("qd")
     level = ca.SX.sym("level")
     p = ca.SX.sym("p", 2)
     (p_stiffness, p_damping) = ca.vertsplit(p)
-    x = ca.SX.sym("x", 1)
-    (x_bristle,) = ca.vertsplit(x)
+    x = ca.SX.sym("x", 2)
+    (x_bristle, x_position) = ca.vertsplit(x)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
-    x_next = ca.SX(ca.vertcat(0.0))
-    inputs, outputs = [qd, level, p, x, width], [x_next]
-    return ca.Function("lugre_start", inputs, outputs, ["qd", "level", "p", "x", "width"], ["x_next"])
+    x_next = ca.SX(ca.vertcat(0.0, q))
+    inputs, outputs = [q, qd, level, p, x, width], [x_next]
+    return ca.Function("lugre_start", inputs, outputs, ["q", "qd", "level", "p", "x", "width"], ["x_next"])
 
 
 def lugre_step():
     """lugre_step: The memory of lugre, a sample later.
+    in   q [rad]: joint position
     in   qd [rad/s]: joint rate
     in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
     in   dt [s]: step
     in   p (2) [N m/rad, N m s/rad]: stiffness, damping
-    in   x (1) [N m]: bristle
+    in   x (2) [N m, rad]: bristle, position
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
-    out  x_next (1) [N m]: at the next sample
+    out  x_next (2) [N m, rad]: at the next sample
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
       Trans. Automatic Control 40(3)
-    Operations: 44 operations (11 add, 5 sub, 23 mul, 2 div, 3 neg) and 1 exp and 4 max and 2 min
+    Operations: 45 operations (11 add, 6 sub, 23 mul, 2 div, 3 neg) and 1 exp and 4 max and 2 min
     """
+    q = ca.SX.sym("q")
     qd = ca.SX.sym("qd")
     level = ca.SX.sym("level")
     dt = ca.SX.sym("dt")
     p = ca.SX.sym("p", 2)
     (p_stiffness, p_damping) = ca.vertsplit(p)
-    x = ca.SX.sym("x", 1)
-    (x_bristle,) = ca.vertsplit(x)
+    x = ca.SX.sym("x", 2)
+    (x_bristle, x_position) = ca.vertsplit(x)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
-    t1 = qd / width_rate
-    t2 = ca.fmax(-1.0, ca.fmin(1.0, t1))
-    t3 = t2 * t2
+    t1 = q - x_position
+    t2 = t1 / width_position
+    t3 = ca.fmax(-1.0, ca.fmin(1.0, t2))
     t4 = t3 * t3
-    t5 = 0.125 * (t2 * (level * (3.0 * t4 + (15.0 - 10.0 * t3))))
-    t6 = t2 * t3
-    t7 = 0.03125 * width_rate
-    t8 = ca.fmax(-1.0, ca.fmin(1.0, -t1))
+    t5 = t4 * t4
+    t6 = 0.125 * (t3 * (level * (3.0 * t5 + (15.0 - 10.0 * t4))))
+    t7 = t3 * t4
+    t8 = ca.fmax(-1.0, ca.fmin(1.0, -t2))
     t9 = t8 * t8
     t10 = t8 * t9
-    t11 = (15.0 * t3 + (5.0 + t6 * t6 - 5.0 * t4)) * t7 + t7 * (15.0 * t9 + (5.0 + t10 * t10 - 5.0 * (t9 * t9)))
-    t12 = (ca.fmax(0.0, -(qd + width_rate)) + (ca.fmax(0.0, qd - width_rate) + t11)) * (p_stiffness * dt)
-    x_next = ca.SX(ca.vertcat(t5 + (x_bristle - t5) * ca.exp(-(t12 / (level + 1e-09)))))
-    inputs, outputs = [qd, level, dt, p, x, width], [x_next]
-    return ca.Function("lugre_step", inputs, outputs, ["qd", "level", "dt", "p", "x", "width"], ["x_next"])
+    t11 = 0.03125 * (width_position * (15.0 * t4 + (5.0 + t7 * t7 - 5.0 * t5))) + 0.03125 * (width_position * (15.0 * t9 + (5.0 + t10 * t10 - 5.0 * (t9 * t9))))
+    t12 = p_stiffness * (ca.fmax(0.0, -(width_position + t1)) + (ca.fmax(0.0, t1 - width_position) + t11))
+    x_next = ca.SX(ca.vertcat(t6 + (x_bristle - t6) * ca.exp(-(t12 / (level + 1e-09))), q))
+    inputs, outputs = [q, qd, level, dt, p, x, width], [x_next]
+    return ca.Function("lugre_step", inputs, outputs, ["q", "qd", "level", "dt", "p", "x", "width"], ["x_next"])
 
 
 def thermal_friction_torque():

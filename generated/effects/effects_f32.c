@@ -126,47 +126,63 @@ float tendon_friction_patch_torque_f32(float q, float qd, float torque, float st
 
 /* lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
  *   + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction
+ * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
+ * in   stiffness [N m/rad]: of the bristles: torque per deflection before sliding
  * in   damping [N m s/rad]: of the bristles while they deflect
- * in   state [N m]: bristle
+ * in   state [N m, rad]: bristle, position
  * out  torque [N m]: added to the motor torque
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
- * Operations: 10 operations (3 add, 2 sub, 3 mul, 1 div, 1 neg) and 2 ramp and 1 sgn */
-float tendon_lugre_torque_f32(float qd, float level, float damping, const tendon_lugre_state_f32 *state)
+ * Operations: 21 operations (6 add, 4 sub, 6 mul, 2 div, 3 neg) and 1 exp and 4 ramp and 2 sgn */
+float tendon_lugre_torque_f32(
+    float q,
+    float qd,
+    float level,
+    float stiffness,
+    float damping,
+    const tendon_lugre_state_f32 *state)
 {
-    const float t1 = damping * (qd - state->bristle * (tendon_ramp_f32(qd) + tendon_ramp_f32(-qd)) / (1e-09f +
-        level));
-    return state->bristle + t1 - level * tendon_sgn_f32(qd);
+    const float t1 = q - state->position;
+    const float t2 = level * tendon_sgn_f32(t1);
+    const float t3 = level + 1e-09f;
+    const float t4 = (state->bristle - t2) * tendon_exp_f32(-(stiffness * (tendon_ramp_f32(t1) +
+        tendon_ramp_f32(-t1)) / t3));
+    return t4 + (t2 + damping * (qd - (t2 + t4) * (tendon_ramp_f32(qd) + tendon_ramp_f32(-qd)) / t3)) - level *
+        tendon_sgn_f32(qd);
 }
 
 /* lugre_start: The memory of lugre where a motion begins.
- * out  state [N m]: bristle: at the first sample
+ * in   q [rad]: joint position
+ * out  state [N m, rad]: bristle, position: at the first sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 0 operations */
-void tendon_lugre_start_f32(tendon_lugre_state_f32 *state)
+void tendon_lugre_start_f32(float q, tendon_lugre_state_f32 *state)
 {
     state->bristle = 0.0f;
+    state->position = q;
 }
 
 /* lugre_step: The memory of lugre, a sample later.
- * in   qd [rad/s]: joint rate
+ * in   q [rad]: joint position
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
- * in   dt [s]: step
  * in   stiffness [N m/rad]: of the bristles: torque per deflection before sliding
- * in   state [N m]: bristle
- * out  state [N m]: bristle: at the next sample
+ * in   state [N m, rad]: bristle, position
+ * out  state [N m, rad]: bristle, position: at the next sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
- * Operations: 11 operations (3 add, 1 sub, 4 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
-void tendon_lugre_step_f32(float qd, float level, float dt, float stiffness, tendon_lugre_state_f32 *state)
+ * Operations: 11 operations (3 add, 2 sub, 3 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
+void tendon_lugre_step_f32(float q, float level, float stiffness, tendon_lugre_state_f32 *state)
 {
-    const float t1 = level * tendon_sgn_f32(qd);
-    const float t2 = tendon_exp_f32(-((tendon_ramp_f32(qd) + tendon_ramp_f32(-qd)) * (stiffness * dt) / (level +
-        1e-09f)));
-    state->bristle = t1 + (state->bristle - t1) * t2;
+    const float t1 = q - state->position;
+    const float t2 = level * tendon_sgn_f32(t1);
+    const float t3 = tendon_exp_f32(-(stiffness * (tendon_ramp_f32(t1) + tendon_ramp_f32(-t1)) / (level + 1e-09f)));
+    const float next_bristle = t2 + (state->bristle - t2) * t3;
+    const float next_position = q;
+    state->bristle = next_bristle;
+    state->position = next_position;
 }
 
 /* thermal_friction_torque: Friction that changes as the drive warms up, mostly because grease thins. (a sgn(qd) +

@@ -11,6 +11,7 @@
 /* The memory of lugre. */
 typedef struct {
     double bristle; /* N m: torque of the bent bristles, between the two Coulomb levels */
+    double position; /* rad: q of the last sample */
 } tendon_lugre_state_f64;
 
 /* The memory of spring_hysteresis. */
@@ -135,39 +136,42 @@ double tendon_friction_patch_torque_f64(double q, double qd, double torque, doub
 
 /* lugre_torque: Presliding: after a reversal, dry friction builds up like a spring until it slides. z - F sgn(qd)
  *   + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction
+ * in   q [rad]: joint position
  * in   qd [rad/s]: joint rate
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
+ * in   stiffness [N m/rad]: of the bristles: torque per deflection before sliding
  * in   damping [N m s/rad]: of the bristles while they deflect
- * in   state [N m]: bristle
+ * in   state [N m, rad]: bristle, position
  * out  torque [N m]: added to the motor torque
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
- * Operations: 10 operations (3 add, 2 sub, 3 mul, 1 div, 1 neg) and 2 ramp and 1 sgn */
-double tendon_lugre_torque_f64(double qd, double level, double damping, const tendon_lugre_state_f64 *state);
+ * Operations: 21 operations (6 add, 4 sub, 6 mul, 2 div, 3 neg) and 1 exp and 4 ramp and 2 sgn */
+double tendon_lugre_torque_f64(
+    double q,
+    double qd,
+    double level,
+    double stiffness,
+    double damping,
+    const tendon_lugre_state_f64 *state);
 
 /* lugre_start: The memory of lugre where a motion begins.
- * out  state [N m]: bristle: at the first sample
+ * in   q [rad]: joint position
+ * out  state [N m, rad]: bristle, position: at the first sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
  * Operations: 0 operations */
-void tendon_lugre_start_f64(tendon_lugre_state_f64 *state);
+void tendon_lugre_start_f64(double q, tendon_lugre_state_f64 *state);
 
 /* lugre_step: The memory of lugre, a sample later.
- * in   qd [rad/s]: joint rate
+ * in   q [rad]: joint position
  * in   level [N m]: predicted magnitude of the joint's Coulomb friction in the present direction
- * in   dt [s]: step
  * in   stiffness [N m/rad]: of the bristles: torque per deflection before sliding
- * in   state [N m]: bristle
- * out  state [N m]: bristle: at the next sample
+ * in   state [N m, rad]: bristle, position
+ * out  state [N m, rad]: bristle, position: at the next sample
  * Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, A new model for control of systems with friction, IEEE
  *   Trans. Automatic Control 40(3)
- * Operations: 11 operations (3 add, 1 sub, 4 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
-void tendon_lugre_step_f64(
-    double qd,
-    double level,
-    double dt,
-    double stiffness,
-    tendon_lugre_state_f64 *state);
+ * Operations: 11 operations (3 add, 2 sub, 3 mul, 1 div, 2 neg) and 1 exp and 2 ramp and 1 sgn */
+void tendon_lugre_step_f64(double q, double level, double stiffness, tendon_lugre_state_f64 *state);
 
 /* thermal_friction_torque: Friction that changes as the drive warms up, mostly because grease thins. (a sgn(qd) +
  *   b qd) w,  w the recorded rise of temperature, else 1 - exp(-t/T)

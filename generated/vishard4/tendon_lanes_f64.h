@@ -86,4 +86,23 @@ static inline tendon_lanes_f64 tendon_cos_lanes_f64(tendon_lanes_f64 x)
 }
 #endif
 
+/* Sine and cosine of `count` angles, as many at once as a vector has lanes, each with the bits of one alone. All three
+ * arrays have room for a multiple of 8, so that the last vector may be whole. */
+static inline void tendon_sincos_each_f64(int count, const double *x, double *sine, double *cosine)
+{
+#if defined(TENDON_LANES)
+    for (int k = 0; k < count; k += TENDON_LANES) {
+        tendon_lanes_f64 sines;
+        tendon_lanes_f64 cosines;
+        tendon_sincos_lanes_f64(tendon_load_f64(x + k), &sines, &cosines);
+        tendon_store_f64(sine + k, sines);
+        tendon_store_f64(cosine + k, cosines);
+    }
+#else
+    for (int k = 0; k < count; ++k) {
+        tendon_sincos_f64(x[k], &sine[k], &cosine[k]);
+    }
+#endif
+}
+
 #endif

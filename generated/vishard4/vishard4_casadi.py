@@ -239,22 +239,22 @@ def inertia():
     in   q (4) [rad]: joint positions
     out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
     Source: Lagrangian; D of equation (1)
-    Operations: 50 operations (33 add, 17 mul) and 6 sincos
+    Operations: 48 operations (33 add, 15 mul) and 6 sincos
     Names: c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the
       same, columns in joint angles; D: inertia matrix
     """
     parameters = ca.SX.sym("parameters", 16)
     (J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4) = ca.vertsplit(parameters)
     q = ca.SX.sym("q", 4)
-    t1 = l1_by_l2 * l1_by_l2
-    m11 = mu2 * t1 + t1 * mu3
+    t1 = mu2 * l1_by_l2
     t2 = l1_by_l2 * mu3
-    m12 = mu2 * l1_by_l2 + t2
+    m11 = l1_by_l2 * t1 + l1_by_l2 * t2
+    m12 = t1 + t2
     m13 = t2 * l3_by_l2
     m14 = l1_by_l2 * h4
     m22 = mu2 + mu3
     m23 = mu3 * l3_by_l2
-    m33 = mu3 * (l3_by_l2 * l3_by_l2)
+    m33 = l3_by_l2 * m23
     m34 = l3_by_l2 * h4
     A11 = m11 + J1
     c2 = ca.cos(q[1])
@@ -301,22 +301,22 @@ def link_inertia():
     in   q (4) [rad]: joint positions
     out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
     Source: Lagrangian; the model file's rotor inertias
-    Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos
+    Operations: 52 operations (33 add, 4 sub, 15 mul) and 6 sincos
     Names: c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the
       same, columns in joint angles; D: inertia of a joint, its rotor included
     """
     parameters = ca.SX.sym("parameters", 16)
     (J1, J2, J3, J4, I2, I3, I4, mu2, mu3, h4, l1_by_l2, l3_by_l2, l1, l2, l3, l4) = ca.vertsplit(parameters)
     q = ca.SX.sym("q", 4)
-    t1 = l1_by_l2 * l1_by_l2
-    m11 = mu2 * t1 + t1 * mu3
+    t1 = mu2 * l1_by_l2
     t2 = l1_by_l2 * mu3
-    m12 = mu2 * l1_by_l2 + t2
+    m11 = l1_by_l2 * t1 + l1_by_l2 * t2
+    m12 = t1 + t2
     m13 = t2 * l3_by_l2
     m14 = l1_by_l2 * h4
     m22 = mu2 + mu3
     m23 = mu3 * l3_by_l2
-    m33 = mu3 * (l3_by_l2 * l3_by_l2)
+    m33 = l3_by_l2 * m23
     m34 = l3_by_l2 * h4
     A11 = m11 + J1
     c2 = ca.cos(q[1])
@@ -454,7 +454,7 @@ def forward_dynamics():
     in   tau (4) [N m]: joint torques
     out  qdd (4) [rad/s^2]: joint accelerations
     Source: Equation (1) solved for qdd by D = L diag(d) L^T
-    Operations: 150 operations (43 add, 29 sub, 74 mul, 4 div) and 6 sincos
+    Operations: 148 operations (43 add, 29 sub, 72 mul, 4 div) and 6 sincos
     Names: c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
       squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
       hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; w: absolute rate; m: coefficient
@@ -496,20 +496,20 @@ def forward_dynamics():
     F4 = ww4 * hs4
     G3 = G4 + b3 * mu3
     F3 = y3 * mu3 - F4
-    N3 = ls3 * G3 + (N4 + lc3 * F3)
+    N3 = lc3 * F3 + (N4 + ls3 * G3)
     G2 = G3 + b2 * mu2
     F2 = F3 + y1 * mu2
     N2 = N3 + F2
     N1 = N2 + lc1 * F2 - ls1 * G2
-    t1 = l1_by_l2 * l1_by_l2
-    m11 = mu2 * t1 + mu3 * t1
+    t1 = l1_by_l2 * mu2
     t2 = l1_by_l2 * mu3
-    m12 = l1_by_l2 * mu2 + t2
+    m11 = l1_by_l2 * t1 + l1_by_l2 * t2
+    m12 = t1 + t2
     m13 = l3_by_l2 * t2
     m14 = l1_by_l2 * h4
     m22 = mu3 + mu2
     m23 = l3_by_l2 * mu3
-    m33 = mu3 * (l3_by_l2 * l3_by_l2)
+    m33 = l3_by_l2 * m23
     m34 = l3_by_l2 * h4
     A11 = m11 + J1
     A12 = c2 * m12

@@ -61,14 +61,14 @@ void vishard4_link_load_f32(
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
  * Source: Lagrangian; D of equation (1)
- * Operations: 50 operations (33 add, 17 mul) and 6 sincos */
+ * Operations: 48 operations (33 add, 15 mul) and 6 sincos */
 void vishard4_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16]);
 
 /* link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
  * Source: Lagrangian; the model file's rotor inertias
- * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+ * Operations: 52 operations (33 add, 4 sub, 15 mul) and 6 sincos */
 void vishard4_link_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16]);
 
 /* coriolis: Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.
@@ -96,7 +96,7 @@ void vishard4_gravity_f32(const vishard4_parameters_f32 *parameters, const float
  * in   tau (4) [N m]: joint torques
  * out  qdd (4) [rad/s^2]: joint accelerations
  * Source: Equation (1) solved for qdd by D = L diag(d) L^T
- * Operations: 150 operations (43 add, 29 sub, 74 mul, 4 div) and 6 sincos */
+ * Operations: 148 operations (43 add, 29 sub, 72 mul, 4 div) and 6 sincos */
 void vishard4_forward_dynamics_f32(
     const vishard4_parameters_f32 *parameters,
     const float q[4],

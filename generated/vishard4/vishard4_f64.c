@@ -40,16 +40,17 @@ TENDON_WHOLE void vishard4_inverse_dynamics_f64(
     /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
      *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
      *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment */
-    double s3;
-    double c3;
-    tendon_sincos_f64(q[2], &s3, &c3);
     const double a4 = q[2] + q[3];
-    double s34;
-    double c34;
-    tendon_sincos_f64(a4, &s34, &c34);
-    double s2;
-    double c2;
-    tendon_sincos_f64(q[1], &s2, &c2);
+    const double angle[8] = {q[2], a4, q[1]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(3, angle, sine, cosine);
+    const double c3 = cosine[0];
+    const double s3 = sine[0];
+    const double c34 = cosine[1];
+    const double s34 = sine[1];
+    const double c2 = cosine[2];
+    const double s2 = sine[2];
     const double ww1 = qd[0] * qd[0];
     const double lc1 = c2 * parameters->l1_by_l2;
     const double ls1 = s2 * parameters->l1_by_l2;
@@ -196,16 +197,17 @@ void vishard4_link_load_f64(
      *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; hc,
      *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; whole: torque of a joint, its
      *   rotor included */
-    double s3;
-    double c3;
-    tendon_sincos_f64(q[2], &s3, &c3);
     const double a4 = q[2] + q[3];
-    double s34;
-    double c34;
-    tendon_sincos_f64(a4, &s34, &c34);
-    double s2;
-    double c2;
-    tendon_sincos_f64(q[1], &s2, &c2);
+    const double angle[8] = {q[2], a4, q[1]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(3, angle, sine, cosine);
+    const double c3 = cosine[0];
+    const double s3 = sine[0];
+    const double c34 = cosine[1];
+    const double s34 = sine[1];
+    const double c2 = cosine[2];
+    const double s2 = sine[2];
     const double ww1 = qd[0] * qd[0];
     const double lc1 = c2 * parameters->l1_by_l2;
     const double ls1 = s2 * parameters->l1_by_l2;
@@ -346,36 +348,40 @@ void vishard4_link_load_batch_f64(
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
  * Source: Lagrangian; D of equation (1)
- * Operations: 50 operations (33 add, 17 mul) and 6 sincos */
+ * Operations: 48 operations (33 add, 15 mul) and 6 sincos */
 void vishard4_inertia_f64(const vishard4_parameters_f64 *parameters, const double q[4], double D[16])
 {
     /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
      *   columns in joint angles; D: inertia matrix */
-    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const double m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
-    const double t2 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
-    const double m13 = t2 * parameters->l3_by_l2;
+    const double t1 = q[1] + q[2];
+    const double angle[8] = {q[1], t1, t1 + q[3], q[2], q[2] + q[3], q[3]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(6, angle, sine, cosine);
+    const double c2 = cosine[0];
+    const double c23 = cosine[1];
+    const double c234 = cosine[2];
+    const double c3 = cosine[3];
+    const double c34 = cosine[4];
+    const double c4 = cosine[5];
+    const double t2 = parameters->mu2 * parameters->l1_by_l2;
+    const double t3 = parameters->l1_by_l2 * parameters->mu3;
+    const double m11 = parameters->l1_by_l2 * t2 + parameters->l1_by_l2 * t3;
+    const double m12 = t2 + t3;
+    const double m13 = t3 * parameters->l3_by_l2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m22 = parameters->mu2 + parameters->mu3;
     const double m23 = parameters->mu3 * parameters->l3_by_l2;
-    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m33 = parameters->l3_by_l2 * m23;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double A11 = m11 + parameters->J1;
-    const double c2 = tendon_cos_f64(q[1]);
     const double A12 = m12 * c2;
-    const double t3 = q[1] + q[2];
-    const double c23 = tendon_cos_f64(t3);
     const double A13 = m13 * c23;
-    const double c234 = tendon_cos_f64(t3 + q[3]);
     const double A14 = m14 * c234;
     const double A22 = m22 + parameters->J2;
-    const double c3 = tendon_cos_f64(q[2]);
     const double A23 = m23 * c3;
-    const double c34 = tendon_cos_f64(q[2] + q[3]);
     const double A24 = parameters->h4 * c34;
     const double A33 = m33 + parameters->J3;
-    const double c4 = tendon_cos_f64(q[3]);
     const double A34 = m34 * c4;
     const double AS13 = A13 + A14;
     const double AS12 = A12 + AS13;
@@ -422,15 +428,15 @@ void vishard4_inertia_batch_f64(
 {
     size_t k = 0U;
 #if defined(TENDON_LANES)
-    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const double m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const double t1 = parameters->mu2 * parameters->l1_by_l2;
     const double t2 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const double m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const double m12 = t1 + t2;
     const double m13 = t2 * parameters->l3_by_l2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m22 = parameters->mu2 + parameters->mu3;
     const double m23 = parameters->mu3 * parameters->l3_by_l2;
-    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m33 = parameters->l3_by_l2 * m23;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double A11 = m11 + parameters->J1;
     const double A22 = m22 + parameters->J2;
@@ -505,36 +511,40 @@ void vishard4_inertia_batch_f64(
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
  * Source: Lagrangian; the model file's rotor inertias
- * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+ * Operations: 52 operations (33 add, 4 sub, 15 mul) and 6 sincos */
 void vishard4_link_inertia_f64(const vishard4_parameters_f64 *parameters, const double q[4], double D[16])
 {
     /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
      *   columns in joint angles; D: inertia of a joint, its rotor included */
-    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const double m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
-    const double t2 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
-    const double m13 = t2 * parameters->l3_by_l2;
+    const double t1 = q[1] + q[2];
+    const double angle[8] = {q[1], t1, t1 + q[3], q[2], q[2] + q[3], q[3]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(6, angle, sine, cosine);
+    const double c2 = cosine[0];
+    const double c23 = cosine[1];
+    const double c234 = cosine[2];
+    const double c3 = cosine[3];
+    const double c34 = cosine[4];
+    const double c4 = cosine[5];
+    const double t2 = parameters->mu2 * parameters->l1_by_l2;
+    const double t3 = parameters->l1_by_l2 * parameters->mu3;
+    const double m11 = parameters->l1_by_l2 * t2 + parameters->l1_by_l2 * t3;
+    const double m12 = t2 + t3;
+    const double m13 = t3 * parameters->l3_by_l2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m22 = parameters->mu2 + parameters->mu3;
     const double m23 = parameters->mu3 * parameters->l3_by_l2;
-    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m33 = parameters->l3_by_l2 * m23;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double A11 = m11 + parameters->J1;
-    const double c2 = tendon_cos_f64(q[1]);
     const double A12 = m12 * c2;
-    const double t3 = q[1] + q[2];
-    const double c23 = tendon_cos_f64(t3);
     const double A13 = m13 * c23;
-    const double c234 = tendon_cos_f64(t3 + q[3]);
     const double A14 = m14 * c234;
     const double A22 = m22 + parameters->J2;
-    const double c3 = tendon_cos_f64(q[2]);
     const double A23 = m23 * c3;
-    const double c34 = tendon_cos_f64(q[2] + q[3]);
     const double A24 = parameters->h4 * c34;
     const double A33 = m33 + parameters->J3;
-    const double c4 = tendon_cos_f64(q[3]);
     const double A34 = m34 * c4;
     const double AS13 = A13 + A14;
     const double AS12 = A12 + AS13;
@@ -585,15 +595,15 @@ void vishard4_link_inertia_batch_f64(
 {
     size_t k = 0U;
 #if defined(TENDON_LANES)
-    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const double m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const double t1 = parameters->mu2 * parameters->l1_by_l2;
     const double t2 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const double m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const double m12 = t1 + t2;
     const double m13 = t2 * parameters->l3_by_l2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m22 = parameters->mu2 + parameters->mu3;
     const double m23 = parameters->mu3 * parameters->l3_by_l2;
-    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m33 = parameters->l3_by_l2 * m23;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double A11 = m11 + parameters->J1;
     const double A22 = m22 + parameters->J2;
@@ -682,35 +692,39 @@ void vishard4_coriolis_f64(
 {
     /* c, s: cosine and sine; c23 of q2 + q3; w: absolute rate; m: coefficient of A; B: Coriolis matrix in absolute
      *   angles; AS, BS: the same, columns in joint angles; C: Coriolis matrix */
-    const double t1 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->l1_by_l2 * parameters->mu2 + t1;
-    const double m13 = t1 * parameters->l3_by_l2;
+    const double t1 = q[1] + q[2];
+    const double angle[8] = {q[1], t1, t1 + q[3], q[2], q[2] + q[3], q[3]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(6, angle, sine, cosine);
+    const double s2 = sine[0];
+    const double s23 = sine[1];
+    const double s234 = sine[2];
+    const double s3 = sine[3];
+    const double s34 = sine[4];
+    const double s4 = sine[5];
+    const double t2 = parameters->l1_by_l2 * parameters->mu3;
+    const double m12 = parameters->l1_by_l2 * parameters->mu2 + t2;
+    const double m13 = t2 * parameters->l3_by_l2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m23 = parameters->mu3 * parameters->l3_by_l2;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double w2 = qd[0] + qd[1];
     const double w3 = w2 + qd[2];
     const double w4 = w3 + qd[3];
-    const double s2 = tendon_sin_f64(q[1]);
-    const double t2 = m12 * s2;
-    const double B12 = w2 * t2;
-    const double t3 = q[1] + q[2];
-    const double s23 = tendon_sin_f64(t3);
+    const double t3 = m12 * s2;
+    const double B12 = w2 * t3;
     const double t4 = m13 * s23;
     const double B13 = w3 * t4;
-    const double s234 = tendon_sin_f64(t3 + q[3]);
     const double t5 = m14 * s234;
     const double B14 = w4 * t5;
-    const double B21 = qd[0] * t2;
-    const double s3 = tendon_sin_f64(q[2]);
+    const double B21 = qd[0] * t3;
     const double t6 = m23 * s3;
     const double B23 = w3 * t6;
-    const double s34 = tendon_sin_f64(q[2] + q[3]);
     const double t7 = parameters->h4 * s34;
     const double B24 = w4 * t7;
     const double B31 = qd[0] * t4;
     const double B32 = w2 * t6;
-    const double s4 = tendon_sin_f64(q[3]);
     const double t8 = m34 * s4;
     const double B34 = w4 * t8;
     const double B41 = qd[0] * t5;
@@ -901,7 +915,7 @@ void vishard4_gravity_batch_f64(
  * in   tau (4) [N m]: joint torques
  * out  qdd (4) [rad/s^2]: joint accelerations
  * Source: Equation (1) solved for qdd by D = L diag(d) L^T
- * Operations: 150 operations (43 add, 29 sub, 74 mul, 4 div) and 6 sincos */
+ * Operations: 148 operations (43 add, 29 sub, 72 mul, 4 div) and 6 sincos */
 TENDON_WHOLE void vishard4_forward_dynamics_f64(
     const vishard4_parameters_f64 *parameters,
     const double q[4],
@@ -914,16 +928,20 @@ TENDON_WHOLE void vishard4_forward_dynamics_f64(
      *   hs: first moment likewise; G, F: force along -x and y of link 2; N: moment; w: absolute rate; m: coefficient
      *   of A; A: inertia in absolute angles; AS, BS: the same, columns in joint angles; D: inertia matrix; L, d: D = L
      *   diag(d) L^T; Ld: L diag(d); e: 1/d; z, x: substitution */
-    double s3;
-    double c3;
-    tendon_sincos_f64(q[2], &s3, &c3);
     const double a4 = q[2] + q[3];
-    double s34;
-    double c34;
-    tendon_sincos_f64(a4, &s34, &c34);
-    double s2;
-    double c2;
-    tendon_sincos_f64(q[1], &s2, &c2);
+    const double angle[8] = {q[2], a4, q[1], q[2] + q[1], a4 + q[1], q[3]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(6, angle, sine, cosine);
+    const double c3 = cosine[0];
+    const double s3 = sine[0];
+    const double c34 = cosine[1];
+    const double s34 = sine[1];
+    const double c2 = cosine[2];
+    const double s2 = sine[2];
+    const double c23 = cosine[3];
+    const double c234 = cosine[4];
+    const double c4 = cosine[5];
     const double ww1 = qd[0] * qd[0];
     const double lc1 = c2 * parameters->l1_by_l2;
     const double ls1 = s2 * parameters->l1_by_l2;
@@ -947,31 +965,28 @@ TENDON_WHOLE void vishard4_forward_dynamics_f64(
     const double F4 = ww4 * hs4;
     const double G3 = G4 + b3 * parameters->mu3;
     const double F3 = y3 * parameters->mu3 - F4;
-    const double N3 = ls3 * G3 + (N4 + lc3 * F3);
+    const double N3 = lc3 * F3 + (N4 + ls3 * G3);
     const double G2 = G3 + b2 * parameters->mu2;
     const double F2 = F3 + y1 * parameters->mu2;
     const double N2 = N3 + F2;
     const double N1 = N2 + lc1 * F2 - ls1 * G2;
-    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const double m11 = parameters->mu2 * t1 + parameters->mu3 * t1;
+    const double t1 = parameters->l1_by_l2 * parameters->mu2;
     const double t2 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->l1_by_l2 * parameters->mu2 + t2;
+    const double m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const double m12 = t1 + t2;
     const double m13 = parameters->l3_by_l2 * t2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m22 = parameters->mu3 + parameters->mu2;
     const double m23 = parameters->l3_by_l2 * parameters->mu3;
-    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m33 = parameters->l3_by_l2 * m23;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double A11 = m11 + parameters->J1;
     const double A12 = c2 * m12;
-    const double c23 = tendon_cos_f64(q[2] + q[1]);
     const double A13 = m13 * c23;
-    const double c234 = tendon_cos_f64(a4 + q[1]);
     const double A14 = m14 * c234;
     const double A22 = m22 + parameters->J2;
     const double A23 = c3 * m23;
     const double A33 = m33 + parameters->J3;
-    const double c4 = tendon_cos_f64(q[3]);
     const double A34 = m34 * c4;
     const double AS13 = A13 + A14;
     const double AS12 = A12 + AS13;
@@ -1031,15 +1046,15 @@ void vishard4_forward_dynamics_batch_f64(
 {
     size_t k = 0U;
 #if defined(TENDON_LANES)
-    const double t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const double m11 = parameters->mu2 * t1 + parameters->mu3 * t1;
+    const double t1 = parameters->l1_by_l2 * parameters->mu2;
     const double t2 = parameters->l1_by_l2 * parameters->mu3;
-    const double m12 = parameters->l1_by_l2 * parameters->mu2 + t2;
+    const double m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const double m12 = t1 + t2;
     const double m13 = parameters->l3_by_l2 * t2;
     const double m14 = parameters->l1_by_l2 * parameters->h4;
     const double m22 = parameters->mu3 + parameters->mu2;
     const double m23 = parameters->l3_by_l2 * parameters->mu3;
-    const double m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const double m33 = parameters->l3_by_l2 * m23;
     const double m34 = parameters->l3_by_l2 * parameters->h4;
     const double A11 = m11 + parameters->J1;
     const double A22 = m22 + parameters->J2;
@@ -1089,7 +1104,7 @@ void vishard4_forward_dynamics_batch_f64(
         const tendon_lanes_f64 F4 = ww4 * hs4;
         const tendon_lanes_f64 G3 = G4 + b3 * parameters->mu3;
         const tendon_lanes_f64 F3 = y3 * parameters->mu3 - F4;
-        const tendon_lanes_f64 N3 = ls3 * G3 + (N4 + lc3 * F3);
+        const tendon_lanes_f64 N3 = lc3 * F3 + (N4 + ls3 * G3);
         const tendon_lanes_f64 G2 = G3 + b2 * parameters->mu2;
         const tendon_lanes_f64 F2 = F3 + y1 * parameters->mu2;
         const tendon_lanes_f64 N2 = N3 + F2;
@@ -1187,16 +1202,17 @@ void vishard4_regressor_f64(
     /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
      *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; G, F:
      *   force along -x and y of link 2; N: moment of the lump that is named, alone */
-    double s3;
-    double c3;
-    tendon_sincos_f64(q[2], &s3, &c3);
     const double a4 = q[2] + q[3];
-    double s34;
-    double c34;
-    tendon_sincos_f64(a4, &s34, &c34);
-    double s2;
-    double c2;
-    tendon_sincos_f64(q[1], &s2, &c2);
+    const double angle[8] = {q[2], a4, q[1]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(3, angle, sine, cosine);
+    const double c3 = cosine[0];
+    const double s3 = sine[0];
+    const double c34 = cosine[1];
+    const double s34 = sine[1];
+    const double c2 = cosine[2];
+    const double s2 = sine[2];
     const double ww1 = qd[0] * qd[0];
     const double lc1 = c2 * parameters->l1_by_l2;
     const double ls1 = s2 * parameters->l1_by_l2;
@@ -1397,21 +1413,21 @@ void vishard4_regressor_batch_f64(
 void vishard4_tip_f64(const vishard4_parameters_f64 *parameters, const double q[4], double p[3])
 {
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2 */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
     const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double theta3 = theta2 + q[2];
-    double s123;
-    double c123;
-    tendon_sincos_f64(theta3, &s123, &c123);
     const double theta4 = theta3 + q[3];
-    double s1234;
-    double c1234;
-    tendon_sincos_f64(theta4, &s1234, &c1234);
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double s123 = sine[2];
+    const double c1234 = cosine[3];
+    const double s1234 = sine[3];
     p[0] = c1234 * parameters->l4 + (c123 * parameters->l3 + (c1 * parameters->l1 + c12 * parameters->l2));
     p[1] = s1234 * parameters->l4 + (s123 * parameters->l3 + (s1 * parameters->l1 + s12 * parameters->l2));
     p[2] = theta4;
@@ -1475,21 +1491,21 @@ void vishard4_tip_jacobian_f64(const vishard4_parameters_f64 *parameters, const 
 {
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by the angle
      *   of a joint */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
     const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double theta3 = theta2 + q[2];
-    double s123;
-    double c123;
-    tendon_sincos_f64(theta3, &s123, &c123);
     const double theta4 = theta3 + q[3];
-    double s1234;
-    double c1234;
-    tendon_sincos_f64(theta4, &s1234, &c1234);
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double s123 = sine[2];
+    const double c1234 = cosine[3];
+    const double s1234 = sine[3];
     const double x4 = s1234 * parameters->l4;
     const double y4 = c1234 * parameters->l4;
     const double t1 = x4 + s123 * parameters->l3;
@@ -1586,21 +1602,21 @@ void vishard4_tip_rate_f64(
 {
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the tip by the angle
      *   of a joint */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
     const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double theta3 = theta2 + q[2];
-    double s123;
-    double c123;
-    tendon_sincos_f64(theta3, &s123, &c123);
     const double theta4 = theta3 + q[3];
-    double s1234;
-    double c1234;
-    tendon_sincos_f64(theta4, &s1234, &c1234);
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double s123 = sine[2];
+    const double c1234 = cosine[3];
+    const double s1234 = sine[3];
     const double x4 = s1234 * parameters->l4;
     const double y4 = c1234 * parameters->l4;
     const double t1 = x4 + s123 * parameters->l3;
@@ -1693,16 +1709,17 @@ void vishard4_tip_load_f64(
     /* c, s: cosine and sine; c23 of q2 + q3; a: angle from link 2; w, al: absolute rate and acceleration; ww: w
      *   squared; lc, ls: length along x and y of link 2; b, y: acceleration of the end along -x and y of link 2; N:
      *   moment */
-    double s3;
-    double c3;
-    tendon_sincos_f64(q[2], &s3, &c3);
     const double a4 = q[2] + q[3];
-    double s34;
-    double c34;
-    tendon_sincos_f64(a4, &s34, &c34);
-    double s2;
-    double c2;
-    tendon_sincos_f64(q[1], &s2, &c2);
+    const double angle[8] = {q[2], a4, q[1]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(3, angle, sine, cosine);
+    const double c3 = cosine[0];
+    const double s3 = sine[0];
+    const double c34 = cosine[1];
+    const double s34 = sine[1];
+    const double c2 = cosine[2];
+    const double s2 = sine[2];
     const double ww1 = qd[0] * qd[0];
     const double lc1 = c2 * parameters->l1;
     const double ls1 = s2 * parameters->l1;
@@ -1834,21 +1851,21 @@ void vishard4_moment_jacobian_f64(const vishard4_parameters_f64 *parameters, con
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: derivative of the moment by the
      *   angle of a joint */
     (void)parameters;
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
     const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double theta3 = theta2 + q[2];
-    double s123;
-    double c123;
-    tendon_sincos_f64(theta3, &s123, &c123);
     const double theta4 = theta3 + q[3];
-    double s1234;
-    double c1234;
-    tendon_sincos_f64(theta4, &s1234, &c1234);
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double s123 = sine[2];
+    const double c1234 = cosine[3];
+    const double s1234 = sine[3];
     const double t1 = 0.189303174 * s1234;
     const double y4 = 0.189303174 * c1234;
     const double t2 = t1 + 0.61017355016 * s123;
@@ -1934,22 +1951,24 @@ void vishard4_contact_coordinates_f64(
     double w[4])
 {
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
+    const double theta2 = q[0] + q[1];
+    const double theta3 = theta2 + q[2];
+    const double theta4 = theta3 + q[3];
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double c1234 = cosine[3];
     const double x1 = c1 * parameters->l1;
     const double y1 = s1 * parameters->l1;
-    const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double x2 = c12 * parameters->l2;
     const double y2 = s12 * parameters->l2;
-    const double theta3 = theta2 + q[2];
-    const double c123 = tendon_cos_f64(theta3);
     const double x3 = c123 * parameters->l3;
-    const double theta4 = theta3 + q[3];
-    const double c1234 = tendon_cos_f64(theta4);
     const double x4 = c1234 * parameters->l4;
     w[0] = x4 + (x3 + (x1 + x2));
     w[1] = y1 + y2;
@@ -2019,22 +2038,24 @@ void vishard4_contact_jacobian_f64(
 {
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; r: extents along
      *   y from here to the tip */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
+    const double theta2 = q[0] + q[1];
+    const double theta3 = theta2 + q[2];
+    const double theta4 = theta3 + q[3];
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double s123 = sine[2];
+    const double s1234 = sine[3];
     const double x1 = c1 * parameters->l1;
     const double y1 = s1 * parameters->l1;
-    const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double x2 = c12 * parameters->l2;
     const double y2 = s12 * parameters->l2;
-    const double theta3 = theta2 + q[2];
-    const double s123 = tendon_sin_f64(theta3);
     const double y3 = s123 * parameters->l3;
-    const double theta4 = theta3 + q[3];
-    const double s1234 = tendon_sin_f64(theta4);
     const double y4 = s1234 * parameters->l4;
     const double r3 = y3 + y4;
     const double r2 = y2 + r3;
@@ -2134,22 +2155,24 @@ void vishard4_contact_bias_f64(
 {
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; w: absolute rate
      *   of a link; ww: w squared */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
+    const double theta2 = q[0] + q[1];
+    const double theta3 = theta2 + q[2];
+    const double theta4 = theta3 + q[3];
+    const double angle[8] = {q[0], theta2, theta3, theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(4, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double c1234 = cosine[3];
     const double x1 = c1 * parameters->l1;
     const double y1 = s1 * parameters->l1;
-    const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double x2 = c12 * parameters->l2;
     const double y2 = s12 * parameters->l2;
-    const double theta3 = theta2 + q[2];
-    const double c123 = tendon_cos_f64(theta3);
     const double x3 = c123 * parameters->l3;
-    const double theta4 = theta3 + q[3];
-    const double c1234 = tendon_cos_f64(theta4);
     const double x4 = c1234 * parameters->l4;
     const double w2 = qd[0] + qd[1];
     const double w3 = w2 + qd[2];
@@ -2244,9 +2267,13 @@ void vishard4_contact_inverse_f64(
 {
     /* x: x of the end of link 2; theta: absolute angle of a link; c, s: cosine and sine of q2; along, across: end of
      *   link 2 in the frame of link 1; first, second: q1, q2 */
-    const double cos_w3 = tendon_cos_f64(w[2]);
     const double theta4 = w[2] + w[3];
-    const double cos_theta4 = tendon_cos_f64(theta4);
+    const double angle[8] = {w[2], theta4};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(2, angle, sine, cosine);
+    const double cos_w3 = cosine[0];
+    const double cos_theta4 = cosine[1];
     const double x = w[0] - cos_theta4 * parameters->l4 - cos_w3 * parameters->l3;
     const double t1 = 0.5 * (w[1] * w[1] + x * x - parameters->l1 * parameters->l1 - parameters->l2 *
         parameters->l2);
@@ -2308,27 +2335,28 @@ void vishard4_contact_acceleration_f64(
     /* theta: absolute angle of a link; c, s: cosine and sine; c12 of q1 + q2; x, y: extent of a link; w: absolute rate
      *   of a link; ww: w squared; al: absolute acceleration of a link; ax, ay: what links 1 and 2 have to add to the
      *   acceleration of p_4x, p_2y */
-    double s1;
-    double c1;
-    tendon_sincos_f64(q[0], &s1, &c1);
+    const double theta2 = q[0] + q[1];
+    const double theta3 = theta2 + q[2];
+    const double theta4 = theta3 + q[3];
+    const double angle[8] = {q[0], theta2, theta3, theta4, q[1]};
+    double sine[8];
+    double cosine[8];
+    tendon_sincos_each_f64(5, angle, sine, cosine);
+    const double c1 = cosine[0];
+    const double s1 = sine[0];
+    const double c12 = cosine[1];
+    const double s12 = sine[1];
+    const double c123 = cosine[2];
+    const double s123 = sine[2];
+    const double c1234 = cosine[3];
+    const double s1234 = sine[3];
+    const double s2 = sine[4];
     const double x1 = c1 * parameters->l1;
     const double y1 = s1 * parameters->l1;
-    const double theta2 = q[0] + q[1];
-    double s12;
-    double c12;
-    tendon_sincos_f64(theta2, &s12, &c12);
     const double x2 = c12 * parameters->l2;
     const double y2 = s12 * parameters->l2;
-    const double theta3 = theta2 + q[2];
-    double s123;
-    double c123;
-    tendon_sincos_f64(theta3, &s123, &c123);
     const double x3 = c123 * parameters->l3;
     const double y3 = s123 * parameters->l3;
-    const double theta4 = theta3 + q[3];
-    double s1234;
-    double c1234;
-    tendon_sincos_f64(theta4, &s1234, &c1234);
     const double x4 = c1234 * parameters->l4;
     const double y4 = s1234 * parameters->l4;
     const double w2 = qd[0] + qd[1];
@@ -2341,7 +2369,6 @@ void vishard4_contact_acceleration_f64(
     const double al4 = wdd[2] + wdd[3];
     const double ax = x4 * ww4 + (x3 * ww3 + (x2 * ww2 + (x1 * ww1 + (y3 * wdd[2] + (wdd[0] + y4 * al4)))));
     const double ay = y2 * ww2 + (wdd[1] + y1 * ww1);
-    const double s2 = tendon_sin_f64(q[1]);
     const double det = s2 * (parameters->l1 * parameters->l2);
     const double scale = 1.0 / det;
     const double al1 = scale * (x2 * ax + y2 * ay);

@@ -160,20 +160,20 @@ void vishard4_link_load_f32(
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix, symmetric and positive definite
  * Source: Lagrangian; D of equation (1)
- * Operations: 50 operations (33 add, 17 mul) and 6 sincos */
+ * Operations: 48 operations (33 add, 15 mul) and 6 sincos */
 void vishard4_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16])
 {
     /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
      *   columns in joint angles; D: inertia matrix */
-    const float t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const float m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const float t1 = parameters->mu2 * parameters->l1_by_l2;
     const float t2 = parameters->l1_by_l2 * parameters->mu3;
-    const float m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const float m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const float m12 = t1 + t2;
     const float m13 = t2 * parameters->l3_by_l2;
     const float m14 = parameters->l1_by_l2 * parameters->h4;
     const float m22 = parameters->mu2 + parameters->mu3;
     const float m23 = parameters->mu3 * parameters->l3_by_l2;
-    const float m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const float m33 = parameters->l3_by_l2 * m23;
     const float m34 = parameters->l3_by_l2 * parameters->h4;
     const float A11 = m11 + parameters->J1;
     const float c2 = tendon_cos_f32(q[1]);
@@ -231,20 +231,20 @@ void vishard4_inertia_f32(const vishard4_parameters_f32 *parameters, const float
  * in   q (4) [rad]: joint positions
  * out  D (4 x 4) [kg m^2]: inertia matrix without the rotors
  * Source: Lagrangian; the model file's rotor inertias
- * Operations: 54 operations (33 add, 4 sub, 17 mul) and 6 sincos */
+ * Operations: 52 operations (33 add, 4 sub, 15 mul) and 6 sincos */
 void vishard4_link_inertia_f32(const vishard4_parameters_f32 *parameters, const float q[4], float D[16])
 {
     /* c, s: cosine and sine; c23 of q2 + q3; m: coefficient of A; A: inertia in absolute angles; AS, BS: the same,
      *   columns in joint angles; D: inertia of a joint, its rotor included */
-    const float t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const float m11 = parameters->mu2 * t1 + t1 * parameters->mu3;
+    const float t1 = parameters->mu2 * parameters->l1_by_l2;
     const float t2 = parameters->l1_by_l2 * parameters->mu3;
-    const float m12 = parameters->mu2 * parameters->l1_by_l2 + t2;
+    const float m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const float m12 = t1 + t2;
     const float m13 = t2 * parameters->l3_by_l2;
     const float m14 = parameters->l1_by_l2 * parameters->h4;
     const float m22 = parameters->mu2 + parameters->mu3;
     const float m23 = parameters->mu3 * parameters->l3_by_l2;
-    const float m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const float m33 = parameters->l3_by_l2 * m23;
     const float m34 = parameters->l3_by_l2 * parameters->h4;
     const float A11 = m11 + parameters->J1;
     const float c2 = tendon_cos_f32(q[1]);
@@ -404,7 +404,7 @@ void vishard4_gravity_f32(const vishard4_parameters_f32 *parameters, const float
  * in   tau (4) [N m]: joint torques
  * out  qdd (4) [rad/s^2]: joint accelerations
  * Source: Equation (1) solved for qdd by D = L diag(d) L^T
- * Operations: 150 operations (43 add, 29 sub, 74 mul, 4 div) and 6 sincos */
+ * Operations: 148 operations (43 add, 29 sub, 72 mul, 4 div) and 6 sincos */
 void vishard4_forward_dynamics_f32(
     const vishard4_parameters_f32 *parameters,
     const float q[4],
@@ -450,20 +450,20 @@ void vishard4_forward_dynamics_f32(
     const float F4 = ww4 * hs4;
     const float G3 = G4 + b3 * parameters->mu3;
     const float F3 = y3 * parameters->mu3 - F4;
-    const float N3 = ls3 * G3 + (N4 + lc3 * F3);
+    const float N3 = lc3 * F3 + (N4 + ls3 * G3);
     const float G2 = G3 + b2 * parameters->mu2;
     const float F2 = F3 + y1 * parameters->mu2;
     const float N2 = N3 + F2;
     const float N1 = N2 + lc1 * F2 - ls1 * G2;
-    const float t1 = parameters->l1_by_l2 * parameters->l1_by_l2;
-    const float m11 = parameters->mu2 * t1 + parameters->mu3 * t1;
+    const float t1 = parameters->l1_by_l2 * parameters->mu2;
     const float t2 = parameters->l1_by_l2 * parameters->mu3;
-    const float m12 = parameters->l1_by_l2 * parameters->mu2 + t2;
+    const float m11 = parameters->l1_by_l2 * t1 + parameters->l1_by_l2 * t2;
+    const float m12 = t1 + t2;
     const float m13 = parameters->l3_by_l2 * t2;
     const float m14 = parameters->l1_by_l2 * parameters->h4;
     const float m22 = parameters->mu3 + parameters->mu2;
     const float m23 = parameters->l3_by_l2 * parameters->mu3;
-    const float m33 = parameters->mu3 * (parameters->l3_by_l2 * parameters->l3_by_l2);
+    const float m33 = parameters->l3_by_l2 * m23;
     const float m34 = parameters->l3_by_l2 * parameters->h4;
     const float A11 = m11 + parameters->J1;
     const float A12 = c2 * m12;
