@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from runtime.diagnosis import pairs
-from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
 from runtime.diagnosis.likelihood import outgrown, plainest, whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
@@ -22,7 +21,8 @@ from runtime.diagnosis.settings import (
     MOST_RIVALS,
     PAIR_WORTH_FITTING,
 )
-from runtime.diagnosis.steps import Finding, Step, errors_elsewhere, seconds_moving
+from runtime.diagnosis.steps import Finding, Step, seconds_moving
+from runtime.diagnosis.trail import Trail, with_shown
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.diagnosis.worth import (
     falls,
@@ -31,86 +31,32 @@ from runtime.diagnosis.worth import (
     own_joints,
     preferred,
     refuted,
-    same_signals,
     squared,
     worth_its_name,
 )
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.identify import Identification, identify_motion
 from runtime.estimation.suspicions import Suspicion
-from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term, Values, joints_of
-from runtime.motion.motion import Motion
+from runtime.model.terms import Term, joints_of
 
 
 @dataclass
-class Search:
-    """A search from one structure; each step refits everything before the next effect is sought.
+class Search(Trail):
+    """What to add, to exchange and to take back along a trail.
 
-    steps     the structure as given, then with each finding added
-    findings  in the order in which they were added
     last      the last comparison of candidates
     names     files of the recordings, in their order
     suspicions  what must be put right in the data before anything is sought
     """
 
-    model: Model
-    motion: Motion
-    held_out: Motion | None = None
-    steps: list[Step] = field(default_factory=list)
-    findings: list[Finding] = field(default_factory=list)
     last: Verdict = field(default_factory=lambda: Verdict((), ()))
     names: tuple[str, ...] = ()
     suspicions: tuple[Suspicion, ...] = ()
-    _field: CandidateField | None = None
     _taken_back: set[Term] = field(default_factory=set)
-
-    def start(self, known: Structure) -> Step:
-        self.steps.append(self._step(None, known, None))
-        return self.steps[-1]
 
     @property
     def open(self) -> bool:
         """Whether more may be sought; several of one effect at a joint count once."""
         named = {(f.term.effect, f.term.joint) for f in self.findings}
         return not self.suspicions and len(named) < MOST_FINDINGS
-
-    def ground(self) -> CandidateField:
-        """The last step as the field on which candidates compete, with what was computed on it."""
-        return self._field_of(self.steps[-1])
-
-    def _field_of(self, step: Step) -> CandidateField:
-        identification = step.identification
-        if self._field is None or self._field.fit is not identification.fit:
-            self._field = CandidateField(identification.problem, identification.fit)
-        return self._field
-
-    def _step(self, added: Term | None, known: Structure, before: Step | None) -> Step:
-        start = before.identification.fit if before else None
-        identification = identify_motion(self.model, self.motion, known, start=start)
-        if start:
-            identification = _beside(identification, start.witnessed)
-        held = None if self.held_out is None else errors_elsewhere(identification, self.held_out)
-        return Step.of(added, identification, held_out=held)
-
-    def _structure(self, added: Sequence[tuple[Term, Values]]) -> Structure:
-        """The structure as given with these terms in place of what they generalise, shapes as last found."""
-        latest = {**self.steps[0].shapes, **self.steps[-1].shapes}
-        known: Structure = {t: dict(latest[t]) for t in self.steps[0].shapes}
-        for term, shape in added:
-            generalises = self.model.library.effects[term.effect].generalises
-            for gone in [t for t in known if t.effect in generalises and t.joint == term.joint]:
-                del known[gone]
-            known[term] = dict(shape)
-        return known
-
-    def _so_far(self) -> list[tuple[Term, Values]]:
-        shapes = self.steps[-1].shapes
-        return [(f.term, shapes[f.term]) for f in self.findings if f.term in shapes]
-
-    def _with(self, step: Step, *candidates: Candidate) -> Step:
-        added = [*self._so_far(), *((c.term, c.shape) for c in candidates)]
-        return self._step(candidates[-1].term, self._structure(added), step)
 
     def advance(self) -> Finding | None:
         """Add what only a link-side encoder shows, or else the best candidate that passes every gate, or a pair that
@@ -186,7 +132,7 @@ class Search:
             before = self.steps[-1]
             finding = self._fitted_to_torque(before, one)
             if finding is None:
-                same = _beside(before.identification, {one.term: one.values})
+                same = with_shown(before.identification, {one.term: one.values})
                 after = replace(before, added=one.term, identification=same)
                 finding = Finding(one.evidence, (), Verdict((one.evidence,), ()), before, after)
             self.steps.append(finding.after)
@@ -274,31 +220,6 @@ class Search:
         other.findings.append(Finding(evidence, rivals, finding.verdict, begun[-1], after))
         other.steps.append(after)
         return other
-
-    def _rest_of_another(self, terms: Sequence[Term], both: Step) -> bool:
-        """Whether an effect found before, over the same quantities at the same joint, leaves hardly anything to these:
-        then they are what that one's law lacks, and no effects of their own; both: the step with all of them."""
-        earlier = [f for f in self.findings if all(self._alike(f.term, t) for t in terms)]
-        return any(self._superfluous(f.term, terms, both) == 1 for f in earlier)
-
-    def _alike(self, one: Term, other: Term) -> bool:
-        """Whether a later term may be the rest of one before, at the same joint: over the same quantities, or after one
-        whose law is one form of many."""
-        one_info, other_info = (self.model.library.effects[t.effect] for t in (one, other))
-        if one.joint is None or one.joint != other.joint or one.effect == other.effect:
-            return False
-        contained = one.effect in other_info.generalises or other.effect in one_info.generalises
-        return not contained and (one_info.one_form or same_signals(one_info, other_info))
-
-    def _superfluous(self, earlier: Term, terms: Sequence[Term], both: Step) -> int | None:
-        """As `needless` of an earlier finding and later terms; `both`: the step with all of them."""
-        added = {f.term for f in self.findings} | set(terms)
-        shapes = [(t, v) for t, v in both.shapes.items() if t in added]
-        none, first, second = (
-            self._step(None, self._structure([(t, v) for t, v in shapes if t not in gone]), both)
-            for gone in ((earlier, *terms), tuple(terms), (earlier,))
-        )
-        return needless(none, (first, second), both, (earlier.joint or 1) - 1)
 
     def _pair(self, step: Step, single: Finding | None) -> tuple[Finding, Finding] | None:
         """Two effects that together explain clearly more than the best one with any second beside it."""
@@ -409,11 +330,6 @@ class Search:
             return False
         return squared(other.held_out) > squared(whole.held_out)
 
-    def _with_instead(self, evidence: Evidence, without: Step) -> Step:
-        added = [(t, v) for t, v in self._so_far() if t in without.shapes]
-        added.append((evidence.term, evidence.candidate.shape))
-        return self._step(evidence.term, self._structure(added), without)
-
     def _leave_out_replaced(self) -> None:
         """A finding that the last one generalises stands in no structure any more: it was a special case of that one,
         whose evidence is then counted from where the replaced one began."""
@@ -427,21 +343,6 @@ class Search:
         alone = rank(self._field_of(last.before), [last.term], last.before.floors).best
         if alone is not None:
             self.findings[-1] = replace(last, evidence=alone)
-
-    def _rebuild(self, kept: Sequence[Finding], shapes: Mapping[Term, Values]) -> None:
-        known = {**dict(self._so_far()), **shapes}
-        steps, findings = self.steps[:1], []
-        for k, finding in enumerate(kept):
-            added = [(f.term, known[f.term]) for f in kept[: k + 1] if f.term in known]
-            steps.append(self._step(finding.term, self._structure(added), self.steps[-1]))
-            findings.append(replace(finding, before=steps[-2], after=steps[-1]))
-        self.steps, self.findings = steps, findings
-
-
-def _beside(identification: Identification, shown: Mapping[Term, Mapping[str, Estimate]]) -> Identification:
-    """The same with what further sensors show beside the torque."""
-    fit = identification.fit
-    return replace(identification, fit=replace(fit, witnessed={**fit.witnessed, **shown})) if shown else identification
 
 
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:
