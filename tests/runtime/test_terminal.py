@@ -128,3 +128,13 @@ def test_parameters_of_a_long_arm_fit_a_narrow_screen(
     assert len(out.splitlines()) < 10
     for whole in ("parameter", "interval", "[-0.0007479,", "0.001908]", "-0.0001335", "kg"):
         assert whole in out
+
+
+@pytest.mark.parametrize("known", [None, [0.5, 2.0]])
+@pytest.mark.parametrize("others", [[], ["offset"]])
+def test_what_is_said_behind_a_value_stands_off_from_its_unit(known: list[float] | None, others: list[str]) -> None:
+    parameter = {"interval": known, "inseparable_from": others}
+    behind, cell = cells.interval(parameter), cells.interval(parameter, "")
+    assert behind.removeprefix(", ").removeprefix("95 % in ") == cell
+    assert behind.startswith(", ") if known or others else behind == ""
+    assert ("only together with offset" in cell) == bool(others)

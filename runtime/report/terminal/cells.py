@@ -163,11 +163,14 @@ def percent(value: float | None) -> str:
 
 
 def interval(p: Document, before: str = ", 95 % in ") -> str:
-    """A 95 % interval, and with which others a parameter can only be told."""
+    """A 95 % interval, and with which others a parameter can only be told; before: what sets it off from a value."""
     known = p.get("interval")
     text = f"{before}[{figure(known[0])}, {figure(known[1])}]" if known else ""
     tangled = p.get("inseparable_from")
-    return f"{text} only together with {', '.join(tangled)}".strip() if tangled else text
+    if not tangled:
+        return text
+    only = f"only together with {', '.join(tangled)}"
+    return f"{text} {only}" if text else f", {only}" if before else only
 
 
 def unit(p: Document) -> str:
