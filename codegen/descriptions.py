@@ -1,7 +1,8 @@
 """What is said of the effects that ship, without their equations: whoever reads a model file needs no more, nor SymPy.
 
 The page is made of the declarations and committed; `python -m codegen.descriptions` writes it anew, a test holds it up
-to date. It is used while the sources of which it was made are these ones: who edits a declaration reads the declaration.
+to date. It is used while the sources of which it was made are these ones; who edits them reads
+the declarations.
 """
 
 from __future__ import annotations
