@@ -43,6 +43,7 @@ generated: $(STAMP)
 	$(BIN)/tendon generate symbolic/arms/vishard4.toml
 	$(BIN)/tendon firmware symbolic/arms/vishard4.toml
 	$(BIN)/python -m runtime.cli.schemas
+	$(BIN)/python -m codegen.descriptions
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis

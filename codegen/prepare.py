@@ -118,19 +118,6 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
     return build.entry(f"effects-{build.key(_sources(), content)}", fill)
 
 
-def prepare_descriptions(space: bool) -> Path:
-    """effects.json of the library as shipped, as planar arms have it or those in space: nothing is compiled."""
-
-    def fill(directory: Path) -> None:
-        from codegen import metadata
-        from symbolic.effects import shipped
-
-        page = metadata.text(metadata.library(tuple(shipped(space).values())))
-        (directory / "effects.json").write_text(page, encoding="utf-8")
-
-    return build.entry(f"described-{build.key(_sources(), _shipped(space))}", fill) / "effects.json"
-
-
 def _shipped(space: bool) -> str:
     """The name of the library as shipped among what is prepared."""
     return "library in space" if space else "library"

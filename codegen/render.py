@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from codegen import effect_functions as ef
 from codegen import metadata
-from codegen.c import c_batches, c_code, c_effects, c_lanes
+from codegen.c import c_batches, c_code, c_continued, c_effects, c_lanes
 from codegen.c.c_code import F32, F64, Precision, Routine
 from codegen.c.controller import Controller
 from codegen.c.language import identifier
@@ -60,13 +60,14 @@ def arm_files(model: ArmModel) -> dict[str, str]:
         raise ValueError(f'the arm\'s name "{name}" cannot be used in C; use letters, digits and _')
     origin = f"Arm {name}."
     tapes = {f.name: Tape.of(f) for f in model.functions}
+    begun = {f.continues.function for f in model.functions if f.continues is not None}
     files: dict[str, str] = {}
     for precision in (F32, F64):
         routines = [c_code.defaults(name, model.struct, precision)]
         for function in model.functions:
-            routines.append(c_code.call(name, function, tapes[function.name], precision))
+            routines.append(_call(name, function, tapes[function.name], precision))
             if precision is F64:
-                routines.append(_batch(name, function, tapes[function.name]))
+                routines += _batches(name, function, tapes[function.name], function.name in begun)
         types = [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)]
         files |= _c_files(name, origin, precision, types, routines, lanes=precision is F64)
     files["tendon_lanes_f64.h"] = page("c/lanes_f64.h.j2", banner=f"/* {BANNER} */")
@@ -82,8 +83,19 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     return dict(sorted(files.items()))
 
 
-def _batch(name: str, function: SymbolicFunction, tape: Tape) -> Routine:
-    return (c_lanes if c_lanes.in_lanes(tape) else c_code).batch(name, function, tape)
+def _call(name: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
+    if function.continues is not None:
+        return c_continued.call(name, function, function.continues, tape, precision)
+    return c_code.call(name, function, tape, precision)
+
+
+def _batches(name: str, function: SymbolicFunction, tape: Tape, begun: bool) -> list[Routine]:
+    """begun: another function goes on from this one."""
+    if function.continues is not None:
+        return [c_continued.batch(name, function, function.continues)]
+    if begun:
+        return c_lanes.range_and_batch(name, function, tape)
+    return [(c_lanes if c_lanes.in_lanes(tape) else c_code).batch(name, function, tape)]
 
 
 def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:

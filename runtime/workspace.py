@@ -5,7 +5,6 @@ The one place where equations and recordings meet: command line, notebooks and p
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
@@ -102,12 +101,7 @@ class Source:
     @cached_property
     def described(self) -> Mapping[str, AnyEffect]:
         """The same without equations where the library is the one that ships: no SymPy is loaded for it."""
-        if self.own is not None:
-            return self.own
-        from codegen.prepare import prepare_descriptions
-        from runtime.model.catalogue import effects_of
-
-        return effects_of(json.loads(prepare_descriptions(self.space).read_text(encoding="utf-8")))
+        return effects_described(None, self.space) if self.own is None else self.own
 
     def arm(self, text: str | None = None) -> Arm | SpatialArm:
         from symbolic.model_file import reader
@@ -291,6 +285,16 @@ def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]
 
     own = load_user_effects(effects_file, space) if effects_file else ()
     return {**shipped(space), **{effect.name: effect for effect in own}}
+
+
+def effects_described(effects_file: Path | None, space: bool) -> Mapping[str, AnyEffect]:
+    """The same without equations, unless the user has effects of his own: no SymPy is loaded for it."""
+    if effects_file is not None:
+        return effects_library(effects_file, space)
+    from codegen.descriptions import described
+    from runtime.model.catalogue import effects_of
+
+    return effects_of(described(space))
 
 
 def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> Source:

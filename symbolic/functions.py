@@ -45,6 +45,19 @@ class Struct:
 
 
 @dataclass(frozen=True)
+class Continuation:
+    """How a function goes on from another one of the same inputs, which a target may call in place of its definitions.
+
+    function   the other one's name
+    values     (symbol, position): what the definitions call elements of its flat output; the elements at all other
+               positions are its own as they are
+    """
+
+    function: str
+    values: tuple[tuple[sp.Symbol, int], ...]
+
+
+@dataclass(frozen=True)
 class SymbolicFunction:
     """A function in symbols.
 
@@ -56,6 +69,7 @@ class SymbolicFunction:
     doc           one sentence: what it returns
     source        equation number of the paper or the literature
     notation      what the names of the definitions stand for, without their numbers; "c, s": two of one kind
+    continues     another function whose output is all that the outputs need of the definitions, or None
     """
 
     name: str
@@ -66,6 +80,7 @@ class SymbolicFunction:
     definitions: tuple[tuple[sp.Symbol, sp.Expr], ...] = field(default=())
     struct: Struct | None = None
     notation: Mapping[str, str] = field(default_factory=dict)
+    continues: Continuation | None = None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:

@@ -46,6 +46,12 @@ class Recorder:
             self._definitions.append((self._known[expr], expr))
         return self._known[expr]
 
+    def symbol(self, name: str, value: Any) -> sp.Symbol:
+        """One of its own for a value, whatever that is."""
+        symbol = self._symbol(name)
+        self._definitions.append((symbol, sp.sympify(value)))
+        return symbol
+
     def sincos(self, angle: Any) -> tuple[sp.Expr, sp.Expr]:
         if angle == 0:
             return sp.Integer(1), sp.Integer(0)

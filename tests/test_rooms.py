@@ -31,7 +31,7 @@ codegen.render
 codegen.toolchain
 codegen.firmware
 codegen.verify
-codegen.prepare
+codegen.descriptions codegen.prepare
 
 runtime.files runtime.plain_json runtime.wording runtime.setting runtime.progress
 runtime.model

@@ -38,7 +38,7 @@ class _LanePrinter(Printer):
     def __init__(self, function: SymbolicFunction, tape: Tape) -> None:
         struct = struct_leaves(function)
         leaves = {s: s.name for a in function.inputs for s in a.symbols}
-        names = taken(function) | set(leaves.values())
+        names = taken(function) | set(leaves.values()) | set(_RANGE)
         super().__init__(_LANES, tape, leaves | struct, names)
         self.before: list[str] = []
         self.uniform: list[bool] = []
@@ -68,19 +68,50 @@ class _LanePrinter(Printer):
 
 def batch(prefix: str, function: SymbolicFunction, tape: Tape) -> Routine:
     """Structure of arrays: element j of sample k stands at [j * count + k]. Outputs may not overlap inputs."""
-    kind, name = F64.kind, f"{prefix}_{function.name}"
-    inputs = [f"const {kind} *restrict {a.name}" for a in function.inputs]
-    outputs = [f"{kind} *restrict {o.name}" for o in function.outputs]
-    arguments = ["size_t count", *struct_argument(prefix, function, F64), *inputs, *outputs]
-    body = ["size_t k = 0U;", "#if defined(TENDON_LANES)", *_vectors(function, tape), "#endif", *_rest(name, function)]
     return Routine(
         comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),
-        declaration(f"void {name}_batch_{F64.suffix}", arguments),
-        indent(body, 1).replace("    #", "#"),
+        declaration(
+            f"void {prefix}_{function.name}_batch_{F64.suffix}", ["size_t count", *_arguments(prefix, function)]
+        ),
+        _body(f"{prefix}_{function.name}", function, tape, "0U", "count"),
     )
 
 
-def _vectors(function: SymbolicFunction, tape: Tape) -> list[str]:
+def range_and_batch(prefix: str, function: SymbolicFunction, tape: Tape) -> list[Routine]:
+    """The same for a function that another one goes on from, and before it the samples from `first` to before `last`
+    alone, which that one calls."""
+    name, arguments = f"{prefix}_{function.name}", _arguments(prefix, function)
+    passed = [a.name for a in function.arguments] + [o.name for o in function.outputs]
+    return [
+        Routine(
+            comment(f"{function.name} of samples `first` to before `last` of `count`, as the batch has them."),
+            declaration(f"void {name}_range_{F64.suffix}", [*(f"size_t {n}" for n in _RANGE), *arguments]),
+            _body(name, function, tape, "first", "last"),
+        ),
+        Routine(
+            comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),
+            declaration(f"void {name}_batch_{F64.suffix}", ["size_t count", *arguments]),
+            indent([f"{name}_range_{F64.suffix}({', '.join(['count', '0U', 'count', *passed])});"], 1),
+        ),
+    ]
+
+
+_RANGE = ("count", "first", "last")
+
+
+def _arguments(prefix: str, function: SymbolicFunction) -> list[str]:
+    inputs = [f"const {F64.kind} *restrict {a.name}" for a in function.inputs]
+    outputs = [f"{F64.kind} *restrict {o.name}" for o in function.outputs]
+    return [*struct_argument(prefix, function, F64), *inputs, *outputs]
+
+
+def _body(name: str, function: SymbolicFunction, tape: Tape, first: str, last: str) -> str:
+    """Whole vectors, and what is left over."""
+    vectors = ["#if defined(TENDON_LANES)", *_vectors(function, tape, last), "#endif"]
+    return indent([f"size_t k = {first};", *vectors, *_rest(name, function, last)], 1).replace("    #", "#")
+
+
+def _vectors(function: SymbolicFunction, tape: Tape, last: str) -> list[str]:
     """The loop over whole vectors."""
     printer = _LanePrinter(function, tape)
     lines, texts = printer.print()
@@ -94,11 +125,11 @@ def _vectors(function: SymbolicFunction, tape: Tape) -> list[str]:
     places = [f"{o.name} + {row(i)}" for o in function.outputs for i in range(len(o.expressions))]
     values = [printer.value(i, text) for i, text in zip(tape.outputs, texts, strict=True)]
     stores = [f"tendon_store_f64({place}, {value});" for place, value in zip(places, values, strict=True)]
-    head = "for (; count - k >= TENDON_LANES; k += TENDON_LANES) {"
+    head = f"for (; {last} - k >= TENDON_LANES; k += TENDON_LANES) {{"
     return [*printer.before, head, *("    " + line for line in (*loads, *lines, *stores)), "}"]
 
 
-def _rest(name: str, function: SymbolicFunction) -> list[str]:
+def _rest(name: str, function: SymbolicFunction, last: str) -> list[str]:
     """One call a sample that is left over."""
     pointer = [] if function.struct is None else [function.struct.name]
     sizes = {a.name: len(a.symbols) for a in function.inputs}
@@ -110,7 +141,7 @@ def _rest(name: str, function: SymbolicFunction) -> list[str]:
     lines += _copies(vectors, "{0}_k[j] = {0}[j * count + k];")
     lines.append(f"{name}_f64({', '.join(call)});")
     lines += _copies(results, "{0}[j * count + k] = {0}_k[j];")
-    return ["for (; k < count; ++k) {", *("    " + line for line in lines), "}"]
+    return [f"for (; k < {last}; ++k) {{", *("    " + line for line in lines), "}"]
 
 
 def _copies(sizes: dict[str, int], line: str) -> list[str]:

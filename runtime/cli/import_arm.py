@@ -11,7 +11,7 @@ import typer
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.workspace import UsageError, effects_library
+from runtime.workspace import UsageError, effects_described
 
 app = typer.Typer()
 
@@ -46,7 +46,7 @@ def import_arm(
 
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
-    made = imported(file, effects_library(effects, space=True), base, tip, locked(lock or []), friction)
+    made = imported(file, effects_described(effects, space=True), base, tip, locked(lock or []), friction)
     files.replace(out, made.text.encode())
     emit(json, {"out": str(out), **made.document()}, exchange_pages.imported)
 

@@ -16,7 +16,7 @@ from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN, check_writable
 from runtime.cli.questions import Questions
-from runtime.workspace import UsageError, effects_library
+from runtime.workspace import UsageError, effects_described
 
 if TYPE_CHECKING:
     from symbolic.model_file.exchange.importing import ImportedArm
@@ -85,7 +85,7 @@ def init(
     elif urdf is not None:
         from symbolic.model_file.exchange.importing import imported
 
-        library = effects_library(effects, space=True)
+        library = effects_described(effects, space=True)
         made = imported(urdf, library, base, tip, locked(lock or []), friction)
         text = _with_motors(made, said, schema)
     else:
@@ -108,7 +108,7 @@ def _asked(said: Answered, called: str, effects: Path | None, friction: bool, sc
     from symbolic.model_file.beginning import text
     from symbolic.model_file.exchange.importing import arm_name
 
-    library = effects_library(effects, space=True)
+    library = effects_described(effects, space=True)
     assumed = tuple(effect.name for effect in library.values() if effect.assumed and friction)
     called = arm_name(called, Path("arm"))
     return text(new_arm(said, called, assumed, f"./{schemas.MODEL}" if schema else None))
@@ -121,7 +121,7 @@ def _write(
     from runtime import files
     from symbolic.model_file import reader
 
-    library = effects_library(effects, reader.is_spatial(text))
+    library = effects_described(effects, reader.is_spatial(text))
     arm = reader.parse(text, str(out or "the new model file"), library)
     path = out or Path(f"{arm.name}.toml")
     if out is None:

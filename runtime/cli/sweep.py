@@ -18,7 +18,7 @@ from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import Starts
-from runtime.workspace import UsageError, effects_library, scenario_path, scenario_source
+from runtime.workspace import UsageError, effects_described, scenario_path, scenario_source
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -77,7 +77,7 @@ def sweep(
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
-    axes = grid.parse(over, effects_library(effects, space=True))
+    axes = grid.parse(over, effects_described(effects, space=True))
     case, model = _read(scenario_path(scenario), effects, [table, diary, *([Path(json)] if json else [])])
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)

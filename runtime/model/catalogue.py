@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, nan, prod
 from typing import Any, cast
@@ -137,6 +137,6 @@ def effect_info(data: Mapping[str, Any]) -> EffectInfo:
     return cast(EffectInfo, from_json(EffectInfo, data))
 
 
-def effects_of(page: Mapping[str, Any]) -> dict[str, EffectInfo]:
+def effects_of(listed: Iterable[Mapping[str, Any]]) -> dict[str, EffectInfo]:
     """Those of effects.json, by name."""
-    return {e["name"]: effect_info(e) for e in page["effects"]}
+    return {e["name"]: effect_info(e) for e in listed}

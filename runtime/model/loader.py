@@ -224,7 +224,7 @@ class Library:
         self.signals: tuple[str, ...] = tuple(self.signal)
         self._place = {name: place for place, name in enumerate(self.signals)}
         self._lanes: int = self.metadata["lanes"]
-        self.effects: dict[str, EffectInfo] = effects_of(self.metadata)
+        self.effects: dict[str, EffectInfo] = effects_of(self.metadata["effects"])
         # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
         self.needs: dict[str, frozenset[str]] = {
             name: frozenset(self.signal[s].needs for s in info.signals) for name, info in self.effects.items()

@@ -34,7 +34,7 @@ from runtime.report.follow_up import Invocation, about
 from runtime.report.summary import ResultSummary
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace import Source, effects_library, scenario_path, scenario_source
+from runtime.workspace import Source, effects_described, effects_library, scenario_path, scenario_source
 from symbolic.model_file.exchange.importing import imported
 
 Recordings = Recorded | Sequence[Recorded]
@@ -123,8 +123,8 @@ def import_(
     Raises ValueError.
     """
     own = None if effects is None else Path(effects)
-    library = effects_library(own, space=True)
-    made = imported(Path(path), library, base, tip, lock, friction)
+    made = imported(Path(path), effects_described(own, space=True), base, tip, lock, friction)
+    library = effects_library(own, space=True) if own else None
     return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library), made.notes)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+from symbolic.functions import Argument, Continuation, Output, Struct, SymbolicFunction
 from symbolic.model_file.arm import Arm, Link
 from symbolic.rigid_body.base_parameters import unit_lumps
 from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
@@ -67,6 +67,7 @@ class Author:
         doc: str,
         source: str,
         notation: Mapping[str, str] = MappingProxyType({}),
+        continues: Continuation | None = None,
     ) -> SymbolicFunction:
         """inputs: names of joint vectors, or arguments; output: name, expressions, shape, unit, meaning."""
         label, values, shape, unit, meaning = output
@@ -81,6 +82,7 @@ class Author:
             recorder.live(expressions),
             self.struct,
             notation,
+            continues,
         )
 
 

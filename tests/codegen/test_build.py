@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from random_arms import MIXED
 
-from codegen import prepare
+from codegen import descriptions, prepare
 from codegen.toolchain import build
 from runtime.model import loader
 from runtime.workspace import ARMS, open_model
@@ -164,9 +165,9 @@ def test_a_prepared_arm_is_opened_without_sympy(arm: str) -> None:
 
 def test_a_library_is_described_as_it_is_compiled() -> None:
     for space in (False, True):
-        page = prepare.prepare_descriptions(space)
         compiled = prepare.prepare_effects(tuple(shipped(space).values())) / "effects.json"
-        assert page.read_text() == compiled.read_text()
+        assert descriptions.described(space) == json.loads(compiled.read_text())["effects"]
+    assert descriptions.PAGE.read_text() == descriptions.text(), "python -m codegen.descriptions writes it anew"
 
 
 def test_wider_vectors_change_no_bit(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001

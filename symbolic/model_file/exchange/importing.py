@@ -7,8 +7,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from symbolic.described import AnyEffect
 from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLink, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import model_text, urdf, xml_file
@@ -16,9 +17,6 @@ from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, sho
 from symbolic.model_file.exchange.tree import Tree, TreeJoint
 from symbolic.model_file.reader import parse
 from symbolic.model_file.snapping import listed
-
-if TYPE_CHECKING:
-    from symbolic.effects.declaration import Effect
 
 DOWN = (0.0, 0.0, -9.81)
 """m/s²; where a file says nothing of gravity: URDF's z points up by convention (REP 103)."""
@@ -61,7 +59,7 @@ class ImportedArm:
 
 def imported(
     path: Path,
-    library: Mapping[str, Effect],
+    library: Mapping[str, AnyEffect],
     base: str | None = None,
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
@@ -187,7 +185,7 @@ def _is(names: Sequence[str]) -> str:
 
 
 def _effects(
-    found: TreeChain, library: Mapping[str, Effect], friction: bool, notes: list[str]
+    found: TreeChain, library: Mapping[str, AnyEffect], friction: bool, notes: list[str]
 ) -> list[dict[str, Values]]:
     """The effects of every joint; what the file has no number for is unknown."""
     assumed = [effect for effect in library.values() if effect.assumed and friction]
@@ -202,7 +200,7 @@ def _effects(
     return made
 
 
-def _springs(stated: Mapping[str, float], library: Mapping[str, Effect]) -> dict[str, Values]:
+def _springs(stated: Mapping[str, float], library: Mapping[str, AnyEffect]) -> dict[str, Values]:
     """A spring beside the joint, where the file states a stiffness."""
     if not stated.get(STIFFNESS):
         return {}

@@ -7,7 +7,7 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import SymbolicFunction
+from symbolic.functions import Continuation, SymbolicFunction
 from symbolic.rigid_body.exact_rank import Column
 from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.spatial.base_parameters import MIRRORED, columns
@@ -48,7 +48,7 @@ def functions(
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(g, layout.axes, q, qd, qdd, recorder)
     tau = torques(g, *bodies(symbols, n), moving, qdd, recorder)
-    whole = [recorder.let(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
+    whole = [recorder.symbol(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
     load = [torque - rotor * a for torque, rotor, a in zip(whole, own, qdd, strict=True)]
     return [
         author.function(
@@ -68,6 +68,7 @@ def functions(
             "Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
             "Inverse dynamics less the model file's rotor inertia times qdd",
             NOTATION | {"whole": "torque of a joint, its rotor included"},
+            Continuation("inverse_dynamics", tuple((symbol, i) for i, symbol in enumerate(whole))),
         ),
         _regressor(author, g, tuple(symbols)),
     ]

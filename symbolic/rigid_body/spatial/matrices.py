@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from symbolic.functions import SymbolicFunction
+from symbolic.functions import Continuation, SymbolicFunction
 from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.spatial.composites import Composite, JointStep, MomentFlow, Wrench, composites
 from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame
@@ -207,7 +207,8 @@ def functions(
     steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
     D = inertia(geometry, steps, wholes, rotors)
-    links = [[D[i][i] - own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(D)]
+    whole = [recorder.symbol(f"whole{i + 1}", D[i][i]) for i in range(n)]
+    links = [[whole[i] - own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(D)]
     C = coriolis(geometry, steps, wholes, qd)
     mixed = " or " in force
     unit = "kg m^2, kg m or kg" if mixed else author.coordinates.unit("kg m^2", "kg")
@@ -229,7 +230,8 @@ def functions(
             recorder,
             "Inertia of the links as the joints see it: D(q) less the rotors.",
             "Composite bodies; the model file's rotor inertias",
-            NOTATION,
+            NOTATION | {"whole": "inertia at a joint, its rotor included"},
+            Continuation("inertia", tuple((symbol, (n + 1) * i) for i, symbol in enumerate(whole))),
         ),
         author.function(
             "coriolis",

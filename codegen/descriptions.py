@@ -1,0 +1,63 @@
+"""What is said of the effects that ship, without their equations: whoever reads a model file needs no more, nor SymPy.
+
+The page is made of the declarations and committed; `python -m codegen.descriptions` writes it anew, a test holds it up
+to date. It is used while the sources of which it was made are these ones; who edits them reads
+the declarations.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).parent.parent / "symbolic" / "effects" / "described.json"
+SOURCES = ("symbolic/effects/*.py", "symbolic/described.py", "symbolic/units.py", "symbolic/primitives.py")
+"""What declares effects, from the project's folder; beside it counts how codegen/metadata.py writes them down."""
+
+
+def described(space: bool) -> list[dict[str, Any]]:
+    """`effects` of effects.json, as planar arms have them or those in space."""
+    page = _page()
+    found: list[dict[str, Any]] = page[_key(space)] if page.get("sources") == _sources() else _declared(space)
+    return found
+
+
+def text() -> str:
+    """The page as it ships."""
+    return json.dumps({"sources": _sources(), **{_key(space): _declared(space) for space in (False, True)}}) + "\n"
+
+
+@functools.cache
+def _page() -> dict[str, Any]:
+    page: dict[str, Any] = json.loads(PAGE.read_text(encoding="utf-8")) if PAGE.is_file() else {}
+    return page
+
+
+def _key(space: bool) -> str:
+    return "space" if space else "plane"
+
+
+def _declared(space: bool) -> list[dict[str, Any]]:
+    from codegen import metadata
+    from symbolic.effects import shipped
+
+    effects: list[dict[str, Any]] = json.loads(metadata.text(metadata.library(tuple(shipped(space).values()))))[
+        "effects"
+    ]
+    return effects
+
+
+@functools.cache
+def _sources() -> str:
+    """A hash of everything that declares and describes."""
+    root, digest = Path(__file__).parent.parent, hashlib.sha256()
+    for path in (*(p for pattern in SOURCES for p in sorted(root.glob(pattern))), root / "codegen" / "metadata.py"):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+if __name__ == "__main__":
+    PAGE.write_text(text(), encoding="utf-8")
