@@ -223,11 +223,15 @@ class _Trials:
         other's place: drivers log joints in the order of their names."""
         doubtful = [i for i in self.able if self.as_given[i] > SUSPECTED_FROM]
         found: list[tuple[float, tuple[str, ...], int, int]] = []
-        for (i, j), what in product(combinations(doubtful, 2), (("tau",), ("q",), ("q", "tau"))):
-            mix, same = np.eye(self.motion.n), np.eye(self.motion.n)
+        trials: dict[tuple[str, ...], Callable[[Array], Array]] = {
+            ("tau",): self._with_torques,
+            ("q",): lambda mix: self._with_positions(mix, np.eye(self.motion.n)),
+            ("q", "tau"): lambda mix: self._with_positions(mix, mix),
+        }
+        for (i, j), (what, tried) in product(combinations(doubtful, 2), trials.items()):
+            mix = np.eye(self.motion.n)
             mix[[i, j]] = mix[[j, i]]
-            torques = mix if "tau" in what else same
-            errors = self._with_positions(mix, torques) if "q" in what else self._with_torques(torques)
+            errors = tried(mix)
             falls = max(errors[i] / self.as_given[i], errors[j] / self.as_given[j])
             if falls < EXCHANGED_FALLS_TO and self._whole(errors) < self._whole(self.as_given):
                 found.append((self._whole(errors), what, i + 1, j + 1))

@@ -92,8 +92,9 @@ def understood(
 
 def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> int:
     """How many joints a file's fields, or the mapping, name: q1, q2, …; at least one."""
-    if "q" in mapping:
-        return max(1, len(_members(mapping["q"], contents.fields)[0]))
+    family = mapping.get("q")
+    if family is not None:
+        return max(1, len(_members(family, contents.fields)[0]))
     if "q1" not in mapping and any(field.signal for field in contents.fields):
         clock = _clock_of("q", contents.fields, (), fail)
         return max(1, sum(field.signal == "q" and field.clock == clock for field in contents.fields))
@@ -182,7 +183,7 @@ def _by_joint(
                 notes.append(f"joints in the order of the file: {listed}")
         for number, member in enumerate(ordered, 1):
             known[fields.index(member)] = f"{signal}{number}"
-    if home is not None and "t" not in mapping and home in contents.times:
+    if home is not None and mapping.get("t") is None and home in contents.times:
         known[contents.times[home]] = "t [s]"
     return tuple(known), tuple(notes)
 

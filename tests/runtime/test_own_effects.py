@@ -168,7 +168,7 @@ def loose(folder: Path, **declared: object) -> Model:
     source = Source.shipped("drive", folder / "own.py")
     library = {name: effect for name, effect in source.library.items() if name != "backlash"}
     library["loose_key"] = replace(library["loose_key"], **declared)  # type: ignore[arg-type]
-    return replace(source, library=library).model()
+    return replace(source, own=library).model()
 
 
 def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> tuple[str, ...]:
