@@ -9,7 +9,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from codegen.c.c_code import F64, Routine, comment, declaration, indent, row, struct_argument, struct_leaves, taken
+from codegen.c.c_code import (
+    F64,
+    Routine,
+    batch_attribute,
+    comment,
+    declaration,
+    indent,
+    row,
+    struct_argument,
+    struct_leaves,
+    taken,
+)
 from codegen.c.language import C_DOUBLE
 from codegen.tape.numbering import ARITHMETIC
 from codegen.tape.printers import Printer, Text
@@ -74,6 +85,7 @@ def batch(prefix: str, function: SymbolicFunction, tape: Tape) -> Routine:
             f"void {prefix}_{function.name}_batch_{F64.suffix}", ["size_t count", *_arguments(prefix, function)]
         ),
         _body(f"{prefix}_{function.name}", function, tape, "0U", "count"),
+        batch_attribute(function),
     )
 
 

@@ -56,12 +56,13 @@ def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combinati
     ArithmeticError if a coefficient has more digits than the prime can hold.
     """
     independent: list[Column] = []
-    reduced: list[tuple[int, list[int], list[int]]] = []  # pivot row, column, its combination of independent ones
+    # Pivot row, the column in the rows that are no pivots up to it, and its combination of independent ones.
+    reduced: list[tuple[int, list[int], list[int]]] = []
     dependent: dict[Column, Combination] = {}
     for column, residues in rows.items():
         vector, combination = list(residues), [0] * len(independent)
         for pivot, other, used in reduced:
-            factor = vector[pivot]
+            factor = vector.pop(pivot)
             if factor:
                 vector = [(a - factor * b) % PRIME for a, b in zip(vector, other, strict=True)]
                 for j, c in enumerate(used):
@@ -71,7 +72,7 @@ def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combinati
             fractions = zip(independent, map(fraction, combination), strict=True)
             dependent[column] = {c: f for c, f in fractions if f}
             continue
-        inverse = pow(vector[pivot_row], -1, PRIME)
+        inverse = pow(vector.pop(pivot_row), -1, PRIME)
         own = [-c * inverse % PRIME for c in combination] + [inverse]
         independent.append(column)
         reduced.append((pivot_row, [v * inverse % PRIME for v in vector], own))

@@ -88,7 +88,7 @@ def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
     """Columns of the regressor at random states, modulo PRIME. The seed is fixed: the output must be."""
     rng, notes, n, chain = random.Random(1), Residues(PRIME), g.n, g.residues(PRIME)
     found: dict[Column, list[int]] = {c: [] for c in kept}
-    for _ in range(-(-len(kept) // n) + 4):
+    for _ in range(-(-len(kept) // n) + 2):
         q = [random_turn(rng) if link.revolute else rng.randrange(PRIME) for link in g.links]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, range(n), q, qd, qdd, notes)
