@@ -65,6 +65,13 @@ static inline double tendon_sqrt_f64(double x)
 #define TENDON_WHOLE
 #endif
 
+/* Before a function of many results: its operations stay in their order. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define TENDON_AS_WRITTEN __attribute__((optimize("no-schedule-insns")))
+#else
+#define TENDON_AS_WRITTEN
+#endif
+
 /* Before a loop over samples: rows of one array do not overlap. */
 #if defined(__clang__)
 #pragma clang diagnostic ignored "-Wpass-failed"

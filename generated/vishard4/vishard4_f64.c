@@ -684,7 +684,7 @@ void vishard4_link_inertia_batch_f64(
  * out  C (4 x 4) [kg m^2/s]: Coriolis matrix; dD/dt - 2 C is skew-symmetric
  * Source: Lagrangian; C of equation (1); Spong & Vidyasagar 1989
  * Operations: 53 operations (18 add, 8 sub, 24 mul, 3 neg) and 6 sincos */
-void vishard4_coriolis_f64(
+TENDON_AS_WRITTEN void vishard4_coriolis_f64(
     const vishard4_parameters_f64 *parameters,
     const double q[4],
     const double qd[4],
@@ -764,7 +764,7 @@ void vishard4_coriolis_f64(
 }
 
 /* coriolis of `count` samples; element j of sample k at [j * count + k]; no overlap. */
-void vishard4_coriolis_batch_f64(
+TENDON_AS_WRITTEN void vishard4_coriolis_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
     const double *restrict q,
@@ -1192,7 +1192,7 @@ void vishard4_forward_dynamics_batch_f64(
  * out  Y (4 x 10) [torque by lump]: derivative of the torques by the lumped parameters
  * Source: Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990
  * Operations: 61 operations (23 add, 6 sub, 32 mul) and 3 sincos */
-void vishard4_regressor_f64(
+TENDON_AS_WRITTEN void vishard4_regressor_f64(
     const vishard4_parameters_f64 *parameters,
     const double q[4],
     const double qd[4],
@@ -1283,7 +1283,7 @@ void vishard4_regressor_f64(
 }
 
 /* regressor of `count` samples; element j of sample k at [j * count + k]; no overlap. */
-void vishard4_regressor_batch_f64(
+TENDON_AS_WRITTEN void vishard4_regressor_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
     const double *restrict q,
@@ -1699,7 +1699,7 @@ void vishard4_tip_rate_batch_f64(
  * out  load (4) [N m/kg]: torque per unit mass
  * Source: Newton-Euler recursion with one point mass
  * Operations: 56 operations (21 add, 4 sub, 31 mul) and 3 sincos */
-void vishard4_tip_load_f64(
+TENDON_AS_WRITTEN void vishard4_tip_load_f64(
     const vishard4_parameters_f64 *parameters,
     const double q[4],
     const double qd[4],
@@ -1754,7 +1754,7 @@ void vishard4_tip_load_f64(
 }
 
 /* tip_load of `count` samples; element j of sample k at [j * count + k]; no overlap. */
-void vishard4_tip_load_batch_f64(
+TENDON_AS_WRITTEN void vishard4_tip_load_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
     const double *restrict q,
