@@ -11,15 +11,24 @@ import spatial_arms
 from random_arms import MIXED
 
 from codegen import render
-from codegen.c import c_lanes
+from codegen.c import c_continued, c_lanes
 from codegen.tape.tape import Tape
 from codegen.toolchain import build
+from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
 from symbolic.model_file.arm import Arm, SpatialArm
 
 ARMS = {arm.name: arm for arm in (MIXED["rprrp"], spatial_arms.known("rx90"), spatial_arms.drawn("rrpr", 4))}
 COUNTS = (0, 1, 2, 7, 8, 9, 37)
 """Of samples: below a vector's lanes, whole vectors, and some left over."""
+BLOCKS = (37, c_continued.BLOCK, 2 * c_continued.BLOCK + 5)
+"""Of functions that go on from another one, a block of samples after the other."""
+
+
+def counts(function: SymbolicFunction) -> tuple[int, ...]:
+    if function.continues is not None:
+        return BLOCKS
+    return COUNTS if function.name == "inverse_dynamics" else COUNTS[-1:]
 
 
 @cache
@@ -56,9 +65,11 @@ def test_every_sample_has_the_bits_of_its_own_call(
     model = derived(name)
     compiled, rng = library(model), np.random.default_rng(1)
     parameters = np.array(model.struct.defaults)
+    going_on = {f.name for f in model.functions if f.continues is not None}
+    assert going_on == ({"link_load", "link_inertia"} if isinstance(model.arm, SpatialArm) else set())
     for function in model.functions:
         assert c_lanes.in_lanes(Tape.of(function)), function.name
-        for count in COUNTS if function.name == "inverse_dynamics" else COUNTS[-1:]:
+        for count in counts(function):
             inputs = [rng.uniform(-4, 4, (len(a.symbols), count)) for a in function.inputs]
             size = len(function.outputs[0].expressions)
             found = np.full((size, count), np.nan)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,6 +44,17 @@ def test_a_ur10_is_one_line_away(run: Run) -> None:
     arm = reader.load("ur10.toml")
     assert isinstance(arm, SpatialArm)
     assert len(arm.joints) == 6
+
+
+def test_no_equation_is_needed(tmp_path: Path) -> None:
+    """A fresh process, as its imports are what is asked about, with nothing prepared."""
+    script = (
+        "import sys; from runtime.cli import output; from runtime.cli.main import app; "
+        f"status = output.run(app, ['import', {str(UR10)!r}, '--out', 'ur10.toml']); "
+        "sys.exit(status or 3 * ('sympy' in sys.modules))"
+    )
+    environment = os.environ | {"TENDON_CACHE": str(tmp_path / "cache")}
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True, capture_output=True)
 
 
 def test_figures_are_in_the_json_alone(run: Run) -> None:
