@@ -12,7 +12,7 @@ from runtime.inspection.settings import MOVES_FROM, TOP_SPEED
 from runtime.motion.band import resolution
 from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.white_noise import SampleNoise
-from runtime.recordings.columns import IN_SPACE
+from runtime.recordings import recording as recorded
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP
 
@@ -78,29 +78,8 @@ def joints_json(recording: Recording, names: tuple[str | None, ...]) -> list[dic
 
 
 def named(recording: Recording) -> Iterator[tuple[str, str, Array]]:
-    """Name, unit and values (N,) of every signal that was measured."""
-    position = ["m" if kind == "prismatic" else "rad" for kind in recording.types]
-    force = ["N" if kind == "prismatic" else "N m" for kind in recording.types]
-    groups = (
-        ("q{}", recording.q, position),
-        ("qd{}", recording.qd, [f"{unit}/s" for unit in position]),
-        ("tau{}", recording.tau, force),
-        ("q{}_desired", recording.q_desired, position),
-        ("q{}_link", recording.q_link, position),
-        ("tau{}_link", recording.tau_link, force),
-        ("tau{}_rigid", recording.tau_rigid, force),
-    )
-    for pattern, rows, units in groups:
-        for i, values in enumerate(rows if rows is not None else ()):
-            if np.isfinite(values).all():
-                yield pattern.format(i + 1), units[i], values
-    for i, celsius in enumerate(recording.temperature, 1):
-        if celsius is not None:
-            yield f"temperature{i}", "degC", celsius
-    force_rows = recording.force if recording.force is not None else ()
-    for (name, kind), values in zip(IN_SPACE.items(), force_rows, strict=False):
-        if np.isfinite(values).all():
-            yield name, "N" if kind == "force" else "N m", values
+    """Name, unit and values (N,) of every signal that was measured throughout."""
+    return (found for found in recorded.measured(recording) if np.isfinite(found[2]).all())
 
 
 def _noise(values: Array, even: EvenGrid) -> float:

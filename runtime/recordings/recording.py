@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -163,37 +163,43 @@ def _recording(
     )
 
 
-def write(path: Path | str, recording: Recording) -> None:
-    """Write a recording that `read` gives back to 12 digits; gzip if the name ends in .gz.
-
-    The same recording gives the same bytes. Raises OSError.
-    """
+def measured(recording: Recording) -> Iterator[tuple[str, str, Array]]:
+    """Name, SI unit and values (N,) of every signal of which something was measured, in the order of a file."""
     position = ["m" if kind == "prismatic" else "rad" for kind in recording.types]
     force = ["N" if kind == "prismatic" else "N m" for kind in recording.types]
-    cells: list[tuple[str, Array]] = []
-    if len(np.unique(recording.run)) > 1:
-        cells.append(("run", recording.run.astype(float)))
-    cells.append(("t [s]", recording.t))
     groups = (
         ("q{}", recording.q, position),
-        ("qd{}", recording.qd, [f"{u}/s" for u in position]),
+        ("qd{}", recording.qd, [f"{unit}/s" for unit in position]),
         ("tau{}", recording.tau, force),
         ("q{}_desired", recording.q_desired, position),
         ("q{}_link", recording.q_link, position),
         ("tau{}_link", recording.tau_link, force),
         ("tau{}_rigid", recording.tau_rigid, force),
     )
-    for name, values, units in groups:
-        for i, unit in enumerate(units):
-            if values is not None and not np.isnan(values[i]).all():
-                cells.append((f"{name.format(i + 1)} [{unit}]", values[i]))
-    for i, celsius in enumerate(recording.temperature, 1):
-        if celsius is not None:
-            cells.append((f"temperature{i} [degC]", celsius))
-    if recording.force is not None:
-        acting = zip(IN_SPACE.items(), recording.force, strict=False)
-        unit_of = {"force": "N", "torque": "N m"}
-        cells += [(f"{name} [{unit_of[kind]}]", f) for (name, kind), f in acting if not np.isnan(f).all()]
+    listed = [
+        (name.format(i), unit, values[i - 1])
+        for name, values, units in groups
+        if values is not None
+        for i, unit in enumerate(units, 1)
+    ]
+    listed += [
+        (f"temperature{i}", "degC", found) for i, found in enumerate(recording.temperature, 1) if found is not None
+    ]
+    acting = zip(IN_SPACE.items(), () if recording.force is None else recording.force, strict=False)
+    listed += [(name, {"force": "N", "torque": "N m"}[kind], values) for (name, kind), values in acting]
+    return ((name, unit, values) for name, unit, values in listed if not np.isnan(values).all())
+
+
+def write(path: Path | str, recording: Recording) -> None:
+    """Write a recording that `read` gives back to 12 digits; gzip if the name ends in .gz.
+
+    The same recording gives the same bytes. Raises OSError.
+    """
+    cells: list[tuple[str, Array]] = []
+    if len(np.unique(recording.run)) > 1:
+        cells.append(("run", recording.run.astype(float)))
+    cells.append(("t [s]", recording.t))
+    cells += [(f"{name} [{unit}]", values) for name, unit, values in measured(recording)]
     row = ",".join(["%.12g"] * len(cells))
     lines = [",".join(name for name, _ in cells)]
     lines += [row % values for values in zip(*(column.tolist() for _, column in cells), strict=True)]
