@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from runtime.estimation import delays, gaps, grids, soundness
+from runtime.estimation import delays, gaps, grids, soundness, tip_rests
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.left_out import open_rotors
@@ -312,7 +312,7 @@ class Identification:
         drivable = _drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction)
         if not self.fit.skew_free or not drivable:
             return None
-        every = replace(self.motion, standstill=np.zeros(self.model.n), quiet=np.full(self.model.n, np.inf))
+        every = self.motion.with_standstill
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
     def delay_json(self) -> list[dict[str, Any]]:
@@ -337,6 +337,18 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
+    """Recordings in the band that suits their noise and the model's inertia, less torques that nobody knows.
+
+    Raises RecordingError.
+    """
+    motion = _in_its_band(model, recordings)
+    known = structure(model)
+    if not tip_rests.rubbing(model, tuple(known)):
+        return motion
+    return tip_rests.eliminated(model, motion, solve(model, motion, known, None)[1].prediction)
+
+
+def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia.
 
     An inertia of the file that is far too small makes it too wide: then the first lower one in which the encoders'

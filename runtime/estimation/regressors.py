@@ -250,7 +250,7 @@ class Regressors:
         def make() -> Array:
             if self.motion.rigid_given:
                 return np.zeros((self.model.n, len(self.model.lumps), len(self.motion.row_piece)))
-            parts = [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+            parts = [p.equations(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
             return np.concatenate(parts, axis=2)
 
         return self._kept(("rigid", self.model.directory), True, make)[joint]
@@ -260,7 +260,7 @@ class Regressors:
 
         def make() -> Array:
             parts = [
-                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band(s.measured)
+                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.equations(s.measured)
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
             ]
             return np.concatenate(parts, axis=1)
@@ -271,7 +271,7 @@ class Regressors:
         """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
 
         def make() -> Array:
-            return np.concatenate([p.in_band(p.qdd[joint]) for p in self.motion.pieces])
+            return np.concatenate([p.equation(p.in_band(p.qdd[joint]), joint) for p in self.motion.pieces])
 
         return self._kept(("acceleration", joint), True, make)
 
@@ -296,7 +296,7 @@ class Regressors:
         if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
             return np.array([self._late(joint, self.ahead)] * len(shapes))
         parts = [
-            p.low_pass.columns(self.model.library, term.effect, s.of(term, joint), shapes, p.dt)
+            p.equation(p.low_pass.columns(self.model.library, term.effect, s.of(term, joint), shapes, p.dt), joint)
             for s, p in zip(self.signals, self.motion.pieces, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
