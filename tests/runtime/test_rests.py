@@ -44,7 +44,7 @@ def rubbed(model: Model, motion: Motion, friction: float, depth: float) -> Motio
     """With a plate whose place is so far above the lowest point of the end-effector."""
     lowest = float(np.min(model.tip(motion.pieces[0].q)[1]))
     values = {"stiffness": 600.0, "pretension": 24.0, "friction": friction, "position": lowest + depth}
-    return tip_rests.left_out(model, motion, Prediction(model.lump_values, {PLATE: values}))
+    return tip_rests.eliminated(model, motion, Prediction(model.lump_values, {PLATE: values}))
 
 
 def test_rows_at_a_turn_of_the_end_effector_count_at_no_joint(model: Model, swinging: Motion) -> None:
