@@ -155,6 +155,17 @@ class Piece:
         found: Mask = self.moving(joint) & (self.without[joint].left > UNTOUCHED if self.without else True)
         return found
 
+    def noise_left(self, joint: int) -> Array:
+        """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left.
+
+        In the band's rows, which are closer than their noise needs, an eliminated combination held more of it than one
+        of a row.
+        """
+        if not self.without:
+            return np.ones(len(self.centres))
+        denser = 1 / (2 * self.low_pass.cutoff * self.dt * self.low_pass.factor)
+        return np.maximum(1 - denser * (1 - self.without[joint].left), 0.0)
+
     def resting(self, standstill: Array, quiet: Array) -> Piece:
         """The piece with joints at rest below these rates (n,); quiet (n,): torque noise in the band over what dry
         friction may come to there."""
@@ -250,6 +261,10 @@ class Motion:
     def untouched(self, joint: int) -> Mask:
         """(M,) rows of the joint (0-based) that no unknown torque reaches."""
         return np.concatenate([p.untouched(joint) for p in self.pieces])
+
+    def noise_left(self, joint: int) -> Array:
+        """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left."""
+        return np.concatenate([p.noise_left(joint) for p in self.pieces])
 
     @cached_property
     def _moving(self) -> list[Mask]:

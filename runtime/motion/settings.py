@@ -179,19 +179,9 @@ MOST_DELAY: Final = 4.0
 
 # standstill ---------------------------------------------------------------------------------------------------------
 
-STANDSTILL_S: Final = 0.004
-"""s; rows this close to standstill are left out, as the sign of the rate is noise there; development recordings."""
-
-STANDSTILL_SHARP_HZ: Final = 50.0
-"""Hz; below this cut-off the encoder limits the band, and blurs when standstill was; development recordings."""
-
-STANDSTILL_BLUR: Final = 2.1
-"""power of the cut-off's period; one for the filter's length, the rest for what that makes of the noise of the rate;
-development recordings with coarse encoders."""
-
-STANDSTILL_PERIODS: Final = 0.85
-"""part of a period of the cut-off; a blurred standstill is left out up to so far; development recordings with coarse
-encoders."""
+RATE_BLUR: Final = 0.08
+"""part of a period of the cut-off; the rate's smoothing, which is down by half at twice the cut-off, answers to a jump
+of the acceleration so late: 1 / (2 pi 2)."""
 
 STANDSTILL_NOISE: Final = 4.0
 """standard deviations of the rate's noise; below, the sign of the rate is chance; a normal variable is beyond it once

@@ -5,29 +5,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.motion.settings import (
-    STANDSTILL_BLUR,
-    STANDSTILL_PERIODS,
-    STANDSTILL_S,
-    STANDSTILL_SHARP_HZ,
-)
+from runtime.motion.settings import RATE_BLUR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
-    """(N,) samples of a rate (N,) at steps of dt at which, or close to which, it rests or turns.
+    """(N,) samples of a rate (N,) at steps of dt at which it rests or turns, or is about to as far as it is known.
 
-    What rubs holds any torque below its friction at rest, and where it turns the instant is not known exactly.
-    standstill: the rate below which it rests; cutoff: Hz, of the band.
+    What rubs holds any torque below its friction at rest. A rate that its noise may have turned is below `standstill`;
+    a turn lies between two samples, and the smoothing of the rate, `cutoff` Hz, blurs when a rest began.
     """
     still = np.abs(rate) < standstill
     turning = np.diff(np.sign(rate)) != 0
     still[:-1] |= turning
     still[1:] |= turning
-    blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
-    reach = max(1, round(max(STANDSTILL_S, blurred) / dt))
+    reach = max(1, int(np.ceil(RATE_BLUR / (cutoff * dt))))
     count = np.concatenate([[0], np.cumsum(still)])
     at = np.arange(len(still))
     close: Mask = count[np.minimum(at + reach + 1, len(still))] > count[np.maximum(at - reach, 0)]

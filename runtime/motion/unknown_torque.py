@@ -68,8 +68,8 @@ class UnknownTorque:
         return cls(unknown, quiet, directions, left, left > LEAST_OF_ROW)
 
     def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
-        """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have to
-        be known from outside."""
+        """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
+        to be known from outside."""
         found = self.of(low_pass, self.samples[window], self.quiet)
         counts, size = found.counts.copy(), window.stop - window.start
         for run in _runs(found.samples):
