@@ -155,9 +155,14 @@ class CandidateField:
             return self.regressors, self.ground
         parts = tuple(
             replace(
-                r, y=r.y[rows], base=r.base[:, rows], noise=r.noise[:, rows], use=r.use[rows], piece=motion.row_piece
+                r,
+                y=r.y[rows],
+                base=r.base[:, rows],
+                noise=r.noise[:, rows],
+                use=r.use[rows] & motion.moving(i),
+                piece=motion.row_piece,
             )
-            for r in self.ground.rows
+            for i, r in enumerate(self.ground.rows)
         )
         regressors = Regressors(self.model, motion, self.fit.prediction, self.fit.ahead)
         return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper)

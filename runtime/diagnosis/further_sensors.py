@@ -177,7 +177,7 @@ class FurtherSensors:
         def torque(signals: Signals, piece: Piece, joint: int) -> Array:
             twist_qdd = self._aligned(piece).twist_qdd
             assert twist_qdd is not None
-            return piece.in_band(-signals.coupling(joint, own) * twist_qdd[own])
+            return piece.equation(piece.in_band(-signals.coupling(joint, own) * twist_qdd[own]), joint)
 
         pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
         return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
@@ -222,10 +222,11 @@ class FurtherSensors:
         the link side is, too, but for its shapes.
         """
         field, motion = self.field, self.field.motion
-        link = np.concatenate([p.in_band(_output_torque(p)[joint]) for p in motion.pieces])
+        parts = [np.array([_output_torque(p)[joint], np.ones(len(p.t))]) for p in motion.pieces]
+        pairs = zip(motion.pieces, parts, strict=True)
+        link, offset = np.concatenate([p.equation(p.in_band(x), joint) for p, x in pairs], axis=1)
         link = link - field.regressors.measured(joint)
-        qdd = np.concatenate([p.in_band(p.qdd[joint]) for p in motion.pieces])
-        free = [*field.regressors.rigid(joint), qdd, np.ones(len(link))]
+        free = [*field.regressors.rigid(joint), field.regressors.acceleration(joint), offset]
         for term in field.problem.layout.terms:
             info = field.model.library.effects[term.effect]
             if joint in joints_of(field.model, term) and info.side == "link":
