@@ -13,7 +13,14 @@ from runtime.estimation.covariance import Estimate, Inference
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
 from runtime.estimation.regressors import Ahead
-from runtime.estimation.settings import DELAY_ACCURACY, DELAY_STEPS, LONGEST_DELAY, LONGEST_LAG, SMALL_DELAY
+from runtime.estimation.settings import (
+    CLEAR_DELAY,
+    DELAY_ACCURACY,
+    DELAY_STEPS,
+    LONGEST_DELAY,
+    LONGEST_LAG,
+    SMALL_DELAY,
+)
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values
 from runtime.motion.motion import Motion
@@ -22,9 +29,11 @@ Array = NDArray[np.float64]
 
 
 def ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahead:
-    """The time beyond `skew` samples that leaves least of each joint's torque; 0 for a joint that does not move.
+    """The time beyond `skew` samples that leaves least of each joint's torque; 0 for a joint that does not move, and
+    where that is hardly less than without.
 
-    A delay shifts the torque and no regressor: the equations stay, and only their right side is filtered again.
+    A delay shifts the torque and no regressor: the equations stay, and only their right side is filtered again. A
+    torque at a time that is none of its own would have the noise of both times in its column.
     Source: separable least squares in the delay, Ljung, System Identification, 1999.
     """
     return large(problem.motion, skew, [_of_joint(problem, shapes, i, skew) for i in range(problem.model.n)])
@@ -55,7 +64,9 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     found = minimize_scalar(
         left, bounds=(best - step, best + step), method="bounded", options={"xatol": DELAY_ACCURACY * step}
     )
-    return float(found.x)
+    rows = int(use.sum()) - problem.motion.eliminated(joint).shape[1]
+    clear = rows * np.log(left(0.0) / max(float(found.fun), 1e-300)) > CLEAR_DELAY
+    return float(found.x) if clear else 0.0
 
 
 def to_json(model: Model, inference: Inference, dt: float) -> list[dict[str, Any]]:

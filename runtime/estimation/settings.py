@@ -43,6 +43,10 @@ DELAY_STEPS: Final = 8.0
 DELAY_ACCURACY: Final = 0.01
 """parts of such a step; finer, a delay changes no torque within the band; by construction."""
 
+CLEAR_DELAY: Final = 30.0
+"""twice a log-likelihood; a joint's torque is taken at another time where that is so much likelier, as much as an effect
+must be for its name; by construction."""
+
 SMALL_DELAY: Final = 1.0
 """parts of a radian at the cut-off; a delay that is shorter is taken to first order in the torque that is predicted; by
 construction."""
@@ -113,6 +117,11 @@ most sensors; development recordings."""
 
 MOST_LAGS: Final = 12
 """rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
+
+WHITE_LEAST: Final = 1e-2
+"""part of a residual's variance that counts as white; rows end above the band, where its filter leaves less and less of
+noise and model alike, and smoothing takes some of the model: what is weaker than that is not made the most of. The
+correction by white noise of linear prediction, with the filter's attenuation where half of the band's edge is left."""
 
 LEAST_UNKNOWN: Final = 1e-4
 """part of a row; an unknown combination of rows of which less is left counts for nothing; rounding."""

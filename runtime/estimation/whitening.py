@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from runtime.estimation.settings import LEAST_UNKNOWN, MOST_LAGS
+from runtime.estimation.settings import LEAST_UNKNOWN, MOST_LAGS, WHITE_LEAST
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -71,6 +71,7 @@ def autoregression(residual: Array, use: Mask, piece: NDArray[np.intp]) -> Array
     for lag in range(min(MOST_LAGS, len(r) - 1) + 1):
         pair = use[lag:] & use[: len(use) - lag] & (piece[lag:] == piece[: len(r) - lag])
         covariance[lag] = (r[lag:] * r[: len(r) - lag])[pair].sum() / max(1, int(pair.sum()))
+    covariance[0] *= 1 + WHITE_LEAST
     return _levinson(covariance, int(use.sum()))
 
 

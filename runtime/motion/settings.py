@@ -181,7 +181,7 @@ MOST_DELAY: Final = 4.0
 
 RATE_BLUR: Final = 0.08
 """part of a period of the cut-off; the rate's smoothing, which is down by half at twice the cut-off, answers to a jump
-of the acceleration so late: 1 / (2 pi 2)."""
+of the acceleration so late: 1 / (2 pi 2); by construction."""
 
 STANDSTILL_NOISE: Final = 4.0
 """standard deviations of the rate's noise; below, the sign of the rate is chance; a normal variable is beyond it once
