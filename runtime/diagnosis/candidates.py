@@ -123,7 +123,7 @@ class CandidateField:
                 base.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
                 index = np.append(index, size + k)
         if self.fit.skew_free:
-            base.append(-self.problem.regressors.skew(joint)[None])
+            base.append(-self.problem.regressors.skew(joint, self.fit.skew)[None])
             index = np.append(index, size + len(steps))
         columns = np.vstack(base)
         silent = np.zeros((len(columns) - len(noise[0]), columns.shape[1]))
