@@ -329,10 +329,20 @@ class Regressors:
         return [p.kind for p in info.parameters] == ["lead"]
 
     def _late(self, joint: int, ahead: Ahead) -> Array:
-        """(2, M) as `columns`: what the recorded torque has beside what it is a time later, over that time."""
-        time = float(ahead.times[joint])
-        given = self.motion.torque(joint, ahead.skew)
-        return np.stack([np.zeros_like(given), (given - self.motion.torque_ahead(joint, ahead.skew, time)) / time])
+        """(2, M) as `columns`: what the recorded torque has beside what it is a time later, to first order about the
+        time at which it was found.
+
+        The slope is a central difference there: with what lies between the two torques in its place, a time between
+        them would average their noise, and seem to fit better.
+        """
+        time, motion = float(ahead.times[joint]), self.motion
+        half = motion.pieces[0].dt / 2
+        slope = motion.torque_ahead(joint, ahead.skew, time + half) - motion.torque_ahead(
+            joint, ahead.skew, time - half
+        )
+        slope /= 2 * half
+        later = motion.torque_ahead(joint, ahead.skew, time)
+        return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
 
     def skew(self, joint: int, at: float) -> Array:
         """(M,) change of the in-band torque, taken `at` samples late, when it is taken one sample later.

@@ -97,3 +97,18 @@ def test_noise_of_the_torque_is_no_shift(drive: Model) -> None:
         assert interval is not None
         held.append(interval[0] < 0.5 < interval[1])
     assert all(held)
+
+
+def test_noise_of_the_torque_shortens_no_delay(drive: Model) -> None:
+    """A time between two of the recorded torques would average their noise."""
+    delay, held = 2 / RATE, []
+    for seed in range(3):
+        clean, rng = chirped(delay, seed), np.random.default_rng(seed)
+        motion = prepared(drive, [replace(clean, tau=clean.tau + 4.0 * rng.standard_normal(clean.tau.shape))])
+        plain = identify_motion(drive, motion, structure(drive))
+        found = identify_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain.fit)
+        estimate = found.inference.values[DELAY]["time"]
+        assert estimate.value == pytest.approx(delay, rel=0.03)
+        assert estimate.interval is not None
+        held.append(estimate.interval[0] < delay < estimate.interval[1])
+    assert all(held)
