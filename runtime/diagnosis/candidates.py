@@ -126,7 +126,7 @@ class CandidateField:
                 base.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
                 index = np.append(index, size + k)
         if self.fit.skew_free:
-            base.append(-self.problem.regressors.skew(joint)[None])
+            base.append(-self.problem.regressors.skew(joint, self.fit.skew)[None])
             index = np.append(index, size + len(steps))
         if joint in smoothed:
             base.append(smoothed[joint][None])

@@ -46,29 +46,38 @@ def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Arr
 
 
 def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
-    """(K,) by which the unknowns move, to first order, if every joint's rows are whitened by its residual.
+    """(K',) by which the unknowns move, to first order, if every joint's rows are whitened by its residual.
 
-    What pushes the link from outside shakes its resonance, and the controller hands that on to the motor, whose motion
-    the link is simulated under: noise and motion hang together, and plain least squares takes the one for the damping
-    of the other. With the noise's own spectrum it does so less; where the two estimates differ, the equations are not
-    exact, and the difference is as much as is known of the error.
+    What pushes the link from outside is answered by the controller, in whose motion it comes back, at the link's
+    resonance most: noise and motion hang together, and plain least squares takes the one for a torque of the other.
+    With the noise's own spectrum it does so less; where the two estimates differ, the equations are not exact, and the
+    difference is as much as is known of the error.
 
     Source: Hausman 1978, Specification tests in econometrics, Econometrica 46(6); for the bias of the closed loop and a
     model of the noise against it: Ljung, System Identification, 1999.
     """
-    motion = problem.motion
-    gram, moment = np.zeros((len(jacobian[0]), len(jacobian[0]))), np.zeros(len(jacobian[0]))
+    motion, size = problem.motion, len(jacobian[0])
+    gram, moment = np.zeros((size, size)), np.zeros(size)
     for i, x in enumerate(jacobian):
         use, residual = motion.moving(i), fit.residual[i]
         if not use.any():
             continue
         ar = autoregression(residual, motion.untouched(i), motion.row_piece)
         by = Whitening.of(ar, use, motion.row_piece, motion.eliminated(i))
-        white = by(np.vstack([x, residual]))
+        white, noise = by(np.vstack([x, residual])), by(_read(problem, fit, i, size))
         weight = 1 / max(float(white[-1] @ white[-1]) / white.shape[1], 1e-300)
-        gram += weight * white[:-1] @ white[:-1].T
-        moment += weight * white[:-1] @ white[-1]
+        gram += weight * (white[:-1] @ white[:-1].T - noise[:-1] @ noise[:-1].T)
+        moment += weight * (white[:-1] @ white[-1] - noise[:-1] @ noise[-1])
     return solve(gram, moment)
+
+
+def _read(problem: Problem, fit: Fit, joint: int, size: int) -> Array:
+    """(size + 1, M) what the encoders' noise adds to a joint's rows of a Jacobian and to its residual (0-based)."""
+    columns, fixed = problem.noise_rows(joint, fit.shapes)
+    noise = np.zeros((size + 1, len(fixed)))
+    noise[: len(columns)] = columns
+    noise[-1] = -(fixed + fit.coefficients @ columns)
+    return noise
 
 
 def _torque_change(problem: Problem, fit: Fit, other: Regressors, terms: Sequence[Term]) -> dict[int, Array]:

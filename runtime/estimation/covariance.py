@@ -130,11 +130,11 @@ def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
     moved = np.linalg.solve(np.eye(len(there)) + inverted @ through_prediction(problem, fit, jacobian)[part], inverted)
     covariance[part] = moved @ meat[part] @ moved.T
+    other, soft = whitened_shift(problem, fit, jacobian)[there], 1.0
     if any(problem.model.library.effects[t.effect].gives_way for t in problem.layout.terms):
-        shift = moved @ smoothing_score(problem, fit, jacobian)[there]
-        other = whitened_shift(problem, fit, [x[there] for x in jacobian])
+        shift, soft = moved @ smoothing_score(problem, fit, jacobian)[there], WHITENED_BIAS
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
-        covariance[part] += WHITENED_BIAS**2 * np.outer(other, other)
+    covariance[part] += soft**2 * np.outer(other, other)
     degrees = len(np.unique(stretches(problem.motion))) - 1
     return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
 
@@ -184,7 +184,7 @@ def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
             rows[i] = np.vstack([rows[i], _difference(sides, fit, i)])
     if fit.skew_free:
         names.append("skew")
-        rows = [np.vstack([r, -problem.regressors.skew(i)]) for i, r in enumerate(rows)]
+        rows = [np.vstack([r, -problem.regressors.skew(i, fit.skew)]) for i, r in enumerate(rows)]
     return names, rows
 
 
@@ -258,7 +258,10 @@ def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[
     bread = np.zeros((size, size))
     for i, x in enumerate(jacobian):
         use, w = motion.moving(i), problem.weights[i]
-        bread += (x[:, use] * w**2) @ x[:, use].T
+        part = x[:, use] @ x[:, use].T
+        if fit.skew_free:
+            part[-1, -1] = problem.regressors.skew_square(i, x[-1, use])
+        bread += w**2 * part
         contribution = x * (w**2 * fit.residual[i])
         for k in range(size):
             scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))

@@ -45,6 +45,7 @@ from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import choose_band, lowered, rigid_inertia
+from runtime.motion.clock import grid
 from runtime.motion.inertia import believable
 from runtime.motion.lines_above import raised
 from runtime.motion.motion import Motion, prepare
@@ -341,7 +342,22 @@ def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
 
     Raises RecordingError.
     """
-    return without_tip_rests(model, _in_its_band(model, recordings))
+    return without_tip_rests(model, _as_it_acts(model, recordings, _in_its_band(model, recordings)))
+
+
+def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -> Motion:
+    """The motion with torques at uneven instants as signals that go on between them, or as commands that are each held
+    until the next: as what the model's motion explains them better.
+
+    A controller whose periods waver holds each command for its own period. Interpolated, it counts for half of the
+    periods to either side instead; that is no mere noise, as a period follows on the one over which the controller had
+    measured the rate, and takes from friction and inertia.
+    """
+    if motion.rigid_given or not any(grid(r).wavers for r in recordings):
+        return motion
+    held = prepare(recordings, replace(motion.band, held=True), model.library)
+    signal, command = (solve(model, m, structure(model), None)[1] for m in (motion, held))
+    return held if _error(command.residual, signal.weights) < _error(signal.residual, signal.weights) else motion
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:

@@ -244,10 +244,10 @@ class Problem:
             x, g, m = system.x, system.gram, system.noise_moment
             index = np.arange(size)
             if columns.size:
-                late = -self.regressors.skew(i)[use]
+                late = -self.regressors.skew(i, skew.at)[use]
                 cross = system.x @ late
                 x = np.vstack([x, late])
-                g = np.block([[g, cross[:, None]], [cross[None], np.array([[late @ late]])]])
+                g = np.block([[g, cross[:, None]], [cross[None], np.array([[self.regressors.skew_square(i, late)]])]])
                 m, index = np.append(m, 0.0), np.append(index, size + columns.of(i))
             gram[np.ix_(index, index)] += self.weights[i] ** 2 * g
             moment[index] += self.weights[i] ** 2 * (x @ y + m)

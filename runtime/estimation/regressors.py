@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.settings import SLOPE_STEP
+from runtime.estimation.settings import MOST_COMPENSATED, SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
@@ -329,12 +329,31 @@ class Regressors:
         return [p.kind for p in info.parameters] == ["lead"]
 
     def _late(self, joint: int, ahead: Ahead) -> Array:
-        """(2, M) as `columns`: what the recorded torque has beside what it is a time later, over that time."""
-        time = float(ahead.times[joint])
-        given = self.motion.torque(joint, ahead.skew)
-        return np.stack([np.zeros_like(given), (given - self.motion.torque_ahead(joint, ahead.skew, time)) / time])
+        """(2, M) as `columns`: what the recorded torque has beside what it is a time later, to first order about the
+        time at which it was found.
 
-    def skew(self, joint: int) -> Array:
-        """(M,) change of the in-band torque when it is taken one sample later."""
-        late, early = self.motion.torque(joint, 0.5), self.motion.torque(joint, -0.5)
-        return late - early
+        The slope is a central difference there: with what lies between the two torques in its place, a time between
+        them would average their noise, and seem to fit better.
+        """
+        time, motion = float(ahead.times[joint]), self.motion
+        half = motion.pieces[0].dt / 2
+        slope = motion.torque_ahead(joint, ahead.skew, time + half) - motion.torque_ahead(
+            joint, ahead.skew, time - half
+        )
+        slope /= 2 * half
+        later = motion.torque_ahead(joint, ahead.skew, time)
+        return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
+
+    def skew(self, joint: int, at: float) -> Array:
+        """(M,) change of the in-band torque, taken `at` samples late, when it is taken one sample later.
+
+        A central difference there: beside the torque of any other place its noise would speak for a shift.
+        """
+        return self.motion.torque(joint, at + 0.5) - self.motion.torque(joint, at - 0.5)
+
+    def skew_square(self, joint: int, skew: Array) -> float:
+        """Of such a change (m,) the square without what the torque's white noise makes of it."""
+        band, piece = self.motion.band, self.motion.pieces[0]
+        own = (2 * np.pi * band.cutoff * piece.dt) ** 2 / 3 * band.torque_floor()[joint] ** 2 * len(skew)
+        square = float(skew @ skew)
+        return square - min(float(own), MOST_COMPENSATED * square)

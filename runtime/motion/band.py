@@ -54,7 +54,8 @@ class LineAbove:
 class Band:
     """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
     resolution (n,) the positions' step, rad (m), 0 where they have none; rates: what is made of measured rates, by
-    joint; None where there are none; above: lines of the torque over the motor's angle that it does not hold."""
+    joint; None where there are none; above: lines of the torque over the motor's angle that it does not hold; held:
+    torques at uneven instants are commands, each held until the next."""
 
     cutoff: float
     reason: str
@@ -63,6 +64,7 @@ class Band:
     resolution: Array
     rates: tuple[MeasuredRate | None, ...] = ()
     above: tuple[LineAbove, ...] = ()
+    held: bool = False
 
     def rate_noise(self, joint: int) -> float | None:
         """One-sided density of a joint's (0-based) measured rate, (unit/s)²/Hz; None where it is not used."""

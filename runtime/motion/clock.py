@@ -57,6 +57,15 @@ class Stretch:
         """
         return x if self.places is None else interpolated(self.places, x, np.arange(self.size))
 
+    def held(self, x: Array) -> Array:
+        """Of signals x (n, N) that keep each sample's value until the next, means over every place and the period that
+        follows on it, (n, M)."""
+        if self.places is None:
+            return x
+        edges, places = np.append(self.places, self.places[-1] + 1), np.arange(self.size + 1)
+        whole = np.cumsum(np.pad(x * np.diff(edges), ((0, 0), (1, 0))), axis=1)
+        return np.diff([np.interp(places, edges, row) for row in whole], axis=1)
+
 
 @dataclass(frozen=True)
 class EvenGrid:
@@ -66,6 +75,11 @@ class EvenGrid:
     period: float
     spacing: float
     stretches: tuple[Stretch, ...]
+
+    @property
+    def wavers(self) -> bool:
+        """Whether samples lie between the places."""
+        return any(s.places is not None and bool(np.any(s.places % 1)) for s in self.stretches)
 
     @property
     def longest(self) -> Stretch:

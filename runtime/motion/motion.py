@@ -433,7 +433,8 @@ def _piece(
             start = np.median(temperature[:TEMPERATURE_START])
             warmth[i] = stretch.of(_smooth_temperature(temperature, dt)[segment])[half:-half] - start
     t = recording.t[segment.start] - recording.t[first] + dt * (half + np.arange(q.shape[1]))
-    tau = np.ascontiguousarray(stretch.of(recording.tau[:, segment])[:, half:-half])
+    measured_torque = (stretch.held if band.held else stretch.of)(recording.tau[:, segment])
+    tau = np.ascontiguousarray(measured_torque[:, half:-half])
     run = int(recording.run[segment.start])
     rate = 1 / dt
     excited = tuple(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +14,15 @@ from numpy.typing import NDArray
 from runtime.diagnosis.diagnose import diagnose
 from runtime.estimation.identify import identify, prepared
 from runtime.model.loader import Model
+from runtime.model.terms import Term
 from runtime.motion.clock import grid
 from runtime.motion.white_noise import SampleNoise
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
+from runtime.workspace import open_model
+from tests.judge.cases import Setting, cases, make
+from tests.judge.recorder import Logger
 
 Array = NDArray[np.float64]
 TRUE_INERTIA = 0.2365  # kg m^2, of the drive's rotor and link
@@ -160,3 +166,25 @@ def test_signals_that_are_not_measured_stay_absent(run: Recording) -> None:
     spread = stretch.of(rows)
     assert np.isfinite(spread[0]).all()
     assert np.isnan(spread[1]).all()
+
+
+@pytest.mark.parametrize(("setting", "held"), [({"jitter": 0.3}, True), ({"stamps": "two_steps", "every": 10}, False)])
+def test_a_command_is_held_where_the_period_of_its_controller_wavers(
+    setting: dict[str, Any], held: bool, tmp_path: Path
+) -> None:
+    """Interpolated, it would take some hundredths of viscous friction; a torque that is read at uneven instants goes on
+    between them."""
+    at = Setting(logger=Logger(**setting)) if "stamps" in setting else Setting(**setting)
+    (case,) = cases(["inside_coulomb"], [1], [1.0], [40], at)
+    made = make(case)
+    path = tmp_path / "arm1.toml"
+    path.write_text(made.model)
+    found = identify(open_model(path), [made.recording])
+    assert found.motion.band.held is held
+    truth = made.plant[0]["VISCOUS_POSITIVE"]
+    interval = found.inference.values[Term("viscous", 1)]["coefficient"].interval
+    assert interval is not None
+    assert interval[0] < truth < interval[1]
+    inertia = found.inference.lumps[0].interval
+    assert inertia is not None
+    assert inertia[0] < TRUE_INERTIA < inertia[1]

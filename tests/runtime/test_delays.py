@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +83,32 @@ def test_a_hold_is_no_delay(drive: Model) -> None:
     (total,) = found.to_json()["delay"]
     assert total["assumed"] == 0.0
     assert total["value"] == pytest.approx(HOLD, abs=0.05 / RATE)
+
+
+def test_noise_of_the_torque_is_no_shift(drive: Model) -> None:
+    """What a shift changes holds the torque's noise, too; beside the torque at that very place, as often of either
+    sign, and no evidence of its own."""
+    clean = chirped(0.0)
+    held = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        noisy = replace(clean, tau=clean.tau + 2.0 * rng.standard_normal(clean.tau.shape))
+        interval = identify_motion(drive, prepared(drive, [noisy]), structure(drive)).inference.skew_interval
+        assert interval is not None
+        held.append(interval[0] < 0.5 < interval[1])
+    assert all(held)
+
+
+def test_noise_of_the_torque_shortens_no_delay(drive: Model) -> None:
+    """A time between two of the recorded torques would average their noise."""
+    delay, held = 2 / RATE, []
+    for seed in range(3):
+        clean, rng = chirped(delay, seed), np.random.default_rng(seed)
+        motion = prepared(drive, [replace(clean, tau=clean.tau + 4.0 * rng.standard_normal(clean.tau.shape))])
+        plain = identify_motion(drive, motion, structure(drive))
+        found = identify_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain.fit)
+        estimate = found.inference.values[DELAY]["time"]
+        assert estimate.value == pytest.approx(delay, rel=0.03)
+        assert estimate.interval is not None
+        held.append(estimate.interval[0] < delay < estimate.interval[1])
+    assert all(held)
