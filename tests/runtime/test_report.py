@@ -43,6 +43,7 @@ HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
 SECTIONS = [
     "Error against the noise floor",
+    "The arm in motion",
     "Joint 1: stribeck added",
     "Findings",
     "The experiment that would decide",
@@ -159,7 +160,7 @@ def test_page_needs_nothing_beside_it(page):
     assert "url(" not in re.sub(r"url\(#[\w-]+\)", "", page)
     for tag, attributes in read.tags:
         assert tag not in ("link", "iframe", "object", "embed")
-        assert tag != "script" or attributes["type"] == "application/json"
+        assert tag != "script" or attributes.get("type", "application/json") == "application/json"
         for name in ("src", "href", "xlink:href"):
             value = attributes.get(name) or "#"
             assert value.startswith(("#", "data:image/png;base64,"))
@@ -252,6 +253,24 @@ def test_no_colour_of_a_figure_escapes_the_page(page):
     body = page.replace(sheet, "")
     for colour in style.COLOURS.values():
         assert colour not in body
+
+
+def test_moving_picture_turns_as_the_recording_did(page, one):
+    """Its frames against the raw encoder at their times, by the direction in which the link is drawn."""
+    data = json.loads(Reader(page).scripts[0])
+    t = data["begins"] + np.array(data["t"]) / 1000
+    assert 50 < len(t) <= 400
+    assert np.all(np.diff(t) > 0)
+    corners = np.array(data["bodies"][0], dtype=float).reshape(len(t), -1, 2)
+    x, y = (corners[:, -1] - corners[:, 0]).T
+    recorded = np.interp(t, one.t - one.t[0], one.q[0])
+    np.testing.assert_allclose(np.hypot(x, y), np.hypot(x, y).mean(), atol=1.5)
+    away = np.angle(np.exp(1j * (np.arctan2(-y, x) - recorded)))
+    assert np.abs(away).max() < 1.5 / np.hypot(x, y).mean() + 1e-3
+    before, after = (np.array(m, dtype=float)[:, 0] for m in data["marks"])
+    seen = before >= 0
+    assert seen.mean() > 0.5
+    assert np.sqrt(np.mean(before[seen] ** 2)) > 2 * np.sqrt(np.mean(after[seen] ** 2))
 
 
 def test_commands_can_be_copied(summary, story_text):
@@ -438,7 +457,7 @@ def test_text_of_the_user_stays_text(improvement):
     read = Reader(page)
     assert HOSTILE in read.text
     assert "<img" not in page
-    assert [tag for tag, _ in read.tags].count("script") == 1
+    assert [tag for tag, _ in read.tags].count("script") == 3  # the motion, what shows it, the result
     assert json.loads(read.scripts[-1])["reason"] == HOSTILE
 
 

@@ -13,7 +13,7 @@ from runtime import files
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
-from runtime.report.page import NAME
+from runtime.report.page import NAME, recorded_motion
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
@@ -56,6 +56,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "short": _short(summary),
         "held_out": first.held_out is not None,
         "errors": [_error_block(summary, i) for i in summary.telling],
+        "moving": recorded_motion.of_result(summary),
         "joints": [_joint(summary, i) for i in summary.telling],
         "findings": found.findings(summary),
         "ruled_out": found.ruled_out(summary),
