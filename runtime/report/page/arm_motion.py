@@ -176,6 +176,7 @@ class _Picture:
             ],
             "joints": [self._joint(j) for j in range(motion.model.n)],
             "marks": [m.name for m in motion.marks],
+            "rests": any(bool(np.isnan(m.ratio).any()) for m in motion.marks),
             "limits": [f"{level:g}" for level in LEVELS],
             "springs": [self._spring(s) for s in motion.springs],
             "plate": self._plate_page(),

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from runtime import files
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
-from runtime.report.page import NAME, recorded_motion
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
+from runtime.report.page import recorded_motion
+from runtime.report.page.filling import embedded, filled, written
 from runtime.report.summary import Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence
 
@@ -25,25 +23,13 @@ Row = dict[str, Any]
 
 def write_report(directory: Path, result: Result | ResultSummary) -> Path:
     """Write `report.html` into a directory, which is made if it is not there. Raises OSError."""
-    page = render(result)
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / NAME
-    files.replace(path, page.encode("utf-8"))
-    return path
+    return written(directory, render(result))
 
 
 def render(result: Result | ResultSummary) -> str:
     """The page; the same bytes for the same result."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     summary = result if isinstance(result, ResultSummary) else ResultSummary(result)
-    return environment.get_template("report.html.j2").render(_holes(summary))
+    return filled("report.html.j2", _holes(summary))
 
 
 def _holes(summary: ResultSummary) -> dict[str, Any]:
@@ -73,8 +59,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
         "skew": parameters.skew(last.identification.inference),
         "warnings": summary.document["warnings"],
-        # "<" would let a text of the user's end the script element.
-        "document": json.dumps(summary.document, indent=1, allow_nan=False).replace("<", "\\u003c"),
+        "document": embedded(summary.document),
     }
 
 
