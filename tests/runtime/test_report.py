@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from runtime import wording
 from runtime.diagnosis import detection_limits
@@ -392,6 +393,45 @@ def test_lines_are_found_in_noise_and_not_in_noise_alone(frequency, seed):
     # Two bins of a Hann window over 40 s; 4.5 of the power of 5.5 is in the line, scattered by its own noise.
     assert abs(line.frequency - frequency) < 0.05
     assert line.share == pytest.approx(4.5 / 5.5, abs=0.1)
+
+
+@given(frequency=st.floats(8.0, 36.0), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_a_peak_that_holds_little_is_named_and_a_slope_is_none(frequency, seed):
+    """A wave of a sixteenth of the power in white noise; slow noise, whose spectrum only falls, has no peak."""
+    noise = np.random.default_rng(seed).standard_normal(6000)
+    wave = 0.35 * np.sin(2 * np.pi * frequency * np.arange(6000) / 100.0)
+    assert spectrum.strongest_line(noise + wave, 100.0) is None
+    assert min(abs(f - frequency) for f in spectrum.peaks(noise + wave, 100.0, 40.0)) < 0.5
+    slow = lfilter([1.0], [1.0, -0.9], noise)
+    assert all(abs(f - frequency) < 0.5 for f in spectrum.peaks(wave + noise, 100.0, 40.0)[:1])
+    assert len(spectrum.peaks(slow, 100.0, 40.0)) <= 1  # chance has one in some hundred
+
+
+def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement, capsys):
+    step = improvement.left.steps[-1]
+    motion, fit = step.identification.motion, step.identification.fit
+    wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate)
+    humming = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    clean = replace(improvement.left, steps=(replace(step, identification=humming),))
+    summary = ResultSummary(clean)
+    (peak,) = summary.document["peaks"]
+    assert min(abs(f - 12.3) for f in peak["frequencies_hz"]) < 0.4
+    page = Reader(html_page.render(summary)).text
+    assert re.search(r"Its spectrum has peaks that hold little: joint 1 at .*12\.\d+ Hz", page)
+    loop_pages.diagnosis(summary.document)
+    assert "Peaks in the spectrum of what is left" in capsys.readouterr().out
+    more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
+    assert "effect found, more is left" in Reader(html_page.render(more)).text
+    assert "more is left" not in Reader(html_page.render(improvement)).text
+
+
+def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
+    step = improvement.steps[-1]
+    trace, _ = page_figures._trace(improvement.steps[0].joints[0], step.joints[0])
+    measured, predicted, _ = time_plots.torque_over_time(trace).axes
+    assert [len(ax.lines) - 1 for ax in (measured, predicted)] == [1, 1]  # and a line at 0
+    assert measured.get_ylim() == predicted.get_ylim()
 
 
 def test_refused_says_what_to_record(unexplained):

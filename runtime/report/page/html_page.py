@@ -67,6 +67,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
 
 _TAGS = {
     "effect": "effect found",
+    "more": "effect found, more is left",
     "clean": "clean",
     "unexplained": "unexplained",
     "refused": "refused",
@@ -81,8 +82,19 @@ def _verdict(summary: ResultSummary) -> Row:
     more = ""
     if isinstance(summary.result, Improvement) and summary.findings:
         more = f"With that added, what is left is {_TAGS[summary.result.left.verdict]}: {summary.result.left.reason}."
-    kind = diagnosis.verdict
+    left = summary.left
+    if left is not None and left.verdict == "clean" and any(summary.peaks):
+        more = " ".join([more, f"Its spectrum has peaks that hold little: {_peaks(summary)}."]).strip()
+    kind = "more" if summary.more_is_left else diagnosis.verdict
     return {"kind": kind, "tag": _TAGS[kind], "sentence": sentence(diagnosis.reason), "more": more}
+
+
+def _peaks(summary: ResultSummary) -> str:
+    return "; ".join(
+        f"joint {summary.called(i)} at {', '.join(f'{f:.2f} Hz' for f in found)}"
+        for i, found in enumerate(summary.peaks)
+        if found
+    )
 
 
 def _compared(summary: ResultSummary) -> str:
