@@ -60,8 +60,12 @@ def figure6(rows: Sequence[Row]) -> Figure:
         turned = published.REVERSAL[row.case.letter]
         at = float(t[np.argmin(q[3])])
         right.plot([at - 0.12, at + 0.12], [turned, turned], color=PAPER, lw=1.1)
-        right.text(at + 0.14, turned, f"1{row.case.letter}: {turned:.2f}", color=PAPER, fontsize=7, va="center")
-    left.set_ylabel("commanded torque of joint 4, N m")
+        # Their labels are too near each other for one side.
+        side, align = (at - 0.14, "right") if row.case.letter == "B" else (at + 0.14, "left")
+        right.text(
+            side, turned, f"paper, 1{row.case.letter}: {turned:.2f}", color=PAPER, fontsize=7, va="center", ha=align
+        )
+    left.set_ylabel("torque of joint 4, N m")
     right.set_ylabel("q4, rad")
     for ax in (left, right):
         ax.set_xlabel("time, s")
@@ -112,13 +116,13 @@ def _path(ax: Axes, row: Row) -> None:
         ax.axhline(surface - printed, color=PAPER, lw=0.9, label="the paper's, pressed down")
         ours = 100 * max(0.0, surface - float(reached[1].min()))
         said = f"pressed down {ours:.1f} cm, paper {100 * printed:.1f}"
-        ax.text(0.98, 0.1, said, transform=ax.transAxes, ha="right", color=PAPER, fontsize=7)
+        ax.text(0.03, 0.08, said, transform=ax.transAxes, color=PAPER, fontsize=7)
 
 
 @styled
 def figure8(rows: Sequence[Row]) -> Figure:
     """Torques at joint 4 in the experiment at 1.6 s: motor in 2C black, in 2D gray, its spring gray and dashed; the
-    motor's cost beside the paper's."""
+    plan's cost of it beside the paper's."""
     figure = Figure(figsize=(1.35 * WIDTH, 1.2 * WIDTH), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for row in rows:
@@ -129,7 +133,7 @@ def figure8(rows: Sequence[Row]) -> Figure:
         ax.plot(t, tau[3], color=INK if row.case.letter == "C" else GRAY, lw=1.2, label=f"motor, 2{row.case.letter}")
         for values in row.plan.trajectory.springs.values():
             ax.plot(t, _spring(row, q, values), "--", color=GRAY, lw=1.2, label="spring, 2D")
-        said = f"2{row.case.letter}: {row.run.document['mean']['cost'][3]:.1f} N²m²s, paper {_of_joint_4(row)}"
+        said = f"planned, 2{row.case.letter}: {row.plan.effort.cost[3]:.1f} N²m²s, paper {_of_joint_4(row)}"
         height = 0.95 if row.case.letter == "C" else 0.85
         ax.text(0.99, height, said, transform=ax.transAxes, ha="right", va="top", color=PAPER, fontsize=7)
         ax.set_title(_PLATE.format(row.case.plate / 1000), fontsize=8.5)
