@@ -45,7 +45,7 @@ class Questions:
                 return default
             try:
                 if not answer:
-                    raise ValueError(f"an answer is needed, or {needed}")
+                    raise ValueError("an answer is needed" + ("" if typed else f", or {needed}"))
                 return read(answer)
             except ValueError as error:
                 problem = f"{question}: {answer or 'nothing'}: {error}"
