@@ -30,7 +30,8 @@ _POINTER = 0.3
 _TURNED = 80
 """Per cent of a turn; how far the arc of a spring reaches at the largest torque of spring or motor."""
 _AXES = 0.18
-"""Part of the arm's reach; length of the base's axes."""
+"""Part of how far the arm is seen to reach; length of the base's axes, and by how much a plate is longer than what is
+pressed of it."""
 
 
 @dataclass(frozen=True)
@@ -126,17 +127,21 @@ class _Picture:
         return self.tip * np.array([[1.0], [1.0], [0.0]])
 
     @cached_property
+    def aside(self) -> float:
+        """m; a length that is seen and does not count beside the arm."""
+        return _AXES * (max(float(np.abs(place).max()) for path in self.paths for place in path) or 1.0)
+
+    @cached_property
     def axes(self) -> Array:
         """Ends of the base's axes, a column each."""
-        reach = _AXES * _reach(self.motion.model)
-        return reach * np.eye(3)[:, : 3 if self.motion.model.spatial else 2]
+        return self.aside * np.eye(3)[:, : 3 if self.motion.model.spatial else 2]
 
     @cached_property
     def plate(self) -> Array | None:
         """Left and right end of the untouched plate, and its lowest point, a column each."""
         if self.motion.surface is None:
             return None
-        return _plate(self.motion.surface, self.tip, _AXES * _reach(self.motion.model))
+        return _plate(self.motion.surface, self.tip, self.aside)
 
     @cached_property
     def board(self) -> DrawingBoard:
