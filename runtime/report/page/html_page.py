@@ -99,7 +99,9 @@ def _peaks(summary: ResultSummary) -> str:
 
 def _compared(summary: ResultSummary) -> str:
     parts = []
-    for s in summary.first.joints:
+    every = summary.first.joints
+    loud = [s for s in every if len(every) == 1 or s.rms >= MORE_THAN_NOISE * s.floor.value]
+    for s in loud:
         shares = structure_shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
@@ -109,6 +111,14 @@ def _compared(summary: ResultSummary) -> str:
         if strongest and shares[strongest] > 0.1:
             text += f"; {percent(shares[strongest], 0)} of what it misses follows {strongest}"
         parts.append(text)
+    if not loud:
+        return "What is left of every joint's torque is at its noise floor."
+    if quiet := len(every) - len(loud):
+        parts.append(
+            "the other joint is at its noise floor"
+            if quiet == 1
+            else f"the other {quiet} joints are at their noise floors"
+        )
     return sentence("; ".join(parts))
 
 
