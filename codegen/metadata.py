@@ -15,6 +15,7 @@ from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import DescribedJoint, Joint, SpatialArm, SpatialJoint
 from symbolic.rigid_body.lumps import Lump
+from symbolic.rigid_body.places import places
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -32,6 +33,7 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
         "space": isinstance(file, SpatialArm),
         "n": len(file.joints),
         "joints": [_joint(joint) for joint in file.joints],
+        "places": [list(place) for place in places(file)],
         "effects": _values(file.effects),
         "contact": None if file.contact is None else {"x": file.contact.x, "effects": _values(file.contact.effects)},
         "controller": None if file.controller is None else asdict(file.controller),

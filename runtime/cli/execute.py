@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from runtime.cli.opening import check_hidden, opened
-from runtime.cli.options import EffectsFile, Json, ModelFile
-from runtime.cli.output import NO, emit
+from runtime.cli.options import EffectsFile, Json, ModelFile, Report
+from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
 from runtime.execution.options import ExecutionSettings
@@ -82,6 +82,7 @@ def execute(
         typer.Option("--model-out", metavar="FILE", help="The model with the springs and contact of TRAJECTORY."),
         WRITTEN,
     ] = None,
+    report: Report = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -107,9 +108,24 @@ def execute(
         files.replace(model_out, text.encode())
     same = model_out or (model if text == source.text else None)
     paths = {"recording": out, "model_out": model_out, "next": _next(same, out, effects)}
-    emit(json, {"on": on, **document, **paths}, execution_pages.show)
+    said = {"on": on, **document, **paths}
+    emit(json, said, execution_pages.show)
+    if report is not None and result.recording is not None:
+        _draw(report, result, said, json)
     if document["status"] != "done":
         raise typer.Exit(NO)
+
+
+def _draw(directory: Path, result: Execution, document: dict[str, Any], json: str | None) -> None:
+    """The page of an execution that has been said already."""
+    from runtime.report.page.executed_page import write_execution
+    from runtime.report.terminal.pages import say, working
+
+    with costs_itself("the report"):
+        with working("drawing the report"):
+            page = write_execution(directory, result, plain(document))
+        if json != "-":
+            say(f"Report: {page}")
 
 
 def _is_real(asked: _Asked) -> bool:

@@ -48,7 +48,7 @@ def new_arm(said: Answered, called: str, effects: tuple[str, ...], schema: str |
     types = (
         of_option("--joints", said.joints, _types)
         if said.joints
-        else said.questions.ask(asked, _types, "", needed=True)
+        else said.questions.ask(asked, _types, "", needed="--joints")
     )
     assert types is not None
     space = said.space
@@ -118,7 +118,7 @@ def _joint(questions: Questions, k: int, kind: JointType, space: bool, sides: Si
         place["rpy"] = of("and turned by roll, pitch, yaw in rad", numbers(3), "0, 0, 0", zero) or zero
         place["axis"] = of("its axis in its own frame", numbers(3), "0, 0, 1", z) or z
     else:
-        place["length"] = _given(sides, "length", k, lambda: of("length of its link, m", number, "", needed=True))
+        place["length"] = _given(sides, "length", k, lambda: of("length of its link, m", number, "", needed="--length"))
         if place["length"] is None:
             raise UsageError(f"{at}: the length of a planar link cannot be left out; expected m to the next joint")
     return NewJoint(

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from runtime.cli.opening import tell
-from runtime.cli.options import EffectsFile, Json, ScenarioFile
+from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, nearby
 from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import PlanningSettings
-from runtime.workspace import scenario_path, scenario_source
+from runtime.workspace import is_name, scenario_path, scenario_source
 
 app = typer.Typer()
 
@@ -39,6 +40,7 @@ def optimize(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf)."), WRITTEN
     ] = None,
+    report: Report = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -82,3 +84,13 @@ def optimize(
 
         with costs_itself("the plot"):
             style.save(plan_plots.plan(document), plot)
+    if report is not None:
+        from runtime.report.page.planned_page import write_plan
+
+        arm = Path(asked.model) if is_name(Path(asked.model)) else nearby(source.path)
+        following = [] if out is None else [shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])]
+        with costs_itself("the report"):
+            with pages.working("drawing the report"):
+                page = write_plan(report, model, plan.trajectory, document, following)
+            if json != "-":
+                pages.say(f"Report: {page}")

@@ -25,8 +25,8 @@ Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECORDING...",
-        help="CSV, plain or gzip: t,q1,tau1,... and, if measured, temperature1,q1_link,tau1_link,tau1_rigid,fx,fy; the "
-        "same in MCAP, ROS 2 bags, MATLAB, HDF5, Parquet, NumPy.",
+        help="CSV, plain or gzip: t, q1, tau1, ... and, if measured, temperature1, q1_link, tau1_link, tau1_rigid, fx, "
+        "fy; the same in MCAP, ROS 2 bags, MATLAB, HDF5, Parquet, NumPy.",
     ),
     READ,
 ]

@@ -26,13 +26,13 @@ class Questions:
     answers: TextIO | None
 
     def ask(
-        self, question: str, read: Callable[[str], T], shown: str, default: Any = None, needed: bool = False
+        self, question: str, read: Callable[[str], T], shown: str, default: Any = None, needed: str | None = None
     ) -> T | None:
         """The answer to one question.
 
         read     of an answer that is not empty; raises ValueError that says what was expected
         shown    what stands in brackets; default: what it means
-        needed   whether there is no default
+        needed   there is no default, and this option says it in place of an answer
         Raises UsageError.
         """
         typed = self.answers is not None and self.answers.isatty()
@@ -41,11 +41,11 @@ class Questions:
                 print(f"{question} [{shown}]: " if shown else f"{question}: ", end="", file=sys.stderr, flush=True)
             line = "" if self.answers is None else self.answers.readline()
             answer = line.strip()
-            if not answer and not needed:
+            if not answer and needed is None:
                 return default
             try:
                 if not answer:
-                    raise ValueError("an answer is needed")
+                    raise ValueError("an answer is needed" + ("" if typed else f", or {needed}"))
                 return read(answer)
             except ValueError as error:
                 problem = f"{question}: {answer or 'nothing'}: {error}"

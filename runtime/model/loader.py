@@ -65,9 +65,9 @@ def _pointer(array: Array) -> ctypes.c_void_p:
 
 
 class Model:
-    """An arm's functions; `spatial`: it is one in space. `lumps` (p,) replaces the base inertial parameters of the
-    model file for one call; where that leaves some open, the equations of motion cannot be called without, and say so
-    (ModelError)."""
+    """An arm's functions. `spatial`: it is one in space; `places` (n,): of its joints where all positions are 0, m in
+    base axes. `lumps` (p,) replaces the base inertial parameters of the model file for one call; where that leaves some
+    open, the equations of motion cannot be called without, and say so (ModelError)."""
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
@@ -80,6 +80,7 @@ class Model:
         self.contact: dict[str, Any] | None = self.metadata["contact"]
         self.controller: dict[str, float] | None = self.metadata["controller"]
         self.joints = tuple(joint_info(data) for data in self.metadata["joints"])
+        self.places: tuple[tuple[float, ...], ...] = tuple(map(tuple, self.metadata["places"]))
         self.lumps = tuple(LumpInfo(**data) for data in self.metadata["lumps"])
         self._defaults: Array = np.array([field["default"] for field in self.metadata["struct"]], dtype=np.float64)
         self.functions = tuple(self.metadata["functions"])

@@ -293,6 +293,28 @@ WHITE_PART: Final = (0.35, 0.85)
 """parts of the cut-off; between them noise is taken to be white: above slow physics, below the filter's edge;
 development recordings."""
 
+PEAK_SEGMENT: Final = 3.0
+"""s; of the segments of a residual's spectrum, as it is drawn and searched for peaks: bins of a third of a Hz; a
+choice."""
+
+PEAK_OVERLAP: Final = 1.8
+"""ratio; so many spectra that are independent are worth those of Hann windows which overlap by half, to as many as fit
+side by side; Welch 1967."""
+
+PEAK_CHANCE: Final = 4.5
+"""standard deviations; of the density of noise, as its cube root has them (Wilson & Hilferty 1931); a bin of noise
+passes it three times in a million; by construction."""
+
+PEAK_NEAR: Final = 4
+"""bins; beside a peak they belong to it, as the Hann window spreads it; by construction."""
+
+PEAK_FAR: Final = 16
+"""bins; up to there on either side is what a peak is held against; wider, a slope of the noise would count; simulated
+coloured noise."""
+
+NAMED_PEAKS: Final = 3
+"""number; of peaks that are named in a spectrum, the strongest; a choice."""
+
 RESIDUAL_SEGMENT: Final = 256
 """rows; a spectrum's bins are then narrow against the slow part of the band; by construction."""
 

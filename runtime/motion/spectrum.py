@@ -14,6 +14,12 @@ from runtime.motion.settings import (
     LINE_CHANCE,
     LINE_STANDS_OUT,
     LINE_WIDTH,
+    NAMED_PEAKS,
+    PEAK_CHANCE,
+    PEAK_FAR,
+    PEAK_NEAR,
+    PEAK_OVERLAP,
+    PEAK_SEGMENT,
     RESIDUAL_SEGMENT,
     ROWS_OVER_CUTOFF,
     SLOW_PART,
@@ -49,6 +55,31 @@ def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
     if share <= max(LINE_STANDS_OUT, chance):
         return None
     return SpectralLine(float(np.fft.rfftfreq(len(residual), 1 / rate)[peak]), share)
+
+
+def density(residual: Array, rate: float) -> tuple[Array, Array]:
+    """Frequencies (F,) Hz and one-sided density (F,) of a residual (M,), as it is drawn and searched for peaks."""
+    return welch(residual, rate, max(2 * PEAK_FAR, round(PEAK_SEGMENT * rate)))
+
+
+def peaks(residual: Array, rate: float, cutoff: float) -> list[float]:
+    """Frequencies, Hz, at which the density of a residual (M,) up to `cutoff`, Hz, stands out of the bins on both sides
+    by more than chance, the strongest first. They may hold far less power than a line.
+
+    Source: the spread of an average of spectra, Welch 1967; quantiles of chi-square, Wilson & Hilferty 1931.
+    """
+    f, power = density(residual, rate)
+    inside = int(np.searchsorted(f, cutoff, side="right"))
+    freedom = 2 * max(1.0, PEAK_OVERLAP * np.count_nonzero(residual) / (2 * (len(f) - 1)))
+    most = (1 - 2 / (9 * freedom) + PEAK_CHANCE * np.sqrt(2 / (9 * freedom))) ** 3
+    found = []
+    for k in range(PEAK_FAR, inside):
+        around = power[k - PEAK_NEAR : k + PEAK_NEAR + 1]
+        sides = power[k - PEAK_FAR : k - PEAK_NEAR], power[k + PEAK_NEAR + 1 : min(k + PEAK_FAR + 1, inside)]
+        level = max(float(np.median(side)) for side in sides if len(side) >= PEAK_NEAR)
+        if power[k] == around.max() and power[k] > most * level:
+            found.append((float(power[k]), float(f[k])))
+    return [frequency for _, frequency in sorted(found, reverse=True)[:NAMED_PEAKS]]
 
 
 def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff: float) -> float:

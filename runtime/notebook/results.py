@@ -21,6 +21,7 @@ from runtime.report import in_short
 from runtime.report.page import page_figures
 from runtime.report.page.html_page import write_report
 from runtime.report.page.page_figures import Drawn
+from runtime.report.page.planned_page import write_plan
 from runtime.report.plots import plan_plots
 from runtime.report.summary import ResultSummary
 from runtime.report.terminal import exchange_pages, loop_pages, pages, plan_pages
@@ -168,6 +169,10 @@ class PlanResult(_Result):
         """Positions and torques of one cycle."""
         figure = plan_plots.plan(self.json)
         return ResultFigures([page_figures.drawn(figure, "plan", "Positions and torques of one cycle.")])
+
+    def report(self, directory: PathOrText) -> Path:
+        """Write the HTML page into a directory; its path. Raises OSError."""
+        return write_plan(Path(directory), self.arm.model, self.plan.trajectory, self.json)
 
     def save(self, path: PathOrText) -> None:
         """Write the trajectory, for `tendon execute`. Raises OSError."""

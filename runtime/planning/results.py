@@ -29,15 +29,10 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
         "cycle_time": plan.scenario.cycle_time,
         "friction": plan.scenario.friction,
         "objective": {**_goal(model, plan.scenario), "value": plan.cost, "smooth": plan.smooth_cost},
-        "joints": [
-            {
-                "joint": i + 1,
-                "cost": float(plan.effort.cost[i]),
-                "peak_torque": float(np.abs(plan.effort.tau[i]).max()),
-                "peak_speed": float(np.abs(plan.effort.motion.qd[i]).max()),
-                "range": [float(plan.effort.motion.q[i].min()), float(plan.effort.motion.q[i].max())],
-            }
-            for i in range(model.n)
+        "joints": [_joint(model, plan, i) for i in range(model.n)],
+        "phases": [
+            {"from": p.start, "to": p.end, "kind": p.kind, "duration": plan.scenario.cycle_time * p.part}
+            for p in plan.scenario.phases
         ],
         "springs": [
             _spring(model, spring, plan.trajectory.springs[spring.plan.joint], plan.free[spring.plan.joint])
@@ -55,6 +50,30 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
         "left_out": dict(plan.left_out),
         "warnings": warnings(model, plan.scenario),
     }
+
+
+def _joint(model: Model, plan: Plan, i: int) -> dict[str, Any]:
+    """What the plan asks of a joint (0-based), and its limits: those of the model file, and a scenario's narrower range
+    of positions."""
+    info, effort = model.joints[i], plan.effort
+    return {
+        "joint": i + 1,
+        "name": info.name,
+        "cost": float(effort.cost[i]),
+        "peak_torque": float(np.abs(effort.tau[i]).max()),
+        "peak_speed": float(np.abs(effort.motion.qd[i]).max()),
+        "range": [float(effort.motion.q[i].min()), float(effort.motion.q[i].max())],
+        "limits": {
+            "position": _listed_span(plan.scenario.ranges.get(i + 1, info.position_limits)),
+            "speed": info.speed_limit,
+            "torque": info.torque_limit,
+        },
+        "units": {"position": info.position_unit, "force": info.force_unit},
+    }
+
+
+def _listed_span(span: tuple[float, float] | None) -> list[float] | None:
+    return None if span is None else list(span)
 
 
 def _spring(model: Model, spring: SoughtSpring, values: Values, free: float) -> dict[str, Any]:

@@ -7,12 +7,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from runtime.diagnosis.diagnose import Diagnosis
+from runtime.diagnosis.diagnose import Diagnosis, finding_json
+from runtime.diagnosis.remainder import physics
 from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
 from runtime.model.terms import at, joints_of
+from runtime.motion import spectrum
 from runtime.motion.noise_floor import Floor
 from runtime.plain_json import plain
 from runtime.report.follow_up import Invocation, unknown
@@ -56,6 +58,12 @@ class ResultSummary:
                 for k, f in enumerate(self.held_out_floors, start=1)
             ]
         if self.diagnosis is not None:
+            document["more_is_left"] = self.more_is_left
+            document["peaks"] = [
+                {"joint": k, "frequencies_hz": frequencies}
+                for k, frequencies in enumerate(self.peaks, 1)
+                if frequencies
+            ]
             document["commands"] = [command.to_json() for command in self.commands]
             document["improved_model"] = None if self.improved is None else str(self.improved)
         cleaned: dict[str, Any] = plain(document)
@@ -86,6 +94,23 @@ class ResultSummary:
     def left(self) -> Diagnosis | None:
         """What is said of the model at the end."""
         return self.result.left if isinstance(self.result, Improvement) else self.diagnosis
+
+    @property
+    def more_is_left(self) -> bool:
+        """Whether effects were found, and what they leave is more than noise."""
+        if self.diagnosis is None or self.diagnosis.verdict != "effect":
+            return False
+        if isinstance(self.result, Improvement):
+            return self.result.left.verdict == "unexplained"
+        named = any(finding_json(self.diagnosis, k)["remainder"] for k in range(len(self.findings)))
+        return named or any(physics(self.last, i) for i in range(len(self.last.joints)))
+
+    @cached_property
+    def peaks(self) -> list[list[float]]:
+        """Of every joint the frequencies, Hz, that stand out of what is left at the end, whatever little they hold."""
+        found = self.last.identification
+        cutoff, rate = found.motion.band.cutoff, found.motion.row_rate
+        return [spectrum.peaks(residual, rate, cutoff) for residual in found.fit.residual]
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -14,7 +14,6 @@ from runtime.planning.optimize import Plan
 from runtime.simulation.simulate import Hidden, parse_hidden
 from runtime.study.cases import StudyCase
 
-"""Of each case, in the paper."""
 _CYCLES = 2
 HIDDEN: Sequence[str] = ("plate_damping:coefficient=40",)
 """What the simulated arm has and the model has not; assumed. The paper suspects viscous friction at the plate."""

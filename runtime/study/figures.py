@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from runtime.execution.trial import RUN_IN, Trial
+from runtime.planning.evaluate import at_times
 from runtime.report.plots.style import FAINT, INK, WIDTH, styled
 from runtime.study import published
 from runtime.study.cases import StudyCase
@@ -18,6 +19,8 @@ from runtime.study.tables import Row
 Array = NDArray[np.float64]
 
 GRAY = "#9aa5b1"
+PAPER = "#bd4a07"
+"""What the paper prints: its curves are images, so its numbers stand where they belong."""
 _PLATE = "plate of {:g} kN/m"
 
 
@@ -32,7 +35,7 @@ def figure5(costs: Mapping[StudyCase, float]) -> Figure:
         words = ("friction" if letter in "CD" else "no friction", "spring" if letter in "BD" else "no spring")
         ax.plot(times, values, dash, color=colour, marker="o", ms=3, lw=1.3, label=f"1{letter}: {', '.join(words)}")
     printed = [(T, cost.simulation) for (T, _), cost in published.TABLE_2.items()]
-    ax.plot(*zip(*printed, strict=True), "x", color="#bd4a07", ms=5, mew=1.2, label="Table II")
+    ax.plot(*zip(*printed, strict=True), "x", color=PAPER, ms=5, mew=1.2, label="Table II")
     ax.set_xlabel("cycle time T, s")
     ax.set_ylabel("cost, N²m²s")
     ax.set_ylim(0, None)
@@ -42,7 +45,8 @@ def figure5(costs: Mapping[StudyCase, float]) -> Figure:
 
 @styled
 def figure6(rows: Sequence[Row]) -> Figure:
-    """Commanded torque and angle of joint 4 in the experiment, cases 1B (gray) and 1D (black) at 1.2 s."""
+    """Commanded torque and angle of joint 4 in the experiment, cases 1B (gray) and 1D (black) at 1.2 s, with the plan
+    dashed; where the paper's arm turned."""
     figure = Figure(figsize=(1.9 * WIDTH, 2.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for row in rows:
@@ -52,7 +56,16 @@ def figure6(rows: Sequence[Row]) -> Figure:
         t, q, tau = _cycle(row)
         left.plot(t, tau[3], color=colour, lw=1.2, label=f"1{row.case.letter}")
         right.plot(t, q[3], color=colour, lw=1.2, label=f"1{row.case.letter}, turns at {q[3].min():.2f} rad")
-    left.set_ylabel("commanded torque of joint 4, N m")
+        _planned_cycle(left, right, row, colour)
+        turned = published.REVERSAL[row.case.letter]
+        at = float(t[np.argmin(q[3])])
+        right.plot([at - 0.12, at + 0.12], [turned, turned], color=PAPER, lw=1.1)
+        # Their labels are too near each other for one side.
+        side, align = (at - 0.14, "right") if row.case.letter == "B" else (at + 0.14, "left")
+        right.text(
+            side, turned, f"paper, 1{row.case.letter}: {turned:.2f}", color=PAPER, fontsize=7, va="center", ha=align
+        )
+    left.set_ylabel("torque of joint 4, N m")
     right.set_ylabel("q4, rad")
     for ax in (left, right):
         ax.set_xlabel("time, s")
@@ -60,9 +73,18 @@ def figure6(rows: Sequence[Row]) -> Figure:
     return figure
 
 
+def _planned_cycle(torque: Axes, angle: Axes, row: Row, colour: str) -> None:
+    """Of joint 4, dashed."""
+    t = np.linspace(0.0, row.plan.trajectory.duration, 300)
+    seen = at_times(row.plan.effort.model, row.plan.trajectory, t)
+    torque.plot(t, seen.tau[3], "--", color=colour, lw=0.8)
+    angle.plot(t, seen.motion.q[3], "--", color=colour, lw=0.8)
+
+
 @styled
 def figure7(rows: Sequence[Row]) -> Figure:
-    """Path of the end-effector, softer plate on top, 2C left and 2D right, at 1.6 s: planned dashed, executed solid."""
+    """Path of the end-effector, softer plate on top, 2C left and 2D right, at 1.6 s: planned dashed, executed solid;
+    how far the paper's arm pressed the plate down in 2D."""
     figure = Figure(figsize=(1.5 * WIDTH, 1.6 * WIDTH), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for row in rows:
@@ -87,12 +109,20 @@ def _path(ax: Axes, row: Row) -> None:
     _, q, _ = _cycle(row)
     reached = model.tip(np.ascontiguousarray(q))
     ax.plot(reached[0], reached[1], "-", color=INK, lw=1.1, label="executed")
-    ax.axhline(row.plan.trajectory.contact["plate"]["position"], color=FAINT, lw=0.5, ls=":")
+    surface = row.plan.trajectory.contact["plate"]["position"]
+    ax.axhline(surface, color=FAINT, lw=0.5, ls=":")
+    printed = published.COMPRESSION[row.case.plate] if row.case.letter == "D" else None
+    if printed is not None:
+        ax.axhline(surface - printed, color=PAPER, lw=0.9, label="the paper's, pressed down")
+        ours = 100 * max(0.0, surface - float(reached[1].min()))
+        said = f"pressed down {ours:.1f} cm, paper {100 * printed:.1f}"
+        ax.text(0.03, 0.08, said, transform=ax.transAxes, color=PAPER, fontsize=7)
 
 
 @styled
 def figure8(rows: Sequence[Row]) -> Figure:
-    """Torques at joint 4 in the experiment at 1.6 s: motor in 2C black, in 2D gray, its spring gray and dashed."""
+    """Torques at joint 4 in the experiment at 1.6 s: motor in 2C black, in 2D gray, its spring gray and dashed; the
+    plan's cost of it beside the paper's."""
     figure = Figure(figsize=(1.35 * WIDTH, 1.2 * WIDTH), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for row in rows:
@@ -103,11 +133,21 @@ def figure8(rows: Sequence[Row]) -> Figure:
         ax.plot(t, tau[3], color=INK if row.case.letter == "C" else GRAY, lw=1.2, label=f"motor, 2{row.case.letter}")
         for values in row.plan.trajectory.springs.values():
             ax.plot(t, _spring(row, q, values), "--", color=GRAY, lw=1.2, label="spring, 2D")
+        said = f"planned, 2{row.case.letter}: {row.plan.effort.cost[3]:.1f} N²m²s, paper {_of_joint_4(row)}"
+        height = 0.95 if row.case.letter == "C" else 0.85
+        ax.text(0.99, height, said, transform=ax.transAxes, ha="right", va="top", color=PAPER, fontsize=7)
         ax.set_title(_PLATE.format(row.case.plate / 1000), fontsize=8.5)
         ax.set_ylabel("torque of joint 4, N m")
     axes[0].legend(frameon=False, fontsize=7.5)
     axes[-1].set_xlabel("time, s")
     return figure
+
+
+def _of_joint_4(row: Row) -> str:
+    """What the paper prints of joint 4's part of the cost at 1.6 s."""
+    if row.case.letter == "C" and row.case.plate is not None:
+        return f"{published.JOINT_4[row.case.plate]:g}"
+    return "{:g} to {:g}".format(*published.JOINT_4_LEFT)
 
 
 def _spring(row: Row, q: Array, values: Mapping[str, float]) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from runtime import wording
 from runtime.diagnosis import detection_limits
@@ -43,6 +44,7 @@ HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
 SECTIONS = [
     "Error against the noise floor",
+    "The arm in motion",
     "Joint 1: stribeck added",
     "Findings",
     "The experiment that would decide",
@@ -159,7 +161,7 @@ def test_page_needs_nothing_beside_it(page):
     assert "url(" not in re.sub(r"url\(#[\w-]+\)", "", page)
     for tag, attributes in read.tags:
         assert tag not in ("link", "iframe", "object", "embed")
-        assert tag != "script" or attributes["type"] == "application/json"
+        assert tag != "script" or attributes.get("type", "application/json") == "application/json"
         for name in ("src", "href", "xlink:href"):
             value = attributes.get(name) or "#"
             assert value.startswith(("#", "data:image/png;base64,"))
@@ -252,6 +254,24 @@ def test_no_colour_of_a_figure_escapes_the_page(page):
     body = page.replace(sheet, "")
     for colour in style.COLOURS.values():
         assert colour not in body
+
+
+def test_moving_picture_turns_as_the_recording_did(page, one):
+    """Its frames against the raw encoder at their times, by the direction in which the link is drawn."""
+    data = json.loads(Reader(page).scripts[0])
+    t = data["begins"] + np.array(data["t"]) / 1000
+    assert 50 < len(t) <= 400
+    assert np.all(np.diff(t) > 0)
+    corners = np.array(data["bodies"][0], dtype=float).reshape(len(t), -1, 2)
+    x, y = (corners[:, -1] - corners[:, 0]).T
+    recorded = np.interp(t, one.t - one.t[0], one.q[0])
+    np.testing.assert_allclose(np.hypot(x, y), np.hypot(x, y).mean(), atol=1.5)
+    away = np.angle(np.exp(1j * (np.arctan2(-y, x) - recorded)))
+    assert np.abs(away).max() < 1.5 / np.hypot(x, y).mean() + 1e-3
+    before, after = (np.array(m, dtype=float)[:, 0] for m in data["marks"])
+    seen = before >= 0
+    assert seen.mean() > 0.5
+    assert np.sqrt(np.mean(before[seen] ** 2)) > 2 * np.sqrt(np.mean(after[seen] ** 2))
 
 
 def test_commands_can_be_copied(summary, story_text):
@@ -375,6 +395,45 @@ def test_lines_are_found_in_noise_and_not_in_noise_alone(frequency, seed):
     assert line.share == pytest.approx(4.5 / 5.5, abs=0.1)
 
 
+@given(frequency=st.floats(8.0, 36.0), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_a_peak_that_holds_little_is_named_and_a_slope_is_none(frequency, seed):
+    """A wave of a sixteenth of the power in white noise; slow noise, whose spectrum only falls, has no peak."""
+    noise = np.random.default_rng(seed).standard_normal(6000)
+    wave = 0.35 * np.sin(2 * np.pi * frequency * np.arange(6000) / 100.0)
+    assert spectrum.strongest_line(noise + wave, 100.0) is None
+    assert min(abs(f - frequency) for f in spectrum.peaks(noise + wave, 100.0, 40.0)) < 0.5
+    slow = lfilter([1.0], [1.0, -0.9], noise)
+    assert all(abs(f - frequency) < 0.5 for f in spectrum.peaks(wave + noise, 100.0, 40.0)[:1])
+    assert len(spectrum.peaks(slow, 100.0, 40.0)) <= 1  # chance has one in some hundred
+
+
+def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement, capsys):
+    step = improvement.left.steps[-1]
+    motion, fit = step.identification.motion, step.identification.fit
+    wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate)
+    humming = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    clean = replace(improvement.left, steps=(replace(step, identification=humming),))
+    summary = ResultSummary(clean)
+    (peak,) = summary.document["peaks"]
+    assert min(abs(f - 12.3) for f in peak["frequencies_hz"]) < 0.4
+    page = Reader(html_page.render(summary)).text
+    assert re.search(r"Its spectrum has peaks that hold little: joint 1 at .*12\.\d+ Hz", page)
+    loop_pages.diagnosis(summary.document)
+    assert "Peaks in the spectrum of what is left" in capsys.readouterr().out
+    more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
+    assert "effect found, more is left" in Reader(html_page.render(more)).text
+    assert "more is left" not in Reader(html_page.render(improvement)).text
+
+
+def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
+    step = improvement.steps[-1]
+    trace, _ = page_figures._trace(improvement.steps[0].joints[0], step.joints[0])
+    measured, predicted, _ = time_plots.torque_over_time(trace).axes
+    assert [len(ax.lines) - 1 for ax in (measured, predicted)] == [1, 1]  # and a line at 0
+    assert measured.get_ylim() == predicted.get_ylim()
+
+
 def test_refused_says_what_to_record(unexplained):
     text = Reader(html_page.render(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
     assert "The joints hardly move." in text
@@ -438,7 +497,7 @@ def test_text_of_the_user_stays_text(improvement):
     read = Reader(page)
     assert HOSTILE in read.text
     assert "<img" not in page
-    assert [tag for tag, _ in read.tags].count("script") == 1
+    assert [tag for tag, _ in read.tags].count("script") == 3  # the motion, what shows it, the result
     assert json.loads(read.scripts[-1])["reason"] == HOSTILE
 
 

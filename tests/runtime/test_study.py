@@ -89,6 +89,11 @@ def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Sour
     motor, spring = figures.figure8([row]).axes[0].lines
     assert np.asarray(spring.get_ydata()).min() >= 0.0
     assert np.ptp(np.asarray(motor.get_ydata())) > 5.0
+    # What the paper prints stands beside: 4.5 cm at the softer plate, 13 to 16 N²m²s left at joint 4.
+    printed = softer.lines[3].get_ydata()[0]
+    assert printed == pytest.approx(-0.46 - 0.045)
+    assert "paper 4.5" in softer.texts[0].get_text()
+    assert "paper 13 to 16" in figures.figure8([row]).axes[0].texts[0].get_text()
 
 
 def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:

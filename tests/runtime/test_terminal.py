@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -57,6 +58,12 @@ def test_no_word_is_broken_however_narrow_the_terminal(rows: list[list[str]], wi
     assert given <= set(said.split())
     longest = max(map(len, known))
     assert all(len(line.rstrip()) <= max(width, longest + 6) for line in said.splitlines())
+
+
+def test_every_page_prints_through_the_cells_that_break_no_word() -> None:
+    pages = [path for path in Path(cells.__file__).parent.glob("*.py") if path.name != "cells.py"]
+    assert len(pages) > 5
+    assert [path.name for path in pages if re.search(r"\.print\(", path.read_text("utf-8"))] == []
 
 
 @pytest.mark.parametrize(

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from runtime import files
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
-from runtime.report.page import NAME
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
+from runtime.report.page import recorded_motion
+from runtime.report.page.filling import embedded, filled, written
 from runtime.report.summary import Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence
 
@@ -25,25 +23,13 @@ Row = dict[str, Any]
 
 def write_report(directory: Path, result: Result | ResultSummary) -> Path:
     """Write `report.html` into a directory, which is made if it is not there. Raises OSError."""
-    page = render(result)
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / NAME
-    files.replace(path, page.encode("utf-8"))
-    return path
+    return written(directory, render(result))
 
 
 def render(result: Result | ResultSummary) -> str:
     """The page; the same bytes for the same result."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     summary = result if isinstance(result, ResultSummary) else ResultSummary(result)
-    return environment.get_template("report.html.j2").render(_holes(summary))
+    return filled("report.html.j2", _holes(summary))
 
 
 def _holes(summary: ResultSummary) -> dict[str, Any]:
@@ -56,6 +42,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "short": _short(summary),
         "held_out": first.held_out is not None,
         "errors": [_error_block(summary, i) for i in summary.telling],
+        "moving": recorded_motion.of_result(summary),
         "joints": [_joint(summary, i) for i in summary.telling],
         "findings": found.findings(summary),
         "ruled_out": found.ruled_out(summary),
@@ -72,8 +59,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
         "skew": parameters.skew(last.identification.inference),
         "warnings": summary.document["warnings"],
-        # "<" would let a text of the user's end the script element.
-        "document": json.dumps(summary.document, indent=1, allow_nan=False).replace("<", "\\u003c"),
+        "document": embedded(summary.document),
     }
 
 
@@ -81,6 +67,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
 
 _TAGS = {
     "effect": "effect found",
+    "more": "effect found, more is left",
     "clean": "clean",
     "unexplained": "unexplained",
     "refused": "refused",
@@ -95,13 +82,26 @@ def _verdict(summary: ResultSummary) -> Row:
     more = ""
     if isinstance(summary.result, Improvement) and summary.findings:
         more = f"With that added, what is left is {_TAGS[summary.result.left.verdict]}: {summary.result.left.reason}."
-    kind = diagnosis.verdict
+    left = summary.left
+    if left is not None and left.verdict == "clean" and any(summary.peaks):
+        more = " ".join([more, f"Its spectrum has peaks that hold little: {_peaks(summary)}."]).strip()
+    kind = "more" if summary.more_is_left else diagnosis.verdict
     return {"kind": kind, "tag": _TAGS[kind], "sentence": sentence(diagnosis.reason), "more": more}
+
+
+def _peaks(summary: ResultSummary) -> str:
+    return "; ".join(
+        f"joint {summary.called(i)} at {', '.join(f'{f:.2f} Hz' for f in found)}"
+        for i, found in enumerate(summary.peaks)
+        if found
+    )
 
 
 def _compared(summary: ResultSummary) -> str:
     parts = []
-    for s in summary.first.joints:
+    every = summary.first.joints
+    loud = [s for s in every if len(every) == 1 or s.rms >= MORE_THAN_NOISE * s.floor.value]
+    for s in loud:
         shares = structure_shares(s)
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
@@ -111,6 +111,14 @@ def _compared(summary: ResultSummary) -> str:
         if strongest and shares[strongest] > 0.1:
             text += f"; {percent(shares[strongest], 0)} of what it misses follows {strongest}"
         parts.append(text)
+    if not loud:
+        return "What is left of every joint's torque is at its noise floor."
+    if quiet := len(every) - len(loud):
+        parts.append(
+            "the other joint is at its noise floor"
+            if quiet == 1
+            else f"the other {quiet} joints are at their noise floors"
+        )
     return sentence("; ".join(parts))
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import JointSeries, structure_shares
@@ -26,7 +25,6 @@ Array = NDArray[np.float64]
 
 ORDER = ("velocity", "position", "load", "temperature", "time")
 _ZOOM_S = 2.5
-_WELCH_S = 3.0
 _NOTHING = 0.01
 _FOLLOWS = 0.1
 _LONGEST_NAME = 34
@@ -147,29 +145,33 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
 def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
     motion, before = first.identification.motion, first.joints[joint]
+    left, cutoff = last.identification.fit.residual[joint], motion.band.cutoff
     frequency, density = _density(first, joint)
-    line = spectrum.strongest_line(last.identification.fit.residual[joint], motion.row_rate)
+    line = spectrum.strongest_line(left, motion.row_rate)
+    peaks = spectrum.peaks(left, last.identification.motion.row_rate, cutoff)
+    if line is not None:
+        peaks = [line.frequency, *(p for p in peaks if abs(p - line.frequency) > 2 * frequency[1])]
     figure = joint_plots.spectrum(
         frequency,
         density,
         None if last is first else _density(last, joint)[1],
-        before.floor.spectrum / np.sqrt(motion.band.cutoff),
-        motion.band.cutoff,
+        before.floor.spectrum / np.sqrt(cutoff),
+        cutoff,
         before.force_unit,
         "Residual over frequency",
-        None if line is None else line.frequency,
+        peaks,
     )
     caption = "Residual over frequency; grey: the noise of the instruments alone, if it is white."
     if line is not None:
         caption += f" The line at {line.frequency:.2f} Hz holds {100 * line.share:.0f} % of the power."
+    elif peaks:
+        caption += f" Peaks that hold little of it: {', '.join(f'{p:.2f} Hz' for p in peaks)}."
     return drawn(figure, f"spectrum{joint + 1}", caption)
 
 
 def _density(step: Step, joint: int) -> tuple[Array, Array]:
-    """Frequencies, Hz, and amplitude density of a joint's residual, by Welch's method."""
-    residual = step.identification.fit.residual[joint]
-    rate = step.identification.motion.row_rate
-    frequency, power = welch(residual, rate, nperseg=min(len(residual), max(8, round(_WELCH_S * rate))))
+    """Frequencies, Hz, and amplitude density of a joint's residual."""
+    frequency, power = spectrum.density(step.identification.fit.residual[joint], step.identification.motion.row_rate)
     return frequency, np.sqrt(power)
 
 

@@ -249,11 +249,11 @@ def spectrum(
     cutoff: float,
     unit: str,
     title: str = "",
-    line: float | None = None,
+    lines: Sequence[float] = (),
 ) -> Figure:
     """Amplitude density of the residual over the frequency, with the white noise of the instruments.
 
-    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz; line: one to point at, Hz
+    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz; lines: to point at, Hz
     """
     figure = Figure(figsize=(WIDTH, 2.1), layout="constrained")
     ax = figure.add_subplot()
@@ -269,9 +269,13 @@ def spectrum(
         ax.yaxis.set_major_formatter(_plain)
         ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set(xlabel="frequency, Hz", ylabel=f"residual, {unit}/√Hz", xlim=(0, cutoff))
-    if line is not None:
+    for k, line in enumerate(lines):
         ax.axvline(line, color=FAINT, lw=0.8, ls=(0, (2, 2)), zorder=1)
-        ax.text(line, 0.97, f" {line:.2f} Hz", transform=ax.get_xaxis_transform(), va="top", fontsize=8)
+        side: Any = (
+            {"ha": "left", "s": f" {line:.2f} Hz"} if line < 0.8 * cutoff else {"ha": "right", "s": f"{line:.2f} Hz "}
+        )
+        # One below the other, so that neighbours can be read.
+        ax.text(line, y=0.97 - 0.11 * k, transform=ax.get_xaxis_transform(), va="top", fontsize=8, **side)
     ax.set_title(title)
     return figure
 

@@ -1,46 +1,128 @@
-"""Figures of planned motions: positions and torques of one cycle, joint by joint."""
+"""Figures of planned motions: positions, speeds and torques of one cycle, joint by joint, with limits and phases."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, styled
 
+Document = Mapping[str, Any]
+Array = NDArray[np.float64]
+
 _ROW = 1.15  # inches, of each joint
+_PANEL = 1.05  # inches, of each panel of one joint
+_NEAR = 1.7
+"""Times the largest value; a limit further away is said and not drawn, so that the curve keeps its size."""
 
 
 @styled
-def plan(document: Mapping[str, Any]) -> Figure:
-    """Position and motor torque of every joint that moves, over one cycle; a spring's torque beside the motor's.
+def plan(document: Document) -> Figure:
+    """Position, speed and motor torque of every joint that moves, over one cycle; a spring's torque beside the motor's.
 
     document   as results.document gives it
     """
-    samples, joints = document["samples"], document["joints"]
-    moving = [j["joint"] for j in joints if j["range"][1] > j["range"][0]]
-    springs = {spring["joint"] for spring in document["springs"]}
-    figure = Figure(figsize=(1.9 * WIDTH, 0.7 + _ROW * len(moving)), layout="constrained")
-    axes = figure.subplots(len(moving), 2, sharex=True, squeeze=False)
-    t = np.array(samples["t"])
-    bounds = np.cumsum([phase["duration"] for phase in document["trajectory"]["phases"]])[:-1]
+    moving = moving_joints(document)
+    figure = Figure(figsize=(2.6 * WIDTH, 0.7 + _ROW * len(moving)), layout="constrained")
+    axes = figure.subplots(len(moving), 3, sharex=True, squeeze=False)
     for row, joint in zip(axes, moving, strict=True):
-        position, torque = row
-        position.plot(t, samples["q"][joint - 1], color=INK, lw=1.3)
-        torque.plot(t, samples["tau"][joint - 1], color=AFTER, lw=1.3, label="motor")
-        if joint in springs:
-            torque.plot(t, samples["spring"][joint - 1], color=BEFORE, lw=1.1, ls="--", label="spring")
-            torque.legend(frameon=False, fontsize=7.5, loc="best")
-        for ax in row:
-            ax.axhline(0, color=FAINT, lw=0.4, zorder=0)
-            for bound in bounds:
-                ax.axvline(bound, color=FAINT, lw=0.5, ls=":", zorder=0)
-        position.set_ylabel(f"q{joint}, rad")
-        torque.set_ylabel(f"τ{joint}, N m")
+        _draw(row, document, joint, named=True)
+    for ax in axes[0]:
+        _phases(ax, document, named=True)
     for ax in axes[-1]:
         ax.set_xlabel("time, s")
-        ax.set_xlim(0, document["cycle_time"])
     figure.align_ylabels()
     return figure
+
+
+@styled
+def plan_of_joint(document: Document, joint: int) -> Figure:
+    """The same of one joint (1-based), one panel below the other."""
+    figure = Figure(figsize=(WIDTH, 0.5 + 3 * _PANEL), layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    _draw(axes, document, joint, named=False)
+    _phases(axes[0], document, named=True)
+    axes[-1].set_xlabel("time, s")
+    figure.align_ylabels()
+    return figure
+
+
+def moving_joints(document: Document) -> list[int]:
+    """Joints (1-based) whose position changes; all of them where none does."""
+    joints = document["joints"]
+    return [j["joint"] for j in joints if j["range"][1] > j["range"][0]] or [j["joint"] for j in joints]
+
+
+def _draw(axes: Sequence[Axes], document: Document, joint: int, named: bool) -> None:
+    """named: whether the labels say which joint."""
+    samples, entry = document["samples"], document["joints"][joint - 1]
+    limits, units = entry["limits"], entry["units"]
+    t = np.array(samples["t"])
+    q, qd, tau = (np.array(samples[name][joint - 1]) for name in ("q", "qd", "tau"))
+    position, speed, torque = axes
+    position.plot(t, q, color=INK, lw=1.3)
+    speed.plot(t, qd, color=INK, lw=1.3)
+    torque.plot(t, tau, color=AFTER, lw=1.3, label="motor")
+    if joint in {spring["joint"] for spring in document["springs"]}:
+        torque.plot(t, samples["spring"][joint - 1], color=BEFORE, lw=1.1, ls="--", label="spring")
+        torque.legend(frameon=False, fontsize=7.5, loc="upper left", ncols=2)
+    _limits(position, q, limits["position"], units["position"])
+    _limits(speed, qd, _both_ways(limits["speed"]), f"{units['position']}/s")
+    _limits(torque, tau, _both_ways(limits["torque"]), units["force"])
+    which = f" {joint}" if named else ""
+    position.set_ylabel(f"position{which}, {units['position']}")
+    speed.set_ylabel(f"speed{which}, {units['position']}/s")
+    torque.set_ylabel(f"torque{which}, {units['force']}")
+    for ax in axes:
+        low, high = ax.get_ylim()
+        if low < 0 < high:
+            ax.axhline(0, color=FAINT, lw=0.4, zorder=0)
+        ax.set_xlim(0, document["cycle_time"])
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+        _phases(ax, document, named=False)
+
+
+def _both_ways(limit: float | None) -> tuple[float, float] | None:
+    return None if limit is None else (-limit, limit)
+
+
+def _limits(ax: Axes, values: Array, limits: Sequence[float] | None, unit: str) -> None:
+    """A limit near the curve is drawn, one that is far away or not stated is said."""
+    if limits is None:
+        _note(ax, "no limit stated")
+        return
+    low, high = float(values.min()), float(values.max())
+    room = (_NEAR - 1) * max(high - low, abs(low), abs(high), 1e-9)
+    near = [limit for limit in limits if low - room <= limit <= high + room]
+    for limit in near:
+        ax.axhline(limit, color=BEFORE, lw=0.9, ls=(0, (4, 2)), zorder=1)
+    if not near:
+        low, high = limits
+        _note(ax, f"limits ±{high:g} {unit}" if low == -high else f"limits {low:g} and {high:g} {unit}")
+
+
+def _note(ax: Axes, text: str) -> None:
+    ax.text(0.99, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", color=FAINT, fontsize=7)
+
+
+def _phases(ax: Axes, document: Document, named: bool) -> None:
+    """Where a phase ends, and those in contact shaded; named: from which point to which, above the panel."""
+    begins = 0.0
+    for phase in document["phases"]:
+        ends = begins + phase["duration"]
+        if named:
+            said = f"{phase['from']} – {phase['to']}"
+            wide = phase["duration"] > 0.3 * document["cycle_time"]
+            text = said if wide else ""
+            ax.text((begins + ends) / 2, 1.02, text, transform=ax.get_xaxis_transform(), ha="center", fontsize=7)
+        else:
+            ax.axvline(ends, color=FAINT, lw=0.5, ls=":", zorder=0)
+            if phase["kind"] == "contact":
+                ax.axvspan(begins, ends, color=FAINT, alpha=0.14, lw=0, zorder=0)
+        begins = ends

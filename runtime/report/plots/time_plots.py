@@ -44,17 +44,32 @@ class Trace:
 
 @styled
 def torque_over_time(trace: Trace, title: str = "") -> Figure:
-    """Measured and predicted torque over a whole recording; below it how large the residual is as time goes on."""
-    figure, top, low = _time_axes(trace, title)
-    _envelope(top, trace, trace.tau, color=INK, lw=1.1, label="measured")
-    name, predicted, colour = trace.models()[-1]
-    _envelope(top, trace, predicted, color=colour, lw=0.6, label=name)
-    for _, predicted, colour in trace.models():
-        low.plot(*_running_rms(trace, trace.tau - predicted), color=colour, lw=1.4)
+    """Measured torque over a whole recording and, apart from it on the same scale, the predicted one: so densely drawn,
+    one would hide the other. Below how large the residual is as time goes on."""
+    figure = Figure(figsize=(WIDTH, 3.8), layout="constrained")
+    measured, predicted, low = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
+    name, torque, colour = trace.models()[-1]
+    _envelope(measured, trace, trace.tau, color=INK, lw=0.8, label="measured")
+    _envelope(predicted, trace, torque, color=colour, lw=0.8, label=name)
+    ends = [limit for ax in (measured, predicted) for limit in ax.get_ylim()]
+    for ax in (measured, predicted):
+        ax.set_ylim(min(ends), max(ends))
+        ax.axhline(0, color=FAINT, lw=0.4, zorder=0)
+        ax.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
+        ax.tick_params(axis="x", length=0)
+        ax.margins(x=0.01)
+        _legend(ax)
+    for _, torque, colour in trace.models():
+        low.plot(*_running_rms(trace, trace.tau - torque), color=colour, lw=1.4)
     low.axhspan(0, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
     low.set_ylim(0, None)
-    low.set_ylabel(f"residual rms, {trace.unit}")
-    _legend(top)
+    low.set_ylabel(f"rms left, {trace.unit}")
+    low.set_xlabel("time, s")
+    for ax in (measured, predicted, low):
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+    if title:
+        measured.set_title(title, pad=17)
+    figure.align_ylabels()
     return figure
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-from runtime.report.terminal.cells import Document, console, empty_table, figure, say
+from runtime.report.terminal.cells import Document, empty_table, figure, say, show_table
 from runtime.wording import numbered, quantity
 from symbolic.model_file.checks import quote
 
@@ -54,7 +54,7 @@ def _signals(document: Document) -> None:
     for s in document["signals"]:
         numbers = [figure(s[key]) for key in ("least", "largest", "resolution", "noise")]
         table.add_row(s["signal"], "" if s["field"] == s["signal"] else s["field"], s["unit"], *numbers)
-    console().print(table)
+    show_table(table)
 
 
 def _joints(document: Document) -> None:

@@ -57,6 +57,7 @@ def diagnosis(document: Document) -> None:
         _finding(finding, document)
     if document["verdict"] != "effect":
         _not_named(document)
+    _peaks(document)
     _encoders(document)
     delay_lines(document)
     say("Base inertial parameters:")
@@ -65,6 +66,17 @@ def diagnosis(document: Document) -> None:
     _seen(document)
     _warnings(document)
     _commands(document)
+
+
+def _peaks(document: Document) -> None:
+    """What stands out of the spectrum of what is called noise."""
+    if document["verdict"] != "clean" or not document["peaks"]:
+        return
+    names, found = names_of(document), []
+    for peak in document["peaks"]:
+        frequencies = ", ".join(f"{f:.2f} Hz" for f in peak["frequencies_hz"])
+        found.append(f"joint {numbered(peak['joint'], names.get(peak['joint']))} at {frequencies}")
+    say(f"Peaks in the spectrum of what is left, which hold little of it: {'; '.join(found)}.")
 
 
 def _encoders(document: Document) -> None:
@@ -261,6 +273,7 @@ def improvement(document: Document) -> None:
     _refit(document["identification"]["before"], document["identification"]["after"], names_of(document))
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
     _not_named(document)
+    _peaks(document)
     _seen(document)
     _warnings(document)
     _commands(document)

@@ -1,0 +1,302 @@
+"""The arm as a moving picture: where its joints are at every frame, what is left of the torque there, springs, plate.
+
+What a page needs of it is worked out here, in whole numbers on a drawing; the script in the page only shows it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from runtime.model.loader import Model
+from runtime.model.posture import carried, joint_places, tip_place
+from runtime.report.page.drawing_board import IN_THE_PLANE, WIDTH, DrawingBoard, Whole, fitted, in_space
+from runtime.wording import MORE_THAN_NOISE, numbered, quantity
+
+Array = NDArray[np.float64]
+
+MOST_FRAMES = 400
+"""Of a moving picture; between them it is drawn through."""
+LEVELS = (MORE_THAN_NOISE, 2 * MORE_THAN_NOISE)
+"""Noise floors from which a mark has its second colour and size, and its third."""
+_POINTER = 0.3
+"""Part of the arm's reach; length that stands for a last link without any, so that it is seen to turn."""
+_TURNED = 80
+"""Per cent of a turn; how far the arc of a spring reaches at the largest torque of spring or motor."""
+_AXES = 0.18
+"""Part of how far the arm is seen to reach; length of the base's axes, and by how much a plate is longer than what is
+pressed of it."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """An arm that is drawn: its name, and its joints' positions at the frames (n, F)."""
+
+    name: str
+    q: Array
+
+
+@dataclass(frozen=True)
+class JointMarks:
+    """What is said of the joints at the frames: a torque that is not explained, in noise floors (n, F).
+
+    NaN where nothing is said, for a joint at rest.
+    """
+
+    name: str
+    ratio: Array
+
+
+@dataclass(frozen=True)
+class SpringTorque:
+    """What a spring pushes its joint (1-based) forward with, at the frames (F,).
+
+    motor   the largest torque of the motor beside it, against which it is drawn
+    """
+
+    joint: int
+    torque: Array
+    motor: float
+
+
+@dataclass(frozen=True)
+class ArmMotion:
+    """Something that an arm did, or is to do.
+
+    t         (F,) s, of the frames
+    courses   one or two: a second is drawn over the first, which is then dashed
+    marks     none, one or two: the first is a joint's ring, the second or the same its disc
+    surface   base y of a plate that is not touched, m; the last course's tip presses it down. None: there is none
+    goes_on   its end is its beginning
+    """
+
+    model: Model
+    t: Array
+    courses: tuple[Course, ...]
+    marks: tuple[JointMarks, ...] = ()
+    springs: tuple[SpringTorque, ...] = ()
+    surface: float | None = None
+    goes_on: bool = False
+
+
+def frames(count: int, most: int = MOST_FRAMES) -> NDArray[np.intp]:
+    """At most so many of `count` samples, evenly spread, the first among them."""
+    return np.arange(0, count, max(1, -(-count // most)))
+
+
+def picture(motion: ArmMotion, what: str) -> dict[str, Any]:
+    """What the page's template draws; `what` says in words what is shown."""
+    return _Picture(motion).page(what)
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """A motion on a drawing."""
+
+    motion: ArmMotion
+
+    @cached_property
+    def corners(self) -> list[list[tuple[Array, bool]]]:
+        """Of each course's arm."""
+        return [_corners(self.motion.model, course.q) for course in self.motion.courses]
+
+    @property
+    def paths(self) -> list[list[Array]]:
+        """Places of the corners, (3, F) each."""
+        return [[place for place, _ in path] for path in self.corners]
+
+    @property
+    def joints(self) -> list[int]:
+        """Which of the corners the joints are."""
+        return [k for k, (_, joint) in enumerate(self.corners[-1]) if joint]
+
+    @property
+    def tip(self) -> Array:
+        """(3, F) of the last course."""
+        return self.paths[-1][-1]
+
+    @property
+    def shadow(self) -> Array:
+        """(3, F) below the tip, on the base's plane."""
+        return self.tip * np.array([[1.0], [1.0], [0.0]])
+
+    @cached_property
+    def aside(self) -> float:
+        """m; a length that is seen and does not count beside the arm."""
+        return _AXES * (max(float(np.abs(place).max()) for path in self.paths for place in path) or 1.0)
+
+    @cached_property
+    def axes(self) -> Array:
+        """Ends of the base's axes, a column each."""
+        return self.aside * np.eye(3)[:, : 3 if self.motion.model.spatial else 2]
+
+    @cached_property
+    def plate(self) -> Array | None:
+        """Left and right end of the untouched plate, and its lowest point, a column each."""
+        if self.motion.surface is None:
+            return None
+        return _plate(self.motion.surface, self.tip, self.aside)
+
+    @cached_property
+    def board(self) -> DrawingBoard:
+        shown = [p for path in self.paths for p in path]
+        view = in_space(np.concatenate(shown, axis=1)) if self.motion.model.spatial else IN_THE_PLANE
+        shown += [self.shadow] if self.motion.model.spatial else []
+        return fitted(view, [*shown, self.axes, *([] if self.plate is None else [self.plate])])
+
+    @cached_property
+    def bodies(self) -> list[Whole]:
+        """Of each course its corners on the drawing, (F, corners, 2)."""
+        return [self.board.points(np.stack(path, axis=1)).transpose(2, 1, 0) for path in self.paths]
+
+    @cached_property
+    def feet(self) -> Whole:
+        """Of the shadow, at every frame (F, 2): it says how far away the tip is. None of a planar arm."""
+        if not self.motion.model.spatial:
+            return np.empty((0, 2), dtype=np.int64)
+        return self.board.points(self.shadow).T
+
+    def page(self, what: str) -> dict[str, Any]:
+        motion = self.motion
+        return {
+            "what": what,
+            "width": WIDTH,
+            "height": self.board.height,
+            "axes": list(zip("xyz", self.board.points(self.axes).T.tolist(), strict=False)),
+            "base": self.board.points(np.zeros(3)).tolist(),
+            "courses": [
+                {
+                    "name": course.name,
+                    "ghost": course is not motion.courses[-1],
+                    "way": _text(body[:, -1]),
+                    "first": _text(body[0]),
+                }
+                for course, body in zip(motion.courses, self.bodies, strict=True)
+            ],
+            "joints": [self._joint(j) for j in range(motion.model.n)],
+            "marks": [m.name for m in motion.marks],
+            "rests": any(bool(np.isnan(m.ratio).any()) for m in motion.marks),
+            "limits": [f"{level:g}" for level in LEVELS],
+            "springs": [self._spring(s) for s in motion.springs],
+            "plate": self._plate_page(),
+            "end": self.bodies[-1][0, -1].tolist(),
+            "foot": self.feet[0].tolist() if self.motion.model.spatial else None,
+            "seconds": f"{motion.t[-1] - motion.t[0]:.3g}",
+            "last": len(motion.t) - 1,
+            "data": self.data(),
+        }
+
+    def data(self) -> Markup:
+        """What the script shows, frame by frame. Numbers alone: no text of a user's is in it."""
+        motion = self.motion
+        document = {
+            "t": np.rint(1000 * (motion.t - motion.t[0])).astype(int).tolist(),
+            "begins": round(float(motion.t[0]), 3),
+            "loop": motion.goes_on,
+            "bodies": [body.reshape(len(body), -1).tolist() for body in self.bodies],
+            "joints": self.joints,
+            "marks": [_tenths(m.ratio) for m in motion.marks],
+            "levels": [_levels(m.ratio) for m in motion.marks],
+            "springs": [_arcs(s) for s in motion.springs],
+            "plate": self._plate_heights(),
+            "feet": self.feet.tolist(),
+        }
+        return Markup(json.dumps(document, separators=(",", ":"), allow_nan=False))
+
+    def _joint(self, joint: int) -> dict[str, Any]:
+        info = self.motion.model.joints[joint]
+        x, y = self.bodies[-1][0, self.joints[joint]].tolist()
+        level = [_levels(m.ratio)[0][joint] for m in self.motion.marks]
+        called = numbered(joint + 1, info.name)
+        return {"called": called, "slides": info.type == "prismatic", "x": x, "y": y, "levels": level}
+
+    def _spring(self, spring: SpringTorque) -> dict[str, Any]:
+        joint = self._joint(spring.joint - 1)
+        most = quantity(float(np.abs(spring.torque).max()), self.motion.model.joints[spring.joint - 1].force_unit, 3)
+        return {**joint, "joint": spring.joint - 1, "most": most, "arc": _arcs(spring)[0]}
+
+    def _plate_page(self) -> dict[str, Any] | None:
+        if self.plate is None:
+            return None
+        (left, untouched), (right, _), _ = self.board.points(self.plate).T.tolist()
+        return {"left": left, "right": right, "untouched": untouched}
+
+    def _plate_heights(self) -> list[int]:
+        """Of the plate at every frame: untouched, or where the tip holds it down; empty without one."""
+        if self.motion.surface is None:
+            return []
+        held = np.array([self.tip[0], np.minimum(self.tip[1], self.motion.surface), self.tip[2]])
+        found: list[int] = self.board.points(held)[1].tolist()
+        return found
+
+
+# --- places ---
+
+
+def _corners(model: Model, q: Array) -> list[tuple[Array, bool]]:
+    """Corners of the arm from its base to its tip, (3, F) each, and whether a joint is there.
+
+    A joint that slides is where what it moves begins.
+    """
+    corners = [(np.zeros((3, q.shape[1])), False)]
+    for base, moved in joint_places(model, q):
+        corners += [(base, True)] if moved is base else [(base, False), (moved, True)]
+    return [*corners, (_end(model, q), False)]
+
+
+def _end(model: Model, q: Array) -> Array:
+    """(3, F) the tip; of a last link without length a point that turns with it."""
+    home = tip_place(model, np.zeros((model.n, 1)))[:, 0]
+    last = np.zeros(3)
+    last[: len(model.places[-1])] = model.places[-1]
+    if not np.allclose(home, last) or model.joints[-1].type == "prismatic":
+        return tip_place(model, q)
+    return carried(model, q, model.n, home + np.array([_POINTER * _reach(model), 0.0, 0.0]))
+
+
+def _reach(model: Model) -> float:
+    """m; of the arm where all positions are 0, 1 for one without any length."""
+    home = tip_place(model, np.zeros((model.n, 1)))[:, 0]
+    return max([float(np.linalg.norm(home)), *(float(np.linalg.norm(p)) for p in model.places)]) or 1.0
+
+
+def _plate(surface: float, tip: Array, beyond: float) -> Array:
+    """(3, 3): both ends of a plate below the tip's way, and its lowest point, a column each."""
+    near = tip[0, tip[1] <= surface] if np.any(tip[1] <= surface) else tip[0]
+    low, high = float(near.min()) - beyond, float(near.max()) + beyond
+    return np.array([[low, high, low], [surface, surface, min(surface, float(tip[1].min()))], [0.0, 0.0, 0.0]])
+
+
+# --- numbers of the frames ---
+
+
+def _tenths(ratio: Array) -> list[list[int]]:
+    """(F, n) tenths of a noise floor; −1 where nothing is said."""
+    whole = np.where(np.isnan(ratio), -1, np.rint(10 * np.nan_to_num(ratio)))
+    found: list[list[int]] = np.minimum(whole, 10**6).astype(int).T.tolist()
+    return found
+
+
+def _levels(ratio: Array) -> list[str]:
+    """A digit for every joint, a text for every frame: 0 nothing is said, 1 noise, 2 and 3 more."""
+    level = np.where(np.isnan(ratio), 0, 1 + sum((ratio > limit).astype(int) for limit in LEVELS))
+    return ["".join(map(str, row)) for row in level.T]
+
+
+def _arcs(spring: SpringTorque) -> list[int]:
+    """Per cent of a turn, counter-clockwise where the spring pushes forward."""
+    most = max(float(np.abs(spring.torque).max()), spring.motor) or 1.0
+    found: list[int] = np.rint(_TURNED * spring.torque / most).astype(int).tolist()
+    return found
+
+
+def _text(points: Whole) -> str:
+    """Of (N, 2) points, as an SVG polyline has them; what does not move on is left out."""
+    moved = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))
+    return " ".join(f"{x},{y}" for x, y in points[moved])

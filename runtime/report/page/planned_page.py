@@ -1,0 +1,136 @@
+"""The page of a plan: the arm in motion, limits and phases, what every joint is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.model.loader import Model
+from runtime.model.terms import SURFACE, given
+from runtime.planning.evaluate import at_times, mounted
+from runtime.planning.trajectory import Trajectory
+from runtime.report.page.arm_motion import MOST_FRAMES, ArmMotion, Course, SpringTorque, picture
+from runtime.report.page.filling import embedded, filled, written
+from runtime.report.page.page_figures import Drawn, drawn
+from runtime.report.plots import plan_plots
+from runtime.wording import number, numbered, quantity
+
+Document = Mapping[str, Any]
+
+_STEP = 0.01
+"""s from one frame to the next, if that does not make too many of them."""
+_LEGEND = (
+    "One cycle. Dashed across: limits that are near; dotted: where a phase ends; shaded: in contact. "
+    "The torque is the motor's; a spring's, dashed, is what it pushes the joint forward with."
+)
+
+
+def write_plan(
+    directory: Path, model: Model, trajectory: Trajectory, document: Document, commands: Sequence[str] = ()
+) -> Path:
+    """Write the page of a plan. Raises OSError.
+
+    document   as planning.results.document gives it     commands   what to type next
+    """
+    return written(directory, render(model, trajectory, document, commands))
+
+
+def render(model: Model, trajectory: Trajectory, document: Document, commands: Sequence[str] = ()) -> str:
+    """The page; the same bytes for the same plan."""
+    goal = document["objective"]
+    joints = ", ".join(map(str, goal["joints"]))
+    friction = "with" if document["friction"] else "without"
+    return filled(
+        "sheet.html.j2",
+        {
+            "title": f"{model.name}: {document['scenario']}",
+            "model": model.name,
+            "tag": {"kind": "clean", "text": "plan"},
+            "headline": f"{document['scenario']} in {document['cycle_time']:g} s, {friction} friction: "
+            f"{_GOALS[goal['goal']]}, at joint {joints}, is {quantity(goal['value'], goal['unit'])}",
+            "lines": [f"Spring at joint {s['joint']}: {s['text']}." for s in document["springs"]],
+            "facts": [
+                {"name": f"cost of joint {j['joint']}", "value": quantity(j["cost"], f"({j['units']['force']})^2 s")}
+                for j in document["joints"]
+                if j["joint"] in goal["joints"]
+            ],
+            "commands": list(commands),
+            "moving": picture(planned_motion(model, trajectory), _what(model, trajectory)),
+            "legend": _LEGEND,
+            "figures": figures(document),
+            "table": {"heads": _HEADS, "rows": [_row(joint) for joint in document["joints"]]},
+            "notes": [
+                *document["warnings"],
+                *(f"Not in the plan: {term}, {why}." for term, why in document["left_out"].items()),
+            ],
+            "document": embedded(document),
+        },
+    )
+
+
+def figures(document: Document) -> list[Drawn]:
+    """Of every joint that moves its position, speed and torque over one cycle."""
+    found = []
+    for joint in plan_plots.moving_joints(document):
+        called = numbered(joint, document["joints"][joint - 1]["name"])
+        caption = f"Joint {called}: position, speed and torque over one cycle, with limits and phases."
+        found.append(drawn(plan_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
+    return found
+
+
+def planned_motion(model: Model, trajectory: Trajectory) -> ArmMotion:
+    """One cycle of a trajectory."""
+    count = int(np.clip(np.ceil(trajectory.duration / _STEP), 2, MOST_FRAMES))
+    t = np.linspace(0.0, trajectory.duration, count, endpoint=not trajectory.periodic)
+    seen = at_times(model, trajectory, t)
+    return ArmMotion(
+        model=model,
+        t=t,
+        courses=(Course("planned", seen.motion.q),),
+        springs=tuple(
+            SpringTorque(joint, seen.spring[joint - 1], float(np.abs(seen.tau[joint - 1]).max()))
+            for joint in sorted(trajectory.springs)
+        ),
+        surface=None if model.spatial else given(model.library, mounted(model, trajectory), SURFACE),
+        goes_on=trajectory.periodic,
+    )
+
+
+def _what(model: Model, trajectory: Trajectory) -> str:
+    kind = "over and over" if trajectory.periodic else "from rest to rest"
+    return f"The planned motion of {model.name}, {trajectory.duration:g} s, {kind}; the thin line is the tip's way."
+
+
+_GOALS = {
+    "torque_squared": "the squared torque over a cycle",
+    "peak_torque": "the largest torque over its limit",
+    "electrical_energy": "the electrical energy",
+    "positive_work": "the positive work",
+}
+_HEADS = ("joint", "cost", "peak torque", "its limit", "peak speed", "its limit", "range", "allowed")
+
+
+def _row(joint: Document) -> list[str]:
+    limits, position, force = joint["limits"], joint["units"]["position"], joint["units"]["force"]
+    span = limits["position"]
+    return [
+        numbered(joint["joint"], joint["name"]),
+        quantity(joint["cost"], f"({force})^2 s"),
+        quantity(joint["peak_torque"], force),
+        _stated(limits["torque"], force),
+        quantity(joint["peak_speed"], f"{position}/s"),
+        _stated(limits["speed"], f"{position}/s"),
+        _span(joint["range"], position),
+        "none stated" if span is None else _span(span, position),
+    ]
+
+
+def _span(span: Sequence[float], unit: str) -> str:
+    return f"{number(span[0])} … {quantity(span[1], unit)}"
+
+
+def _stated(limit: float | None, unit: str) -> str:
+    return "none stated" if limit is None else quantity(limit, unit)

@@ -1,0 +1,127 @@
+"""What the arm did in the seconds of a recording that say most about its model, as a moving picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.steps import Step
+from runtime.estimation.regressors import Signals
+from runtime.model.terms import SURFACE, given
+from runtime.planning.springs import is_spring
+from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks, SpringTorque, frames, picture
+from runtime.report.summary import ResultSummary
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+LONGEST = 12.0
+"""s of a recording that are shown: with it, frames are at most a twentieth of a second apart."""
+
+
+def of_result(summary: ResultSummary) -> dict[str, Any] | None:
+    """For the page: the arm as it was measured, and at its joints what the model leaves unexplained.
+
+    None where the rigid arm is the user's own model's: the model file does not say how that one looks.
+    """
+    if summary.first.identification.motion.rigid_given:
+        return None
+    window = _telling(summary.first)
+    shown = window[frames(len(window))]
+    t = summary.last.identification.motion.row_time[shown]
+    steps = {"residual": summary.last}
+    if summary.first is not summary.last:
+        steps = {"residual before": summary.first, "after": summary.last}
+    marks = tuple(JointMarks(name, _floors(step, summary.last, window, shown)) for name, step in steps.items())
+    where = f"{t[0]:.1f} s to {t[-1]:.1f} s{_of_which(summary, int(shown[0]))}"
+    what = f"The arm as it was measured, from {where}: the {t[-1] - t[0]:.0f} s with the largest residual"
+    if len(marks) > 1:
+        what += "; the rings at its joints are the residual before, the discs after"
+    else:
+        what += "; the discs at its joints are the residual"
+    return picture(_motion(summary.last, shown, t, marks), f"{what}, by colour and size in noise floors.")
+
+
+def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) -> ArmMotion:
+    motion, model = step.identification.motion, step.identification.model
+    known = step.identification.fit.prediction.values
+    return ArmMotion(
+        model=model,
+        t=t,
+        courses=(Course("measured", motion.rows("q")[:, shown]),),
+        marks=marks,
+        springs=_springs(step, shown),
+        surface=None if model.spatial else given(model.library, known, SURFACE),
+    )
+
+
+def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
+    """Torques of the springs beside the joints, as fitted."""
+    found = step.identification
+    motion, model = found.motion, found.model
+    number = int(motion.row_piece[shown[0]])
+    piece = motion.pieces[number]
+    samples = piece.centres[shown - int(np.argmax(motion.row_piece == number))]
+    signals = Signals(model, piece, found.fit.prediction)
+    springs = [t for t in found.fit.prediction.values if t.joint is not None and is_spring(model.library[t.effect])]
+    return tuple(
+        SpringTorque(
+            t.joint, -signals.torque(t, t.joint - 1)[samples], float(np.abs(piece.tau[t.joint - 1, samples]).max())
+        )
+        for t in springs
+        if t.joint is not None
+    )
+
+
+def _telling(step: Step) -> Rows:
+    """Rows of the stretch of one piece, LONGEST at most, in which the squared residuals, in noise floors, sum up to
+    most."""
+    motion = step.identification.motion
+    weight = np.sum([_squares(step, step, i) for i in range(motion.n)], axis=0)
+    total = np.concatenate([[0.0], np.cumsum(weight)])
+    starts = np.searchsorted(motion.row_piece, np.arange(len(motion.pieces) + 1))
+    last = starts[motion.row_piece + 1]
+    ends = np.minimum(np.arange(len(weight)) + max(2, round(LONGEST * motion.row_rate)), last)
+    start = int(np.argmax(total[ends] - total[:-1]))
+    # One that is cut short by its piece's end begins earlier.
+    first = max(int(starts[motion.row_piece[start]]), int(ends[start]) - max(2, round(LONGEST * motion.row_rate)))
+    return np.arange(first, ends[start])
+
+
+def _squares(step: Step, floors: Step, joint: int) -> Array:
+    """(M,) squared residual of a joint in squared noise floors; 0 where it is not compared."""
+    found = step.identification
+    use = found.motion.moving(joint)
+    floor = floors.joints[joint].floor.value
+    return np.where(use, found.fit.residual[joint] / (floor or np.inf), 0.0) ** 2
+
+
+def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
+    """(n, F) noise floors that the residual has between a frame and the next; NaN where the joint is at rest.
+
+    floors   the step whose noise floors count: a wrong model leaves its error in the repeats
+    """
+    motion = step.identification.motion
+    starts = shown - window[0]
+    out = np.full((motion.n, len(shown)), np.nan)
+    for i in range(motion.n):
+        use = motion.moving(i)[window]
+        counts = np.add.reduceat(use.astype(float), starts)
+        sums = np.add.reduceat(_squares(step, floors, i)[window], starts)
+        some = counts > 0
+        out[i, some] = np.sqrt(sums[some] / counts[some])
+    return out
+
+
+def _of_which(summary: ResultSummary, row: int) -> str:
+    """Of several recordings and runs, which."""
+    motion = summary.last.identification.motion
+    piece = motion.pieces[motion.row_piece[row]]
+    text = ""
+    if len({p.recording for p in motion.pieces}) > 1:
+        text = f" of recording {piece.recording + 1}"
+    if len({p.run for p in motion.pieces if p.recording == piece.recording}) > 1:
+        text += f" of run {piece.run}"
+    return text

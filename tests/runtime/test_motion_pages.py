@@ -1,0 +1,134 @@
+"""Pages of plans and executions: what they draw is the plan and what was recorded; they need nothing beside them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bench_arm import BENCH, SPRING, THERE_AND_BACK, trajectory
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.execution.execute import Execution, execute
+from runtime.execution.options import ExecutionSettings
+from runtime.model.loader import Model
+from runtime.plain_json import plain
+from runtime.planning import results
+from runtime.planning.optimize import optimize
+from runtime.planning.options import PlanningSettings
+from runtime.report.page import executed_page, planned_page
+from runtime.report.page.executed_page import ExecutedCycles
+from runtime.report.plots import plan_plots
+from runtime.workspace import Source
+from symbolic.model_file.arm import Limits
+from tests.runtime.planning_cases import arm, there
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(BENCH)
+    return Source.read(path, None)
+
+
+@pytest.fixture(scope="module")
+def executed(bench: Source) -> Execution:
+    plan = trajectory(THERE_AND_BACK, springs={1: SPRING})
+    return execute(bench.model(), bench.controller(), plan, ExecutionSettings(trials=2, cycles=2))
+
+
+@pytest.fixture(scope="module")
+def planned(library):
+    """A joint that turns and one that slides, with limits: model, plan and document."""
+    model: Model = arm(library, "rp", Limits(position=(-2.0, 2.0), speed=4.0))
+    found = optimize(
+        model, there(model, 1.0, {"q1": 0.0, "q2": 0.0}, {"q1": 1.0, "q2": 0.2}), PlanningSettings(starts=1)
+    )
+    return model, found, plain(results.document(model, found))
+
+
+def scripts(page: str) -> list[dict]:
+    return [json.loads(text) for text in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S)]
+
+
+def alone(page: str) -> None:
+    """Nothing is asked from outside."""
+    assert not re.search(r"(?:https?:)?//\w", page)
+    assert not re.search(r"<(?:link|iframe|img|object|embed)\b", page)
+    assert not re.search(r"\ssrc=", page)
+
+
+def angles(data: dict, body: int) -> np.ndarray:
+    corners = np.array(data["bodies"][body], dtype=float).reshape(len(data["t"]), -1, 2)
+    x, y = (corners[:, -1] - corners[:, 0]).T
+    return np.arctan2(-y, x)
+
+
+def test_a_plan_is_drawn_as_it_is(planned) -> None:
+    model, plan, document = planned
+    page = planned_page.render(model, plan.trajectory, document)
+    alone(page)
+    data, whole = scripts(page)
+    assert whole == document
+    t = np.array(data["t"]) / 1000
+    assert t[-1] == pytest.approx(plan.trajectory.duration)
+    q = plan.trajectory.at(model, t).q
+    np.testing.assert_allclose(angles(data, 0), q[0], atol=0.004)
+    assert "4 rad/s" in page
+    assert page == planned_page.render(model, plan.trajectory, document)
+
+
+def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
+    _, _, document = planned
+    figure = plan_plots.plan_of_joint(document, 1)
+    position, speed, torque = figure.axes
+    np.testing.assert_allclose(speed.lines[0].get_ydata(), document["samples"]["qd"][0])
+    drawn = {float(line.get_ydata()[0]) for line in speed.lines[1:]}
+    assert {-4.0, 4.0} <= drawn or any("limits ±4" in text.get_text() for text in speed.texts)
+    assert any("no limit stated" in text.get_text() for text in torque.texts)
+    said = " ".join(text.get_text() for text in position.texts)
+    assert all(point in said for phase in document["phases"] for point in (phase["from"], phase["to"]))
+    assert len(plan_plots.plan(document).axes) == 3 * 2
+
+
+def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:
+    document = plain({"on": "simulation", **executed.to_json(), "next": []})
+    page = executed_page.render(executed, document)
+    alone(page)
+    data, _ = scripts(page)
+    cycles, trial = ExecutedCycles(executed), executed.trials[0]
+    period = executed.plan.trajectory.duration
+    assert data["begins"] == pytest.approx(period, abs=executed.dt)
+    at = np.rint((data["begins"] + np.array(data["t"]) / 1000) / executed.dt).astype(int)
+    np.testing.assert_allclose(angles(data, 1), trial.q[0, at], atol=0.004)
+    wanted = executed.plan.trajectory.at(executed.plan.model, at * executed.dt).q[0]
+    np.testing.assert_allclose(angles(data, 0), wanted, atol=0.004)
+    assert len(cycles.whole) == 4
+    assert cycles.over_each_other("q").shape == (1, 4, len(at))
+    assert np.ptp(cycles.over_each_other("q"), axis=1).max() < 0.02
+    assert page == executed_page.render(executed, document)
+
+
+def test_a_safe_stop_is_drawn_up_to_it(bench: Source) -> None:
+    plan = trajectory(THERE_AND_BACK)
+    stopped = execute(bench.model(), bench.controller(), plan, ExecutionSettings(trials=1, tracking_limit=0.001))
+    assert not stopped.completed
+    document = plain({"on": "simulation", **stopped.to_json(), "next": []})
+    page = executed_page.render(stopped, document)
+    assert "safe stop" in page
+    data, _ = scripts(page)
+    assert data["begins"] * 1000 + data["t"][-1] <= 1000 * len(stopped.trials[0].t) * stopped.dt
+    assert not data["loop"]
+
+
+def test_the_verb_writes_its_page(tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.toml").write_text(BENCH)
+    trajectory(THERE_AND_BACK).write(Path("plan.json"))
+    said = ["execute", "bench.toml", "plan.json", "--on", "simulation", "--trials", "1", "--report", "page"]
+    assert output.run(app, said) == 0
+    assert "Report: page/report.html" in capsys.readouterr().out
+    assert "<title>" in Path("page/report.html").read_text(encoding="utf-8")
