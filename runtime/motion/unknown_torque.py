@@ -41,13 +41,13 @@ class UnknownTorque:
     @classmethod
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
         """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to."""
-        rows = len(low_pass.centres(len(unknown)))
+        rows, kernel = len(low_pass.centres(len(unknown))), 2 * low_pass.half
         left = np.ones(rows)
         found: list[sparse.coo_array] = []
         for run in _runs(unknown):
-            if run.stop - run.start > 4 * low_pass.half:
+            if run.stop - run.start > 2 * kernel:
                 # Deep inside no kernel reaches what is known.
-                ends = slice(run.start, run.start + 2 * low_pass.half), slice(run.stop - 2 * low_pass.half, run.stop)
+                ends = slice(run.start, run.start + kernel), slice(run.stop - kernel, run.stop)
                 inside = low_pass.rows(slice(run.start + low_pass.half, run.stop - low_pass.half), 0, rows)
                 left[inside] = 0.0
                 parts = [(ends[0], slice(0, inside.start)), (ends[1], slice(inside.stop, rows))]
