@@ -140,7 +140,7 @@ def simulate(
     signals = Signals(model, piece, Prediction(model.lump_values, values))
     tau = _torque(signals, values)
     if not np.isfinite(tau).all():
-        raise SimulationError(f"the torque of {model.name} is not finite with these values; choose smaller ones")
+        raise SimulationError(_without_bounds(signals, values))
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
     made = _recording(model, piece, measured)
@@ -173,6 +173,16 @@ def _torque(signals: Signals, values: Structure) -> Array:
         for joint in joints_of(signals.model, term):
             tau[joint] += signals.torque(term, joint)
     return tau
+
+
+def _without_bounds(signals: Signals, values: Structure) -> str:
+    """What to say where the torque is not finite: of which effects."""
+    found = []
+    for term, known in values.items():
+        if not all(np.isfinite(signals.torque(term, joint)).all() for joint in joints_of(signals.model, term)):
+            found.append(f"{term} with {', '.join(f'{name} = {value:g}' for name, value in known.items())}")
+    of = "; ".join(found) or signals.model.name
+    return f"along this motion the torque is not finite: {of}; choose other values"
 
 
 def _link(signals: Signals, values: Structure) -> Array:

@@ -95,7 +95,12 @@ def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Se
     """
     if not open_lumps:
         return
-    left_out = "; ".join(f"joint {k}: {', '.join(keys)}" for k, keys in enumerate(unknown_keys, 1) if keys)
+    lacking: dict[tuple[str, ...], list[str]] = {}
+    for joint, keys in enumerate(unknown_keys, 1):
+        if keys:
+            lacking.setdefault(tuple(keys), []).append(str(joint))
+    places = ((f"joint{'s' if len(at) > 1 else ''} {', '.join(at)}", keys) for keys, at in lacking.items())
+    left_out = "; ".join(f"{place}: {', '.join(keys)}" for place, keys in places)
     raise ModelError(
         f"{name}: this needs numbers that the model file leaves out ({left_out}), and so does not tell "
         f"{', '.join(open_lumps)}; state them, or let tendon identify MODEL RECORDING --write find what they come to"

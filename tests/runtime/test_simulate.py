@@ -162,6 +162,14 @@ def test_values_out_of_bounds_and_effects_twice_are_refused(drive: Model) -> Non
         simulate(drive, motion=np.zeros((2, 1000)))
 
 
+def test_a_torque_without_bounds_names_its_effect(drive: Model) -> None:
+    hidden = parse_hidden("elasticity@1:stiffness=0,damping=0", drive)
+    with pytest.raises(
+        SimulationError, match=r"not finite: elasticity@1 with stiffness = 0, damping = 0; choose other"
+    ):
+        simulate(drive, [hidden], SimulationSettings(seconds=5.0))
+
+
 def test_written_recording_reads_back(arm: Model, tmp_path: Path) -> None:
     made, _ = simulate(arm, settings=SimulationSettings(seconds=4.0))
     for name in ("made.csv", "made.csv.gz"):
