@@ -109,6 +109,7 @@ class Rows:
 
     @cached_property
     def count(self) -> int:
+        """Number of rows that count."""
         return int(self.use.sum())
 
     @cached_property
@@ -160,6 +161,7 @@ class Rows:
 
     @cached_property
     def stack_noise(self) -> Array:
+        """What of `stack` is noise, (b + 1, count)."""
         return self.used(self.noise)
 
     def whiten(self, x: Array, ar: Array) -> Array:
@@ -196,10 +198,12 @@ class Ground:
 
     @property
     def size(self) -> int:
+        """Number of coefficients."""
         return len(self.lower)
 
     @cached_property
     def fold_sizes(self) -> Array:
+        """(F,) rows of all joints in each fold."""
         return np.array([sum(r.folds[f].stop - r.folds[f].start for r in self.rows) for f in range(FOLDS)], dtype=float)
 
     @cached_property
@@ -302,6 +306,7 @@ class Ground:
         return Ground.levelled(rows, self.lower, self.upper)
 
     def whiten_block(self, block: CandidateBlock, ar: Sequence[Array]) -> CandidateBlock:
+        """A candidate's columns filtered as the rows are. ar: of each joint, coefficients of the filter."""
         parts = {
             j: CandidateRows(
                 self.rows[j].whiten(p.columns, ar[j]),

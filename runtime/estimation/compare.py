@@ -57,10 +57,12 @@ class JointSeries:
 
     @property
     def residual(self) -> Array:
+        """(M,) measured less predicted torque."""
         return self.tau - self.predicted
 
     @property
     def rms(self) -> float:
+        """Of the residual, in the unit of the joint's torque."""
         return errors(self.residual, self.tau)[0]
 
     @property
@@ -83,6 +85,7 @@ class JointSeries:
         return found
 
     def to_json(self) -> dict[str, Any]:
+        """A joint's part of `tendon compare --json`."""
         return {
             "joint": self.joint,
             **({} if self.name is None else {"name": self.name}),
@@ -104,6 +107,7 @@ class Comparison:
     written: tuple[tuple[float, float], ...] | None
 
     def to_json(self) -> dict[str, Any]:
+        """As `tendon compare --json`."""
         band = self.identification.motion.band
         joints = []
         for number, series in enumerate(self.joints):

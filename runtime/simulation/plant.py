@@ -48,14 +48,17 @@ class Plant:
 
     @property
     def q(self) -> Array:
+        """(n,) rad or m, of the motors."""
         return self._state[: self.model.n]
 
     @property
     def qd(self) -> Array:
+        """(n,) rad/s or m/s, of the motors."""
         return self._state[self.model.n : 2 * self.model.n]
 
     @property
     def t(self) -> float:
+        """s since `reset`."""
         return float(self._state[-1])
 
     def reset(self, q: ArrayLike, qd: ArrayLike | None = None) -> None:
