@@ -21,9 +21,14 @@ def imported(document: Document) -> None:
     show_table(table)
     say(*document["notes"])
     model = shlex.quote(document["out"])
-    say("", "Next, with recordings of the arm:")
-    say(f"  {COMMAND}inspect RECORDING {model}", "      says what is in a recording, and what looks wrong about it")
-    say(f"  {COMMAND}improve {model} RECORDING --held-out ANOTHER", "      finds what is unknown, and what the model lacks")
+    say(
+        "",
+        "Next, with recordings of the arm:",
+        f"  {COMMAND}inspect RECORDING {model}",
+        "      says what is in one, and what looks wrong about it",
+        f"  {COMMAND}improve {model} RECORDING --held-out ANOTHER",
+        "      finds what is unknown, and what the model lacks",
+    )
 
 
 def _range(joint: Document) -> str:
