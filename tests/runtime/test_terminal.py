@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -39,6 +39,7 @@ def test_joints_of_one_delay_share_a_line(
     st.lists(st.lists(st.text("abcdefgh ", max_size=30), min_size=3, max_size=3), min_size=1, max_size=5),
     st.integers(20, 90),
 )
+@example([["", " aaaaaaa", ""]], 23)
 def test_no_word_is_broken_however_narrow_the_terminal(rows: list[list[str]], width: int) -> None:
     """Every word stands whole, and no line is longer than the terminal, or than a word that is."""
     screen = io.StringIO()

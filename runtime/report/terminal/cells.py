@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,8 @@ ROOMY = 100
 
 
 COMMAND = "tendon "
+_WORDS = re.compile(r"^\s*\S+|\S+")
+"""Of a cell; blanks in front of the first are never parted from it."""
 
 
 def say(*lines: str) -> None:
@@ -128,7 +131,7 @@ def show_table(table: Table) -> None:
     screen = console()
     columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
     widest = [max(map(cell_len, cells)) for cells in columns]
-    least = [max(cell_len(word) for cell in cells for word in (cell.split() or [""])) for cells in columns]
+    least = [max(cell_len(word) for cell in cells for word in _WORDS.findall(cell) or [""]) for cells in columns]
     between = Measurement.get(screen, screen.options.update(max_width=_ENDLESS), table).maximum - sum(widest)
     room = screen.width - between
     if sum(least) > room:
