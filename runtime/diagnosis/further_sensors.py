@@ -8,7 +8,7 @@ independent evidence: a candidate's torque, as the motor torque asks for it, is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -122,7 +122,9 @@ class FurtherSensors:
         if not info.gives_way or not motion.has("twist", own):
             return ()
         twists, loads = [], []
-        for signals, piece in zip(self.field.regressors.signals, motion.pieces, strict=True):
+        # The direction of the load is asked for, which what rests would be taken out of.
+        whole = replace(self.field.regressors, motion=motion.with_standstill, _columns={})
+        for signals, piece in zip(whole.signals, motion.pieces, strict=True):
             deflection = signals.deflection(candidate.term, candidate.shape)
             twist = self._aligned(piece).twist
             if deflection is None or twist is None:
@@ -130,9 +132,9 @@ class FurtherSensors:
             twists.append(piece.in_band(np.array([twist[own], deflection])))
             loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
-        carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
+        carried = np.concatenate(loads) + self._measured_lag(whole, own)[own]
         largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
-        use = motion.moving(own) & (np.abs(carried) > LOADED * largest)
+        use = motion.untouched(own) & (np.abs(carried) > LOADED * largest)
         torque = carried[use] / largest
         base = np.array([np.ones_like(torque), torque, torque**3])
         step = _beyond(base, np.sign(torque))
@@ -179,7 +181,7 @@ class FurtherSensors:
         def torque(signals: Signals, piece: Piece, joint: int) -> Array:
             twist_qdd = self._aligned(piece).twist_qdd
             assert twist_qdd is not None
-            return piece.in_band(-signals.coupling(joint, own) * twist_qdd[own])
+            return piece.equation(piece.in_band(-signals.coupling(joint, own) * twist_qdd[own]), joint)
 
         pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
         return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
@@ -224,10 +226,11 @@ class FurtherSensors:
         the link side is, too, but for its shapes.
         """
         field, motion = self.field, self.field.motion
-        link = np.concatenate([p.in_band(_output_torque(p)[joint]) for p in motion.pieces])
+        parts = [np.array([_output_torque(p)[joint], np.ones(len(p.t))]) for p in motion.pieces]
+        pairs = zip(motion.pieces, parts, strict=True)
+        link, offset = np.concatenate([p.equation(p.in_band(x), joint) for p, x in pairs], axis=1)
         link = link - field.regressors.measured(joint)
-        qdd = np.concatenate([p.in_band(p.qdd[joint]) for p in motion.pieces])
-        free = [*field.regressors.rigid(joint), qdd, np.ones(len(link))]
+        free = [*field.regressors.rigid(joint), field.regressors.acceleration(joint), offset]
         for term in field.problem.layout.terms:
             info = field.model.library.effects[term.effect]
             if joint in joints_of(field.model, term) and info.side == "link":

@@ -84,8 +84,10 @@ def outside(step: Step, joint: int) -> str | None:
     signs = []
     noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
     read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
+    left = motion.noise_left(joint)
     white = max(s.rms**2 - float(np.mean(read[use] ** 2)), LEAST_WHITE * s.rms**2) if use.any() else 1.0
-    worst, rows = spectrum.bursts(residual, use, white + _smooth(read**2, motion.row_rate), motion.row_rate)
+    expected = white * left / (np.mean(left[use]) if use.any() else 1.0) + _smooth(read**2, motion.row_rate)
+    worst, rows = spectrum.bursts(residual, use, expected, motion.row_rate)
     slow = spectrum.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
     both = slow > SLOW_AND_BURSTS[0] and worst > SLOW_AND_BURSTS[1]
     line = spectrum.strongest_line(residual, motion.row_rate)

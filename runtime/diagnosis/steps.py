@@ -106,7 +106,7 @@ def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:
     found = []
     for i, left in enumerate(residuals_elsewhere(identification, motion)):
         use = motion.moving(i)
-        found.append(errors(left[use], motion.torque(i, identification.fit.skew)[use]))
+        found.append(errors(left[use], motion.recorded(i, identification.fit.skew)[use]))
     return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
 
 

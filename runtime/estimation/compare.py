@@ -139,7 +139,7 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
     out = []
     for i, joint in enumerate(model.joints):
         use = motion.moving(i)
-        tau = motion.torque(i, fit.skew)
+        tau = motion.recorded(i, fit.skew)
         noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
         warm = all(bool(p.measured[i]) for p in motion.pieces)
         out.append(
@@ -226,8 +226,8 @@ def as_written(identification: Identification) -> tuple[tuple[float, float], ...
     for i in range(model.n):
         predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces])
         use = motion.moving(i)
-        tau = motion.torque(i, identification.fit.skew)[use]
-        out.append(errors(tau - predicted[use], tau))
+        left = motion.torque(i, identification.fit.skew)[use] - predicted[use]
+        out.append(errors(left, motion.recorded(i, identification.fit.skew)[use]))
     return tuple(out)
 
 
@@ -245,7 +245,7 @@ def _torque(signals: Signals, joint: int) -> Array:
         for term in signals.prediction.values:
             if joint in joints_of(signals.model, term):
                 total += signals.torque(term, joint)
-    return signals.piece.in_band(total)
+    return signals.piece.equation(signals.piece.in_band(total), joint)
 
 
 def warnings(identification: Identification) -> list[str]:

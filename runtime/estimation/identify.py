@@ -312,9 +312,7 @@ class Identification:
         drivable = _drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction)
         if not self.fit.skew_free or not drivable:
             return None
-        every = replace(
-            self.motion, standstill=np.zeros(self.model.n), quiet=np.full(self.model.n, np.inf), spoiled=None
-        )
+        every = self.motion.with_standstill
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
     def delay_json(self) -> list[dict[str, Any]]:
@@ -339,18 +337,19 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
-    """Recordings in the band that suits their noise and the model's inertia, less rows that the end-effector's rests
-    spoil. Raises RecordingError.
+    """Recordings in the band that suits their noise and the model's inertia, less torques of rests of the end-effector.
+
+    Raises RecordingError.
     """
     return without_tip_rests(model, _in_its_band(model, recordings))
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:
-    """The motion less rows that the end-effector's rests spoil, where the model file has something rub there."""
+    """The motion with what the model file has rub at the end-effector as unknown as a joint's own where it rests."""
     known = structure(model)
     if not tip_rests.rubbing(model, known):
         return motion
-    return tip_rests.left_out(model, motion, solve(model, motion, known, None)[1].prediction)
+    return tip_rests.eliminated(model, motion, solve(model, motion, known, None)[1].prediction)
 
 
 def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:

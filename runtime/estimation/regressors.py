@@ -256,7 +256,7 @@ class Regressors:
         def make() -> Array:
             if self.motion.rigid_given:
                 return np.zeros((self.model.n, len(self.model.lumps), len(self.motion.row_piece)))
-            parts = [p.in_band(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
+            parts = [p.equations(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
             return np.concatenate(parts, axis=2)
 
         return self._kept(("rigid", self.model.directory), True, make)[joint]
@@ -266,7 +266,7 @@ class Regressors:
 
         def make() -> Array:
             parts = [
-                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.in_band(s.measured)
+                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.equations(s.measured)
                 for s, p in zip(self.signals, self.motion.pieces, strict=True)
             ]
             return np.concatenate(parts, axis=1)
@@ -277,7 +277,7 @@ class Regressors:
         """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
 
         def make() -> Array:
-            return np.concatenate([p.in_band(p.qdd[joint]) for p in self.motion.pieces])
+            return np.concatenate([p.equation(p.in_band(p.qdd[joint]), joint) for p in self.motion.pieces])
 
         return self._kept(("acceleration", joint), True, make)
 
@@ -311,8 +311,9 @@ class Regressors:
     ) -> Array:
         if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
             return np.array([self._late(joint, self.ahead)] * len(shapes))
+        library = self.model.library
         parts = [
-            p.low_pass.columns(self.model.library, term.effect, {**s.of(term, joint), **given}, shapes, p.dt)
+            p.equation(p.low_pass.columns(library, term.effect, {**s.of(term, joint), **given}, shapes, p.dt), joint)
             for s, p in zip(self.signals, self.motion.pieces, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)

@@ -174,7 +174,7 @@ class _Trials:
 
         standing = np.where(np.isinf(self.motion.standstill), 0.0, self.motion.standstill)
         standstill = np.where(np.isinf(self.motion.standstill), np.inf, mix @ standing)
-        motion = replace(_changed(self.motion, change), standstill=standstill)
+        motion = _changed(self.motion, change).resting(standstill, self.motion.quiet)
         return self._errors(motion, self._equations_of(Problem(self.model, motion, self.terms, self.prediction)))
 
     def _whole(self, errors: Array) -> float:

@@ -33,19 +33,26 @@ def _of_tip(source: object) -> bool:
     return isinstance(source, dict) and source.get("function") == RATE
 
 
-def left_out(model: Model, motion: Motion, prediction: Prediction) -> Motion:
-    """The motion without the rows that rests and turns of the end-effector spoil.
+def eliminated(model: Model, motion: Motion, prediction: Prediction) -> Motion:
+    """The motion with what rubs at the end-effector unknown to every joint where that rests or turns.
 
-    What rubs there reaches every joint, whose own motion shows nothing of it: where a plate sticks at the end of a
-    stroke, all joints that press it may be moving.
+    It reaches every joint, whose own motion shows nothing of it: where a plate sticks at the end of a stroke, all
+    joints that press it may be moving.
     """
-    spoiled = np.zeros((model.n, len(motion.row_piece)), dtype=bool)
+    floor = motion.band.torque_floor()[: model.n]
+    unknown, most = [np.zeros(p.q.shape, dtype=bool) for p in motion.pieces], np.zeros(model.n)
     here, again = (Regressors(model, m, prediction).signals for m in (motion, motion.perturbed))
     for term, name in rubbing(model, prediction.values):
         rest = _standstill(here, again, term, name)
-        for i in joints_of(model, term):
-            spoiled[i] |= np.concatenate([_spoiled(s, term, name, i, rest, motion) for s in here])
-    return replace(motion, spoiled=spoiled)
+        for signals, samples in zip(here, unknown, strict=True):
+            for i in joints_of(model, term):
+                dry = _dry_friction(signals, term, name, i, rest)
+                samples[i] |= _rests(signals, term, name, i, rest) & (dry > floor[i])
+                most[i] = max(most[i], dry.max(where=samples[i], initial=0.0))
+    with np.errstate(divide="ignore"):
+        quiet = np.minimum(motion.quiet, floor / most)
+    pieces = tuple(p.unknown_at(samples, quiet) for p, samples in zip(motion.pieces, unknown, strict=True))
+    return replace(motion, pieces=pieces, quiet=quiet)
 
 
 def _standstill(here: Iterable[Signals], again: Iterable[Signals], term: Term, name: str) -> float:
@@ -58,15 +65,10 @@ def _standstill(here: Iterable[Signals], again: Iterable[Signals], term: Term, n
     return max(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * float(np.abs(own).max()))
 
 
-def _spoiled(signals: Signals, term: Term, name: str, joint: int, rest: float, motion: Motion) -> Mask:
-    """(M,) in-band rows of one piece at a joint (0-based)."""
-    piece, noise = signals.piece, float(motion.band.torque_floor()[joint])
-    dry = _dry_friction(signals, term, name, joint, rest)
-    there, most = dry > noise, float(dry.max())
-    if not there.any():
-        return np.zeros(len(piece.centres), dtype=bool)
-    still, turning = turns.resting(np.asarray(signals.of(term, joint)[name]), rest)
-    return turns.spoiled(still & there, turning & there, piece.dt, piece.low_pass, noise / most)
+def _rests(signals: Signals, term: Term, name: str, joint: int, rest: float) -> Mask:
+    """(N,) samples of one piece."""
+    piece = signals.piece
+    return turns.at_rest(np.asarray(signals.of(term, joint)[name]), piece.dt, piece.low_pass.cutoff, rest)
 
 
 def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rest: float) -> Array:

@@ -195,10 +195,12 @@ def late(problem: Problem, fit: Fit) -> Array:
 
 
 def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array) -> TwistEquation:
-    plain, again = (_rows(problem, fit, joint, skew, r) for r in (problem.regressors, problem.regressors.perturbed))
     motion, band = problem.motion, problem.motion.band
+    # What rests is eliminated from linear equations; this one has the direction of the load, too.
+    whole = replace(problem.regressors, motion=motion.with_standstill, _columns={})
+    plain, again = (_rows(problem, fit, joint, skew, r) for r in (whole, whole.perturbed))
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
-    inside = white_inside(motion.torque(joint, fit.skew), motion.row_rate, band.cutoff)
+    inside = white_inside(motion.recorded(joint, fit.skew), motion.row_rate, band.cutoff)
     noise = band.cutoff * min(inside, float(band.torque_density[joint]))
     along = int(problem.model.joints[joint].rotor_inertia is None)
     return TwistEquation(plain, again, noise, errors, along)
@@ -215,13 +217,13 @@ def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regre
         parts.append(piece.in_band(np.array([twist[joint], piece.qd[joint], piece.qdd[joint]])))
     twists, rate, acceleration = np.concatenate(parts, axis=1)
     rotor = problem.model.joints[joint].rotor_inertia
-    load = motion.torque(joint, fit.skew) - _at_the_motor(problem, fit, joint, regressors)
+    load = motion.recorded(joint, fit.skew) - _at_the_motor(problem, fit, joint, regressors)
     base = [rate, *_constants(problem)]
     if rotor is None:
         base.append(acceleration)
     else:
         load = load - rotor * acceleration
-    return TwistRows(twists, np.array(base), load, problem.motion.moving(joint))
+    return TwistRows(twists, np.array(base), load, problem.motion.untouched(joint))
 
 
 def _gap(rows: TwistRows, largest: float, use: Mask) -> TwistRows:

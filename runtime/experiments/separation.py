@@ -237,7 +237,7 @@ def _torque(bench: TrialArm, motion: Motion, rival: Hidden, joint: int) -> Array
         return np.zeros(len(motion.row_time))
     truth = Prediction(bench.known.lump_values, {**bench.base, rival.term: rival.values})
     signals = Regressors(bench.known, motion, truth).signals
-    return np.concatenate([s.piece.in_band(s.torque(rival.term, joint)) for s in signals])
+    return np.concatenate([s.piece.equation(s.piece.in_band(s.torque(rival.term, joint)), joint) for s in signals])
 
 
 def _beside(gram: Array, base: int) -> Array:

@@ -134,9 +134,17 @@ class LowPass:
         """
         return library.columns_in_band(effect, signals, choices, dt, self._centred, self.factor)
 
-    def reach(self, there: NDArray[np.bool_]) -> Array:
-        """there (N,) -> (M,): how much of what is there, if it were 1 and of any sign, could at most come out."""
-        return self.library.decimate(np.abs(self._centred), self.factor, there.astype(np.float64))
+    def rows(self, samples: slice, within: int, size: int) -> slice:
+        """Rows, of `size`, whose centres lie within so many samples of these."""
+        first = -((self.half + within - samples.start) // self.factor)
+        last = (samples.stop - 1 + within - self.half) // self.factor
+        return slice(min(max(first, 0), size), min(max(last + 1, 0), size))
+
+    def response(self, samples: slice, rows: slice) -> Array:
+        """(rows, samples): what a row has of each sample."""
+        at = np.arange(samples.start, samples.stop) - self.factor * np.arange(rows.start, rows.stop)[:, None]
+        inside = (at >= 0) & (at <= 2 * self.half)
+        return np.where(inside, self._centred[np.clip(at, 0, 2 * self.half)], 0.0)
 
     def _kernel(self, delay: float) -> Array:
         n = np.arange(-self.half, self.half + 1) - delay

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from runtime.model.loader import Library
 from runtime.motion import sensors, turns
@@ -28,7 +29,9 @@ from runtime.motion.settings import (
     STANDSTILL_OF_TOP_SPEED,
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
+    UNTOUCHED,
 )
+from runtime.motion.unknown_torque import UnknownTorque
 from runtime.recordings.plausible import unpowered
 from runtime.recordings.recording import Recording, RecordingError
 
@@ -44,7 +47,8 @@ class Piece:
     warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
     were taken from which it was interpolated; None where they are those of the grid; rate_measured: joints
     (0-based) whose qd and qdd are those of a measured rate; began: s from the recording's start to that of the run,
-    the runs one after another.
+    the runs one after another; without: of every joint, what takes a torque out of its rows that nobody knows; empty:
+    every torque is known.
     """
 
     recording: int
@@ -65,6 +69,7 @@ class Piece:
     sensors: Sensors = NOTHING
     places: Array | None = None
     began: float = 0.0
+    without: tuple[UnknownTorque, ...] = ()
 
     def perturbed(self, band: Band, seed: int) -> Piece:
         """The piece as its encoders might have read it another time: other places of the steps, other noise.
@@ -115,6 +120,7 @@ class Piece:
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
             places=self._places_in(window),
+            without=tuple(each.cut(window, self.low_pass) for each in self.without),
         )
 
     def _places_in(self, window: slice) -> Array | None:
@@ -134,9 +140,49 @@ class Piece:
         """x (..., N) -> (..., M)."""
         return self.low_pass(x)
 
-    def moving(self, joint: int, standstill: float, quiet: float) -> Mask:
-        """(M,) as `turns.moving`, at a joint (0-based)."""
-        return turns.moving(self.qd[joint], self.dt, self.low_pass, standstill, quiet)
+    def equation(self, x: Array, joint: int) -> Array:
+        """In-band rows x (..., M) of a joint (0-based) less what its unknown torque could have put into them."""
+        return self.without[joint](x) if self.without else x
+
+    def equations(self, x: Array) -> Array:
+        """x (n, ..., N) -> (n, ..., M): in-band rows of all joints, as `equation`."""
+        return np.array([self.equation(row, i) for i, row in enumerate(self.low_pass(x))])
+
+    def moving(self, joint: int) -> Mask:
+        """(M,) rows of a joint (0-based) of which enough is known."""
+        return self.without[joint].counts if self.without else np.ones(len(self.centres), dtype=bool)
+
+    def untouched(self, joint: int) -> Mask:
+        """(M,) rows of a joint (0-based) that no unknown torque reaches."""
+        found: Mask = self.moving(joint) & (self.without[joint].left > UNTOUCHED if self.without else True)
+        return found
+
+    def eliminated(self, joint: int) -> sparse.csr_array:
+        """(M, K) combinations of the joint's rows (0-based) that were eliminated."""
+        return self.without[joint].directions if self.without else sparse.csr_array((len(self.centres), 0))
+
+    def noise_left(self, joint: int) -> Array:
+        """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left.
+
+        In the band's rows, which are closer than their noise needs, an eliminated combination held more of it than one
+        of a row.
+        """
+        if not self.without:
+            return np.ones(len(self.centres))
+        denser = 1 / (2 * self.low_pass.cutoff * self.dt * self.low_pass.factor)
+        return np.maximum(1 - denser * (1 - self.without[joint].left), 0.0)
+
+    def resting(self, standstill: Array, quiet: Array) -> Piece:
+        """The piece with joints at rest below these rates (n,); quiet (n,): torque noise in the band over what dry
+        friction may come to there."""
+        rests = [turns.at_rest(qd, self.dt, self.low_pass.cutoff, x) for qd, x in zip(self.qd, standstill, strict=True)]
+        return replace(self, without=()).unknown_at(np.array(rests), quiet)
+
+    def unknown_at(self, samples: Mask, quiet: Array) -> Piece:
+        """The piece with the joints' torques unknown at more samples (n, N)."""
+        there = samples | np.array([each.samples for each in self.without]) if self.without else samples
+        found = (UnknownTorque.of(self.low_pass, x, level) for x, level in zip(there, quiet, strict=True))
+        return replace(self, without=tuple(found))
 
 
 @dataclass(frozen=True)
@@ -144,10 +190,8 @@ class Motion:
     """All pieces, and which of their in-band rows may be used for each joint.
 
     standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
-    quiet (n,): torque noise in the band over the joint's dry friction: how much of that must not leak, through the
-    band's filter, from where it is not known into a row that counts.
+    quiet (n,): torque noise in the band over what dry friction may come to at rest.
     cells: of each signal, what `--map` takes for the field of the first recording from which it was read.
-    spoiled (n, M): rows that rests elsewhere than in the joint itself spoil; None: there are none.
     """
 
     band: Band
@@ -155,7 +199,6 @@ class Motion:
     standstill: Array
     quiet: Array
     cells: Mapping[str, str] = field(default_factory=dict)
-    spoiled: Mask | None = None
 
     @property
     def n(self) -> int:
@@ -216,20 +259,37 @@ class Motion:
                 pieces.append(piece.cut(window))
                 rows.append(start + window.start // piece.low_pass.factor + np.arange(len(pieces[-1].centres)))
             start += len(piece.centres)
-        held = np.concatenate(rows)
-        spoiled = None if self.spoiled is None else self.spoiled[:, held]
-        return replace(self, pieces=tuple(pieces), spoiled=spoiled), held
+        return replace(self, pieces=tuple(pieces)), np.concatenate(rows)
 
     def moving(self, joint: int) -> Mask:
-        """(M,) rows at which the joint (0-based) moves."""
+        """(M,) rows of the joint (0-based) of which enough is known."""
         return self._moving[joint]
+
+    def untouched(self, joint: int) -> Mask:
+        """(M,) rows of the joint (0-based) that no unknown torque reaches."""
+        return np.concatenate([p.untouched(joint) for p in self.pieces])
+
+    def noise_left(self, joint: int) -> Array:
+        """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left."""
+        return np.concatenate([p.noise_left(joint) for p in self.pieces])
+
+    def eliminated(self, joint: int) -> sparse.csr_array:
+        """(M, K) combinations of the joint's rows (0-based) that were eliminated."""
+        return sparse.csr_array(sparse.block_diag([p.eliminated(joint) for p in self.pieces], format="csr"))
 
     @cached_property
     def _moving(self) -> list[Mask]:
-        own = [
-            np.concatenate([p.moving(i, self.standstill[i], self.quiet[i]) for p in self.pieces]) for i in range(self.n)
-        ]
-        return own if self.spoiled is None else [a & ~b for a, b in zip(own, self.spoiled, strict=True)]
+        return [np.concatenate([p.moving(i) for p in self.pieces]) for i in range(self.n)]
+
+    def resting(self, standstill: Array, quiet: Array) -> Motion:
+        """The same motion, as `Piece.resting`."""
+        pieces = tuple(p.resting(standstill, quiet) for p in self.pieces)
+        return replace(self, pieces=pieces, standstill=standstill, quiet=quiet)
+
+    @cached_property
+    def with_standstill(self) -> Motion:
+        """The same motion with all torques known, whether joints rest or not."""
+        return replace(self, pieces=tuple(replace(p, without=()) for p in self.pieces))
 
     @cached_property
     def row_piece(self) -> NDArray[np.intp]:
@@ -252,14 +312,19 @@ class Motion:
         return np.concatenate([getattr(p, name)[:, p.centres] for p in self.pieces], axis=1)
 
     def torque(self, joint: int, skew: float) -> Array:
-        """(M,) measured torque in the band, `skew` samples later than recorded; not to be written to."""
+        """(M,) measured torque in the band, `skew` samples later than recorded, less what is unknown of it; not to be
+        written to."""
         kept = self._torques.setdefault(joint, {})
         if skew not in kept:
             if len(kept) >= KEPT_SKEWS:
                 kept.clear()
-            kept[skew] = np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
+            kept[skew] = np.concatenate([p.equation(_late(p, p.tau[joint], skew), joint) for p in self.pieces])
             kept[skew].flags.writeable = False
         return kept[skew]
+
+    def recorded(self, joint: int, skew: float) -> Array:
+        """(M,) measured torque in the band, `skew` samples later than recorded, whole."""
+        return np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
 
     @cached_property
     def _torques(self) -> dict[int, dict[float, Array]]:
@@ -268,7 +333,8 @@ class Motion:
 
     def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s later than recorded."""
-        return np.concatenate([_late(p, p.tau[joint], skew + time / p.dt) for p in self.pieces])
+        parts = [p.equation(_late(p, p.tau[joint], skew + time / p.dt), joint) for p in self.pieces]
+        return np.concatenate(parts)
 
 
 def _late(piece: Piece, x: Array, delay: float) -> Array:
@@ -293,7 +359,7 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
 def _dry_friction(motion: Motion, joint: int) -> float:
     use = motion.moving(joint)
     q, qd, qdd = (motion.rows(name)[joint, use] for name in ("q", "qd", "qdd"))
-    return turns.dry_friction(q, qd, qdd, motion.torque(joint, 0.0)[use])
+    return turns.dry_friction(q, qd, qdd, motion.recorded(joint, 0.0)[use])
 
 
 def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
@@ -326,12 +392,14 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
     # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
     held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
-    motion = Motion(band, tuple(pieces), np.where(held, np.inf, standstill), np.full(n, np.inf), recordings[0].cells)
+    standstill = np.where(held, np.inf, standstill)
+    motion = Motion(band, tuple(pieces), standstill, np.zeros(n), recordings[0].cells)
+    motion = motion.resting(standstill, np.zeros(n))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum([_dry_friction(motion, i) for i in range(n)], 1e-300)
-    return replace(motion, quiet=band.torque_floor()[:n] / friction)
+    return motion.resting(standstill, band.torque_floor()[:n] / friction)
 
 
 def _began(recording: Recording, run: int) -> float:

@@ -44,7 +44,8 @@ def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: A
     """
     use = motion.moving(joint)
     torque = motion.band.torque_density[joint] * motion.band.cutoff
-    spectrum = float(np.sqrt(torque + np.mean(read[use] ** 2))) if use.any() else float(np.sqrt(torque))
+    left = float(np.mean(motion.noise_left(joint)[use])) if use.any() else 1.0
+    spectrum = float(np.sqrt(torque * left + np.mean(read[use] ** 2))) if use.any() else float(np.sqrt(torque))
     parts = repeats.pure_error(residual, use)
     if parts is None:
         return Floor(spectrum, "spectrum", spectrum, None)

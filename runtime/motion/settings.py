@@ -179,19 +179,9 @@ MOST_DELAY: Final = 4.0
 
 # standstill ---------------------------------------------------------------------------------------------------------
 
-STANDSTILL_S: Final = 0.004
-"""s; rows this close to standstill are left out, as the sign of the rate is noise there; development recordings."""
-
-STANDSTILL_SHARP_HZ: Final = 50.0
-"""Hz; below this cut-off the encoder limits the band, and blurs when standstill was; development recordings."""
-
-STANDSTILL_BLUR: Final = 2.1
-"""power of the cut-off's period; one for the filter's length, the rest for what that makes of the noise of the rate;
-development recordings with coarse encoders."""
-
-STANDSTILL_PERIODS: Final = 0.85
-"""part of a period of the cut-off; a blurred standstill is left out up to so far; development recordings with coarse
-encoders."""
+RATE_BLUR: Final = 0.08
+"""part of a period of the cut-off; the rate's smoothing, which is down by half at twice the cut-off, answers to a jump
+of the acceleration so late: 1 / (2 pi 2)."""
 
 STANDSTILL_NOISE: Final = 4.0
 """standard deviations of the rate's noise; below, the sign of the rate is chance; a normal variable is beyond it once
@@ -201,19 +191,23 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
-STICKING_OVER_NOISE: Final = 8.0
-"""ratio to the torque noise in the band; a row is left out if all that dry friction may hold at rest could come to
-more in it, through the band's filter: most of it cancels, as it passes from one sign to the other; development
-recordings with little noise, and a real axis, whose slow rows tell a law that fewer would not."""
+UNKNOWN_OVER_NOISE: Final = 0.3
+"""ratio to the torque noise in the band; a combination of rows is eliminated if all that dry friction may hold at rest
+could come to more in it; what is left in is then small beside the noise, also where it comes back; by construction."""
 
-TURNING_OVER_NOISE: Final = 6.0
-"""ratio to the torque noise in the band; a row is left out if dry friction that turned a whole sample earlier or later
-would come to more in it: the instant is anywhere within a sample, which is 0.29 of it, RMS; uniform distribution, and
-development recordings at 100 to 500 Hz."""
+SAME_DIRECTION: Final = 1e-3
+"""part of a row; combinations of rows that differ by less are one; rounding."""
+
+LEAST_OF_ROW: Final = 0.1
+"""part of a row; one of which less is left once an unknown torque was eliminated says nothing; by construction."""
 
 HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
 """rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development
 recordings with held joints."""
+
+UNTOUCHED: Final = 0.97
+"""part of a row; where more of it is left once an unknown torque was eliminated, none reached it; development
+recordings."""
 
 # pieces and excerpts ------------------------------------------------------------------------------------------------
 

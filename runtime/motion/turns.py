@@ -1,55 +1,31 @@
-"""Where a joint rests or turns: what its dry friction is there, nobody knows, and the band's filter spreads it."""
+"""Where a joint rests or turns: what its dry friction is there, nobody knows."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.motion.filters import LowPass
-from runtime.motion.settings import (
-    STANDSTILL_BLUR,
-    STANDSTILL_PERIODS,
-    STANDSTILL_S,
-    STANDSTILL_SHARP_HZ,
-    STICKING_OVER_NOISE,
-    TURNING_OVER_NOISE,
-)
+from runtime.motion.settings import RATE_BLUR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def moving(qd: Array, dt: float, low_pass: LowPass, standstill: float, quiet: float) -> Mask:
-    """(M,) in-band rows of a joint's rate qd (N,) at steps of dt that no rest and no turn spoils.
+def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
+    """(N,) samples of a rate (N,) at steps of dt at which it rests or turns, or is about to as far as it is known.
 
-    standstill: the rate below which it rests; quiet: torque noise in the band over dry friction.
+    What rubs holds any torque below its friction at rest. A rate that its noise may have turned is below `standstill`;
+    a turn lies between two samples, and the smoothing of the rate, `cutoff` Hz, blurs when a rest began.
     """
-    return ~spoiled(*resting(qd, standstill), dt, low_pass, quiet)
-
-
-def resting(rate: Array, standstill: float) -> tuple[Mask, Mask]:
-    """(N,) samples at which a rate (N,) is below `standstill`, and those between which it turns and is not."""
     still = np.abs(rate) < standstill
-    turning = np.append((np.diff(np.sign(rate)) != 0) & ~(still[1:] & still[:-1]), False)
-    return still, turning
-
-
-def spoiled(still: Mask, turning: Mask, dt: float, low_pass: LowPass, quiet: float) -> Mask:
-    """(M,) in-band rows that samples (N,) at rest or turning, at steps of dt, spoil.
-
-    What sticks holds any torque below its friction, and where it turns the instant is not known within a sample: what
-    either may leak into a row must be small against the noise there.
-    quiet: torque noise in the band over dry friction.
-    """
-    cutoff, centres = low_pass.cutoff, low_pass.centres(len(still))
-    blurred = min(STANDSTILL_S * (STANDSTILL_SHARP_HZ / cutoff) ** STANDSTILL_BLUR, STANDSTILL_PERIODS / cutoff)
-    reach = max(1, round(max(STANDSTILL_S, blurred) / dt))
+    turning = np.diff(np.sign(rate)) != 0
+    still[:-1] |= turning
+    still[1:] |= turning
+    reach = max(1, int(np.ceil(RATE_BLUR / (cutoff * dt))))
     count = np.concatenate([[0], np.cumsum(still)])
-    lo = np.clip(centres - reach, 0, len(still))
-    hi = np.clip(centres + reach + 1, 0, len(still))
-    stuck = low_pass.reach(still) >= STICKING_OVER_NOISE * quiet
-    turned = low_pass.reach(turning) >= TURNING_OVER_NOISE * quiet
-    return (count[hi] > count[lo]) | stuck | turned
+    at = np.arange(len(still))
+    close: Mask = count[np.minimum(at + reach + 1, len(still))] > count[np.maximum(at - reach, 0)]
+    return close
 
 
 def dry_friction(q: Array, qd: Array, qdd: Array, tau: Array) -> float:

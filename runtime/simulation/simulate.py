@@ -280,7 +280,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     info = model.library.effects[term.effect]
     silent = np.zeros(model.n)
     band = Band(SIZING_CUTOFF, "simulated", silent, silent, silent)
-    motion = Motion(band, (piece,), np.zeros(model.n), np.full(model.n, np.inf))
+    motion = Motion(band, (piece,), np.zeros(model.n), np.zeros(model.n))
     regressors = Regressors(model, motion, Prediction(model.lump_values, others))
     with np.errstate(divide="ignore", invalid="ignore"):
         grid = points(regressors, term)

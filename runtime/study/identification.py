@@ -20,6 +20,7 @@ from scipy.interpolate import BPoly
 
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
+from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import NOMINAL_SKEW
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
@@ -200,7 +201,8 @@ class JointFriction:
         """
         found, i = self.identification, self.joint - 1
         speed = found.motion.rows("qd")[i]
-        torque = found.motion.torque(i, found.fit.skew) - found.problem.regressors.measured(i)
+        whole = Regressors(found.model, found.motion.with_standstill)
+        torque = found.motion.recorded(i, found.fit.skew) - whole.measured(i)
         trials = [found.motion.row_piece == k for k in range(len(found.motion.pieces))]
         return [(speed[trial], torque[trial]) for trial in trials]
 

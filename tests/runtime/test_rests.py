@@ -16,6 +16,8 @@ from runtime.motion.band import Band
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 
+Mask = NDArray[np.bool_]
+
 DT = 1e-3
 POSTURE = np.array([-0.2, -0.4, -1.6, -1.0])
 SWING = np.array([0.3, 0.1, 0.4, 0.2])
@@ -44,32 +46,55 @@ def rubbed(model: Model, motion: Motion, friction: float, depth: float) -> Motio
     """With a plate whose place is so far above the lowest point of the end-effector."""
     lowest = float(np.min(model.tip(motion.pieces[0].q)[1]))
     values = {"stiffness": 600.0, "pretension": 24.0, "friction": friction, "position": lowest + depth}
-    return tip_rests.left_out(model, motion, Prediction(model.lump_values, {PLATE: values}))
+    return tip_rests.eliminated(model, motion, Prediction(model.lump_values, {PLATE: values}))
 
 
-def test_rows_at_a_turn_of_the_end_effector_count_at_no_joint(model: Model, swinging: Motion) -> None:
+def more_unknown(touched: Motion, motion: Motion, joint: int) -> Mask:
+    """(N,) samples of the first piece that a plate made unknown to a joint."""
+    return touched.pieces[0].without[joint].samples & ~motion.pieces[0].without[joint].samples
+
+
+def test_no_joint_holds_a_force_at_a_turn_of_the_end_effector(model: Model, swinging: Motion) -> None:
+    """Whatever the plate holds at its turns is in the recorded rows of every joint, and in no equation of one."""
     piece, touched = swinging.pieces[0], rubbed(model, swinging, friction=6.0, depth=9.0)
     rate = np.gradient(model.tip(piece.q)[1], DT)
     turns = piece.t[np.flatnonzero(np.diff(np.sign(rate)))]
-    away = np.min(np.abs(swinging.row_time[:, None] - turns), axis=1)
+    held = np.random.default_rng(1).uniform(-1, 1, len(piece.t))
     for joint in range(4):
-        lost = swinging.moving(joint) & ~touched.moving(joint)
-        assert not touched.moving(joint)[away < 0.01].any()
-        assert lost.any()
-        assert away[lost].max() < 0.1
+        unknown = touched.pieces[0].without[joint].samples
+        at_turns = np.min(np.abs(piece.t[:, None] - turns), axis=1) < 2 * DT
+        assert unknown[at_turns].all()
+        assert more_unknown(touched, swinging, joint).any()
+        for torque in (np.where(at_turns, 1.0, 0.0), np.where(unknown, held, 0.0)):
+            rows = piece.in_band(torque)
+            left = touched.pieces[0].equation(rows, joint)[touched.moving(joint)]
+            assert np.abs(rows).max() > 10 * touched.quiet[joint]
+            assert np.abs(left).max() < touched.quiet[joint]
 
 
-def test_where_nothing_rubs_every_row_counts(model: Model, swinging: Motion) -> None:
+def test_what_the_end_effector_does_elsewhere_is_known(model: Model, swinging: Motion) -> None:
+    touched = rubbed(model, swinging, friction=6.0, depth=9.0)
+    piece = swinging.pieces[0]
+    rate = np.abs(np.gradient(model.tip(piece.q)[1], DT))
+    for joint in range(4):
+        more = more_unknown(touched, swinging, joint)
+        assert rate[more].max() < 0.1 * rate.max()
+
+
+def test_where_nothing_rubs_every_torque_is_known(model: Model, swinging: Motion) -> None:
     for motion in (rubbed(model, swinging, 0.0, 9.0), rubbed(model, swinging, 6.0, -0.01)):
+        assert not any(more_unknown(motion, swinging, i).any() for i in range(4))
         assert all(np.array_equal(motion.moving(i), swinging.moving(i)) for i in range(4))
 
 
-def test_an_excerpt_leaves_out_the_same_rows(model: Model, swinging: Motion) -> None:
+def test_an_excerpt_knows_as_little(model: Model, swinging: Motion) -> None:
     touched = rubbed(model, swinging, friction=6.0, depth=9.0)
-    excerpt, rows = touched.excerpt(3000)
-    assert touched.spoiled is not None
-    assert excerpt.spoiled is not None
-    assert np.array_equal(excerpt.spoiled, touched.spoiled[:, rows])
+    excerpt, _ = touched.excerpt(3000)
+    first = touched.pieces[0]
+    for piece in excerpt.pieces:
+        start = int(np.searchsorted(first.t, piece.t[0]))
+        for mine, whole in zip(piece.without, first.without, strict=True):
+            assert np.array_equal(mine.samples, whole.samples[start : start + len(piece.t)])
 
 
 @pytest.mark.parametrize("astray", [-0.03, 0.04])

@@ -1,0 +1,106 @@
+"""What a torque that nobody knows may do to the rows of a band, taken out of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from runtime.motion.filters import LowPass
+from runtime.motion.settings import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class UnknownTorque:
+    """Rows (M,) less all that a torque at some samples could have put into them, whatever it was.
+
+    A torque that is unknown at some samples is so many unknowns more. The band's filter lets few of their combinations
+    through: those are eliminated, from measured torque and regressors alike, by projecting the rows on what is
+    orthogonal to them. An equation stays one, noise that was white stays white in what is left, and as the combinations
+    are signals in the band, rows stay in it.
+
+    samples (N,), quiet: as given to `of`; directions (M, K) sparse, orthonormal within every run of samples; left (M,):
+    part of each row that is left; counts (M,): rows of which that is enough.
+    Source: nuisance parameters in least squares, eliminated by projection: Frisch & Waugh 1933, Econometrica 1(4).
+    """
+
+    samples: Mask
+    quiet: float
+    directions: sparse.csr_array
+    left: Array
+    counts: Mask
+
+    @classmethod
+    def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
+        """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to."""
+        rows = len(low_pass.centres(len(unknown)))
+        left = np.ones(rows)
+        found: list[sparse.coo_array] = []
+        for run in _runs(unknown):
+            if run.stop - run.start > 4 * low_pass.half:
+                # Deep inside no kernel reaches what is known.
+                ends = slice(run.start, run.start + 2 * low_pass.half), slice(run.stop - 2 * low_pass.half, run.stop)
+                inside = low_pass.rows(slice(run.start + low_pass.half, run.stop - low_pass.half), 0, rows)
+                left[inside] = 0.0
+                parts = [(ends[0], slice(0, inside.start)), (ends[1], slice(inside.stop, rows))]
+            else:
+                parts = [(run, slice(0, rows))]
+            for samples, among in parts:
+                reached = low_pass.rows(samples, low_pass.half, rows)
+                reached = slice(max(reached.start, among.start), min(reached.stop, among.stop))
+                basis = _basis(low_pass.response(samples, reached), max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
+                left[reached] -= (basis**2).sum(axis=1)
+                at, number = np.indices(basis.shape)
+                found.append(
+                    sparse.coo_array(
+                        (basis.ravel(), (reached.start + at.ravel(), number.ravel())), shape=(rows, basis.shape[1])
+                    )
+                )
+        directions = sparse.csr_array(sparse.hstack(found) if found else (rows, 0))
+        return cls(unknown, quiet, directions, left, left > LEAST_OF_ROW)
+
+    def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
+        """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
+        to be known from outside."""
+        found = self.of(low_pass, self.samples[window], self.quiet)
+        counts, size = found.counts.copy(), window.stop - window.start
+        for run in _runs(found.samples):
+            if run.start < 2 * low_pass.half or run.stop > size - 2 * low_pass.half:
+                counts[low_pass.rows(run, low_pass.half, len(counts))] = False
+        return replace(found, counts=counts)
+
+    @cached_property
+    def _gram(self) -> SuperLU:
+        gram = self.directions.T @ self.directions
+        return splu(sparse.csc_matrix(gram + SAME_DIRECTION**2 * sparse.eye_array(gram.shape[0])))
+
+    def __call__(self, x: Array) -> Array:
+        """x (..., M) -> (..., M)."""
+        if not self.directions.shape[1]:
+            return x
+        flat = x.reshape(-1, x.shape[-1]).T
+        with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
+            left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self.directions.T @ flat))
+        return np.ascontiguousarray(left.T).reshape(x.shape)
+
+
+def _runs(there: Mask) -> Iterator[slice]:
+    """Stretches of samples (N,) that are there."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
+    return (slice(int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
+
+
+def _basis(response: Array, least: float) -> Array:
+    """(m, k) orthonormal combinations of rows through which a torque of at most 1 at samples (n) comes to more than
+    `least`; response (m, n)."""
+    power, vectors = np.linalg.eigh(response @ response.T)
+    largest = np.sqrt(np.maximum(power, 0.0) * response.shape[1])
+    return np.asarray(vectors[:, largest > least])
