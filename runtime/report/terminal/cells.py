@@ -26,8 +26,6 @@ ROOMY = 100
 
 
 COMMAND = "tendon "
-_WORDS = re.compile(r"^\s*\S+|\S+")
-"""Of a cell; blanks in front of the first are never parted from it."""
 
 
 def say(*lines: str) -> None:
@@ -131,7 +129,7 @@ def show_table(table: Table) -> None:
     screen = console()
     columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
     widest = [max(map(cell_len, cells)) for cells in columns]
-    least = [max(cell_len(word) for cell in cells for word in _WORDS.findall(cell) or [""]) for cells in columns]
+    least = [max(map(_longest_word, cells)) for cells in columns]
     between = Measurement.get(screen, screen.options.update(max_width=_ENDLESS), table).maximum - sum(widest)
     room = screen.width - between
     if sum(least) > room:
@@ -144,6 +142,11 @@ def show_table(table: Table) -> None:
     for column, width in zip(table.columns, widths, strict=True):
         column.width, column.no_wrap = width, False
     screen.print(table)
+
+
+def _longest_word(cell: str) -> int:
+    """Columns; blanks at the beginning stay with the first word."""
+    return max(map(cell_len, re.findall(r"^\s*\S+|\S+", cell)), default=0)
 
 
 def _show_rows(columns: Sequence[Sequence[str]], width: int) -> None:
