@@ -104,6 +104,7 @@ class Source:
         return effects_described(None, self.space) if self.own is None else self.own
 
     def arm(self, text: str | None = None) -> Arm | SpatialArm:
+        """The arm of the file, or of other text in its place. Raises ModelError."""
         from symbolic.model_file import reader
 
         return reader.parse(self.text if text is None else text, str(self.path), self.described)

@@ -20,7 +20,8 @@ JOINT_TYPES = ("revolute", "prismatic")
 class UnitOfJoint(Protocol):
     """A unit that a revolute and a prismatic joint may read differently."""
 
-    def text(self, joint_type: str = "revolute") -> str: ...
+    def text(self, joint_type: str = "revolute") -> str:
+        """The unit in letters, of a revolute joint or of a prismatic one."""
 
 
 @dataclass(frozen=True)
@@ -183,14 +184,17 @@ class DescribedEffect(Generic[P]):
 
     @property
     def linear(self) -> tuple[P, ...]:
+        """Parameters that identification solves for exactly."""
         return tuple(p for p in self.parameters if p.role == "linear")
 
     @property
     def shape(self) -> tuple[P, ...]:
+        """Parameters that identification searches for."""
         return tuple(p for p in self.parameters if p.role == "shape")
 
     @property
     def given(self) -> tuple[P, ...]:
+        """Parameters that no motion tells."""
         return tuple(p for p in self.parameters if p.role == "given")
 
     @property

@@ -40,6 +40,7 @@ class ArmModel:
     functions: tuple[SymbolicFunction, ...]
 
     def function(self, name: str) -> SymbolicFunction:
+        """The function of this name. Raises StopIteration where the arm has none."""
         return next(f for f in self.functions if f.name == name)
 
 

@@ -73,6 +73,7 @@ def smooth_sgn(x: sp.Expr, width: sp.Expr) -> sp.Expr:
 
 @cache
 def smooth_step(x: sp.Expr, width: sp.Expr) -> sp.Expr:
+    """0 below zero, 1 above, smooth within about `width` of it."""
     return (1 + smooth_sgn(x, width)) / 2
 
 

@@ -35,6 +35,7 @@ class Recorder:
         self._taken = set(reserved)
 
     def let(self, name: str, value: Any) -> sp.Expr:
+        """A symbol that stands for the value from here on; one for both signs of it, none for an input."""
         expr = sp.sympify(value)
         sign, rest = expr.as_coeff_Mul()
         if expr.is_Atom or (rest.is_Atom and sign == -1):
@@ -53,6 +54,7 @@ class Recorder:
         return symbol
 
     def sincos(self, angle: Any) -> tuple[sp.Expr, sp.Expr]:
+        """Symbols of cosine and sine of an angle; of 0, the numbers 1 and 0."""
         if angle == 0:
             return sp.Integer(1), sp.Integer(0)
         name = str(angle)

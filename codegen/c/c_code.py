@@ -222,11 +222,13 @@ def struct_leaves(function: SymbolicFunction) -> dict[sp.Symbol, str]:
 
 
 def struct_argument(prefix: str, function: SymbolicFunction, precision: Precision) -> list[str]:
+    """The argument that holds the parameters, in C; none for a function without."""
     struct = function.struct
     return [] if struct is None else [f"const {prefix}_{struct.name}_{precision.suffix} *{struct.name}"]
 
 
 def taken(function: SymbolicFunction) -> frozenset[str]:
+    """Names that a function's arguments and results have in C, so that nothing else may."""
     return frozenset({"count", "k"} | {a.name for a in function.arguments} | {o.name for o in function.outputs})
 
 

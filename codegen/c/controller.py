@@ -64,6 +64,7 @@ class Controller:
 
     @property
     def has_contact_coordinates(self) -> bool:
+        """Whether the arm has the coordinates w of a contact phase."""
         return any(function.name == "contact_inverse" for function in self.model.functions)
 
     def _coverage(self) -> str:

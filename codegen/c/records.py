@@ -38,10 +38,12 @@ class Record:
     declared: bool = False
 
     def typedef(self) -> str:
+        """The struct in C, each field with its unit and meaning."""
         lines = [f"    {field.declaration()}" for field in self.fields]
         return "\n".join([comment(self.meaning), "typedef struct {", *lines, f"}} {self.name};"])
 
     def to_json(self) -> dict[str, Any]:
+        """Name and fields, as the runtime reads them to fill the struct."""
         return {"name": self.name, "fields": [_json(field) for field in self.fields]}
 
 

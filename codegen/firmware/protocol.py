@@ -152,6 +152,7 @@ class Protocol:
         return cls(model.arm.name, types, (*sent, *reports(types)))
 
     def message(self, name: str) -> Message:
+        """The message of this name. Raises StopIteration without one."""
         return next(message for message in self.messages if message.name == name)
 
     @property
@@ -161,10 +162,12 @@ class Protocol:
 
     @property
     def commands(self) -> tuple[Message, ...]:
+        """Messages to the board."""
         return tuple(message for message in self.messages if message.direction == "command")
 
     @property
     def reports(self) -> tuple[Message, ...]:
+        """Messages from the board."""
         return tuple(message for message in self.messages if message.direction == "report")
 
     @property

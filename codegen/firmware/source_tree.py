@@ -141,6 +141,7 @@ class FirmwareTree:
 
     @classmethod
     def of(cls, model: ArmModel, library: Mapping[str, Effect], directory: Path) -> FirmwareTree:
+        """An arm's firmware, for a directory."""
         return cls(firmware_files(model, library), directory)
 
     @property

@@ -70,6 +70,7 @@ class Numbering:
         self.names: dict[int, str] = {}
 
     def program(self, outputs: Sequence[sp.Expr]) -> NumberedProgram:
+        """Definitions, then outputs: a program in which every value is computed once."""
         for symbol, expr in self.definitions:
             sign, i = self.memo[symbol] = self.value(expr)
             if sign > 0 and self.nodes[i].op not in ("leaf", "const"):
@@ -82,6 +83,7 @@ class Numbering:
         return _live(self.nodes, plain, self.names | directions(self.nodes))
 
     def node(self, op: str, *args: int, value: Any = None) -> int:
+        """Number of an operation on numbered values; the same operation has the same number."""
         node = Node(op, args, value)
         if node not in self.index:
             self.index[node] = len(self.nodes)
@@ -89,9 +91,11 @@ class Numbering:
         return self.index[node]
 
     def const(self, value: Fraction) -> Ref:
+        """A constant by sign and magnitude."""
         return (-1 if value < 0 else 1), self.node("const", value=abs(value))
 
     def number(self, ref: Ref) -> Fraction | None:
+        """The constant that a value is, None if it is none."""
         node = self.nodes[ref[1]]
         return ref[0] * node.value if node.op == "const" else None
 
@@ -113,6 +117,7 @@ class Numbering:
         return ref if read else (1, self.node("sub", node.args[1], node.args[0]))
 
     def value(self, expr: sp.Expr) -> Ref:
+        """Sign and number of an expression."""
         found = self.memo.get(expr)
         if found is None:
             found = self.memo[expr] = self._convert(expr)
@@ -257,6 +262,7 @@ class Numbering:
         return result
 
     def add(self, a: Ref, b: Ref) -> Ref:
+        """a + b; constants are folded, x − x is 0, and a + b is b + a."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x + y)
@@ -277,6 +283,7 @@ class Numbering:
         return 1, self.node("sub", positive, negative)
 
     def mul(self, a: Ref, b: Ref) -> Ref:
+        """a b; constants are folded, 0 and 1 cost nothing, and a b is b a."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x * y)
@@ -309,6 +316,7 @@ class Numbering:
         return value if self.number(value) == 0 else (value[0], self.node("gate", x, value[1]))
 
     def div(self, a: Ref, b: Ref) -> Ref:
+        """a / b; by a constant, the product with its inverse. Raises ValueError: b is 0."""
         y = self.number(b)
         if y is not None:
             if y == 0:

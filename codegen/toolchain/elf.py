@@ -25,6 +25,7 @@ class Section:
 
     @property
     def executable(self) -> bool:
+        """Whether it holds machine code."""
         return bool(self.flags & _EXECUTABLE)
 
 
@@ -67,6 +68,7 @@ class Elf:
 
     @classmethod
     def read(cls, path: Path) -> Elf:
+        """The image in a file."""
         return cls(path.read_bytes())
 
     def _text(self, offset: int) -> str:
@@ -91,6 +93,7 @@ class Elf:
 
     @property
     def sizes(self) -> Sizes:
+        """Bytes of code and constants, of data that starts with values, and of data that starts with zeros."""
         taken = [s for s in self.sections if s.flags & _ALLOCATED]
         bss = sum(s.size for s in taken if s.kind == _UNINITIALISED)
         data = sum(s.size for s in taken if s.kind != _UNINITIALISED and s.flags & _WRITABLE)

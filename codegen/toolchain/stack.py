@@ -31,6 +31,7 @@ class Stack:
 
     @property
     def worst(self) -> int:
+        """Bytes that main and the deepest chain of interrupt handlers take together."""
         return self.main + self.handlers
 
 

@@ -65,6 +65,7 @@ class FunctionProof:
 
     @property
     def equal(self) -> bool:
+        """Whether every output was the Lagrangian's at every point."""
         return self.differs is None
 
 

@@ -99,6 +99,7 @@ class VerifyReport:
 
     @property
     def equal(self) -> bool:
+        """Whether all targets are equal, and all that can be proved is."""
         return all(case.equal for case in self.cases) and all(proof.equal for proof in self.proofs)
 
     def to_json(self) -> dict[str, Any]:

@@ -381,6 +381,7 @@ class CandidateField:
         return [p.name for p in shape if p.grid and p.grid.continuous]
 
     def logarithmic(self, term: Term) -> bool:
+        """Whether all of the term's shapes are searched on a logarithmic grid."""
         shape = self.model.library.effects[term.effect].shape
         return all(p.grid is None or p.grid.spacing == "log" for p in shape)
 

@@ -58,6 +58,7 @@ class Contradiction:
 
     @property
     def label(self) -> str:
+        """The parameter, with its effect and joint where it has one."""
         return self.name if self.term is None else f"{self.term} {self.name}"
 
     def to_json(self) -> dict[str, Any]:
@@ -107,9 +108,11 @@ class Tables:
         return f"{self.refusal}; " if self.refusal else ""
 
     def recordings_json(self) -> list[dict[str, Any]]:
+        """What each recording says alone."""
         return [table.to_json(self.identification) for table in self.tables]
 
     def inconsistent_json(self) -> list[dict[str, Any]]:
+        """Parameters on which the recordings disagree."""
         return [c.to_json() for c in (*self.inertial, *self.effects)]
 
 

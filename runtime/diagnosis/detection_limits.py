@@ -53,6 +53,7 @@ class Limit:
     assumed: Values = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
+        """An entry of would_have_seen in `tendon diagnose --json`."""
         return {
             "effect": self.term.effect,
             "joint": self.term.joint,

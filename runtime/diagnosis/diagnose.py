@@ -70,6 +70,7 @@ class Diagnosis:
 
 
 def inertial_json(model: Model, inference: Inference) -> list[dict[str, Any]]:
+    """Base inertial parameters with intervals, as in `tendon diagnose --json`."""
     return inference.to_json(model)["inertial"]
 
 
@@ -81,6 +82,7 @@ def encoder_skew_json(step: Step) -> list[dict[str, Any]]:
 
 
 def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
+    """Finding `number` (from 0), as in `tendon diagnose --json`."""
     finding = diagnosis.findings[number]
     i = finding.joint_index
     info = diagnosis.model.library.effects[finding.term.effect]

@@ -122,6 +122,7 @@ class Rows:
 
     @cached_property
     def count(self) -> int:
+        """Number of rows that count."""
         return int(self.use.sum())
 
     @property
@@ -177,6 +178,7 @@ class Rows:
 
     @cached_property
     def stack_noise(self) -> Array:
+        """What of `stack` is noise, (b + 1, count)."""
         return self.used(self.noise)
 
     def whitening(self, residual: Array) -> Whitening:
@@ -218,6 +220,7 @@ class Ground:
 
     @property
     def size(self) -> int:
+        """Number of coefficients."""
         return len(self.lower)
 
     @cached_property

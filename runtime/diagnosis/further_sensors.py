@@ -42,9 +42,11 @@ class Echo:
     spread: float
 
     def above(self, part: float) -> bool:
+        """Whether more than this part is surely seen."""
         return self.part - SENSOR_SIGMAS * self.spread > part
 
     def below(self, part: float) -> bool:
+        """Whether less than this part is surely seen."""
         return self.part + SENSOR_SIGMAS * self.spread < part
 
     def __str__(self) -> str:

@@ -92,6 +92,7 @@ class Evidence:
 
     @property
     def passes(self) -> bool:
+        """Whether no gate is failed."""
         return not self.failed
 
     @property
@@ -123,6 +124,7 @@ class Verdict:
 
     @property
     def best(self) -> Evidence | None:
+        """The strongest candidate if it passes every gate."""
         return self.ranked[0] if self.ranked and self.ranked[0].passes else None
 
 
@@ -151,25 +153,30 @@ class Figures:
 
     @property
     def eff(self) -> float:
+        """RMS torque that only this effect explains, at its own joint, N m (N)."""
         return self.unit * float(np.sqrt(max(self.before.sse - self.after.sse, 0.0)))
 
     @property
     def share(self) -> float:
+        """Part, 0 to 1, of what is above the noise floor that the effect takes away."""
         more = (self.before.sse - self.measured) / max(1, self.count)
         return self.eff**2 / max(self.unit**2 * self.count * (self.excess + more), self.eff**2, 1e-300)
 
     @property
     def delta_bic(self) -> float:
+        """By how much BIC falls once the noise is white, the search through shapes and candidates charged."""
         # The largest of many chances is larger by twice the logarithm of their number.
         searched = self.searched * float(np.log(self.white_after.count)) + 2 * float(np.log(self.among))
         return self.white_before.bic - self.white_after.bic - searched
 
     @property
     def likelihood_gain(self) -> float:
+        """Of the whitened log-likelihood on folds that were not fitted."""
         return self.white_after.log_likelihood - self.white_before.log_likelihood
 
     @property
     def cv_gain(self) -> float:
+        """Part by which the squared error falls on folds that were not fitted."""
         return 1 - float(self.after.held_out[0].sum()) / float(self.before.held_out[0].sum())
 
     def gates(self, floor: float, at_edge: bool, least_share: float = LEAST_SHARE) -> Iterator[tuple[bool, str]]:
@@ -206,6 +213,7 @@ class WhitenedGround:
 
     @cached_property
     def whitening(self) -> list[Whitening]:
+        """Of each joint, by what makes the best candidate's residual white."""
         residual = self.ground.solve(self.best).residual
         return [row.whitening(r) for row, r in zip(self.ground.rows, residual, strict=True)]
 

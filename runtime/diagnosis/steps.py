@@ -50,10 +50,12 @@ class Step:
 
     @property
     def floors(self) -> list[float]:
+        """Noise floor of every joint, in the unit of its torque."""
         return [s.floor.value for s in self.joints]
 
     @property
     def shapes(self) -> dict[Term, Values]:
+        """Shape parameters of every term, as found."""
         return self.identification.fit.shapes
 
     @property

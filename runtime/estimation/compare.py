@@ -57,10 +57,12 @@ class JointSeries:
 
     @property
     def residual(self) -> Array:
+        """(M,) measured less predicted torque."""
         return self.tau - self.predicted
 
     @property
     def rms(self) -> float:
+        """Of the residual, in the unit of the joint's torque."""
         return errors(self.residual, self.tau)[0]
 
     @property
@@ -83,6 +85,7 @@ class JointSeries:
         return found
 
     def to_json(self) -> dict[str, Any]:
+        """A joint's part of `tendon compare --json`."""
         return {
             "joint": self.joint,
             **({} if self.name is None else {"name": self.name}),
@@ -104,6 +107,7 @@ class Comparison:
     written: tuple[tuple[float, float], ...] | None
 
     def to_json(self) -> dict[str, Any]:
+        """As `tendon compare --json`."""
         band = self.identification.motion.band
         joints = []
         for number, series in enumerate(self.joints):
@@ -286,12 +290,12 @@ def early_torques(identification: Identification) -> list[str]:
 def idle_terms(identification: Identification) -> list[str]:
     """Effects whose coefficients have all come to zero, at the bound of what is physical."""
     problem, fit = identification.problem, identification.fit
-    found = []
-    for term in problem.layout.terms:
-        own = fit.coefficients[problem.layout.slices[term]]
-        if len(own) and not own.any():
-            found.append(f"{term} has come to 0: the other effects do without it; leave it out if you agree")
-    return found
+    own = {term: fit.coefficients[problem.layout.slices[term]] for term in problem.layout.terms}
+    idle = [str(term) for term, solved in own.items() if len(solved) and not solved.any()]
+    if not idle:
+        return []
+    has, it = ("has", "it") if len(idle) == 1 else ("have", "them")
+    return [f"{', '.join(idle)} {has} come to 0: the other effects do without {it}; leave {it} out if you agree"]
 
 
 def improper_inertia(identification: Identification) -> list[str]:

@@ -58,6 +58,7 @@ class Inference:
     open: Mapping[int, Estimate] = field(default_factory=dict)
 
     def skew_json(self) -> dict[str, Any]:
+        """By how many samples the torque is late, with its interval where it was estimated."""
         return {
             "value": self.skew,
             "unit": "samples",
@@ -70,6 +71,7 @@ class Inference:
         return [{"joint": k, "name": f"rotor{k}", **_as_fit(e)} for k, e in enumerate(self.rotors, start=1)]
 
     def to_json(self, model: Model) -> dict[str, Any]:
+        """Base parameters and effects with intervals, as `tendon identify --json`."""
         stated = structure(model)
         return {
             "inertial": [

@@ -62,12 +62,14 @@ class NormalEquations:
 
     @cached_property
     def sse(self) -> float:
+        """Sum of squares that the coefficients leave of all rows, as these are weighted."""
         theta, moment = self.coefficients[None], self.moments.sum(axis=0)[None]
         left = _left(self.grams.whole.grams, moment, self.squares.sum()[None], theta)
         return float(left[0] + self.level.sum())
 
     @property
     def rank(self) -> int:
+        """Number of columns that are independent."""
         return self.grams.rank
 
     @cached_property
@@ -81,6 +83,7 @@ class NormalEquations:
 
     @cached_property
     def count(self) -> int:
+        """Number of rows of all folds."""
         return int(self.sizes.sum())
 
     @cached_property
@@ -101,6 +104,7 @@ def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
 
 
 def bic(sse: float, count: int, parameters: int) -> float:
+    """Bayesian information criterion of a sum of squares over `count` rows, up to a constant. Source: Schwarz 1978."""
     return count * float(np.log(max(sse, 1e-300) / count)) + parameters * float(np.log(count))
 
 

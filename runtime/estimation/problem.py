@@ -66,6 +66,7 @@ class LinearUnknowns:
 
     @property
     def size(self) -> int:
+        """Number of unknowns, K."""
         return len(self.lower)
 
     @classmethod
@@ -288,6 +289,7 @@ class Problem:
         return cut
 
     def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:
+        """What theta (K,) and shapes say of the model: base parameters, and a value of every effect's parameter."""
         values = {t: self._values(t, theta, shapes[t]) for t in self.layout.terms}
         return Prediction(theta[self.layout.lumps], values, self.rotors)
 

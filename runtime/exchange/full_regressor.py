@@ -37,6 +37,7 @@ class ChainGeometry:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.axis)
 
 

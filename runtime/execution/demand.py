@@ -30,6 +30,7 @@ class PlannedCycle:
 
     @cached_property
     def terms(self) -> Structure:
+        """The arm's effects with the springs and the contact that the trajectory brings."""
         return mounted(self.model, self.trajectory)
 
     @cached_property
@@ -52,6 +53,7 @@ class PlannedCycle:
 
     @property
     def motion(self) -> JointMotion:
+        """Positions, rates and accelerations of one cycle, (n, N) each."""
         return self.dense.motion
 
     @cached_property

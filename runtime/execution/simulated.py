@@ -36,6 +36,7 @@ class SimulatedArm:
         return self.counts()
 
     def counts(self) -> Counts:
+        """(n,) what the encoders count. Raises Fault: the motion has left all bounds."""
         steps = np.floor((self.plant.q + self._offset) / self._per_count)
         if not (np.abs(steps) < _MOST).all():
             raise Fault(f"the simulated motion has left all bounds; an effect is too stiff for {self.plant.step:.2g} s")

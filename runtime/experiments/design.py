@@ -80,6 +80,7 @@ class SimulatedDiagnosis:
 
     @property
     def right(self) -> bool:
+        """Whether what was hidden was named, and told from its rivals."""
         return self.problem is None
 
     @property
@@ -117,6 +118,7 @@ class Confirmation:
 
     @property
     def problem(self) -> str | None:
+        """What is wrong with the first wrong answer, in words; None if all are right."""
         return next((trial.problem for trial in self.trials if trial.problem), None)
 
 
@@ -167,14 +169,17 @@ class Proposal:
 
     @property
     def separated(self) -> bool:
+        """Whether every diagnosis along the motion is right."""
         return bool(self.confirmation)
 
     @property
     def seconds(self) -> float:
+        """Length of the motion, s."""
         return self.motion.shape[1] / RATE
 
     @property
     def reason(self) -> str:
+        """The answer in a sentence: which rivals are told apart, or what stands in the way."""
         rivals = [str(r.term) for r in self.bench.rivals]
         if self.separated and len(rivals) == 1:
             return f"hidden in this motion, {rivals[0]} is named; without it, nothing is"

@@ -69,14 +69,17 @@ class PieceChoice:
 
     @property
     def strength(self) -> float:
+        """Of the pair that is least apart, in standard deviations."""
         return self._least("strength")
 
     @property
     def visible(self) -> bool:
+        """Whether the model as it is leaves enough of every rival's torque to be seen."""
         return min(s.rms for (_, other), s in self.separations.items() if other is None) > VISIBLE
 
     @property
     def enough(self) -> bool:
+        """Whether all pairs are surely apart."""
         return self.visible and self.strength > SURE
 
     def _least(self, figure: str) -> float:
@@ -108,6 +111,7 @@ class Repertoire:
         return cls(joints, names, parts, MotionGround.of(bench, path, spans))
 
     def choice(self, numbers: tuple[int, ...]) -> PieceChoice:
+        """These pieces, so many times through that repeats and length suffice for a diagnosis."""
         once = sum(self.parts[k].shape[1] / RATE + PAUSE for k in numbers)
         times = max(LEAST_TIMES, ceil(LEAST_SECONDS / once))
         both = [k + half for half in (0, len(self.parts)) for k in numbers]
@@ -129,6 +133,7 @@ class Repertoire:
         return found
 
     def motion(self, choice: PieceChoice) -> Array:
+        """(n, N) rad or m, at 1 kHz."""
         return in_sequence([self.parts[k] for k in choice.numbers] * choice.times, self.envelopes)[0]
 
 
@@ -165,6 +170,7 @@ class TorqueLimit:
 
     @classmethod
     def of(cls, bench: TrialArm) -> TorqueLimit:
+        """The file's limits less a margin, else the largest torque of the ordinary excitation."""
         largest = peaks(bench, bench.ordinary_path)
         for row, rival in zip(largest[1:], bench.rivals, strict=True):
             row *= MEMORY_TORQUE if bench.model.library.effects[rival.term.effect].states else np.inf
@@ -174,6 +180,7 @@ class TorqueLimit:
         return cls(largest)
 
     def allows(self, bench: TrialArm, path: Array, factor: float) -> bool:
+        """Whether a path (n, N) asks for no more than `factor` times these torques."""
         return bool(np.all(peaks(bench, path) <= factor * self.largest))
 
 

@@ -54,6 +54,7 @@ class EffectInfo(DescribedEffect[DescribedParameter]):
     deflection: str | None
 
     def parameter(self, name: str) -> DescribedParameter:
+        """The parameter of this name. Raises LoaderError."""
         for p in self.parameters:
             if p.name == name:
                 return p
@@ -89,26 +90,32 @@ class JointInfo(DescribedJoint):
 
     @property
     def position_limits(self) -> tuple[float, float] | None:
+        """(low, high) in rad or m, None where the model file states none."""
         return self.limits.position
 
     @property
     def speed_limit(self) -> float | None:
+        """rad/s or m/s, None where the model file states none."""
         return self.limits.speed
 
     @property
     def torque_limit(self) -> float | None:
+        """N m or N, None where the model file states none."""
         return self.limits.torque
 
     @property
     def force_unit(self) -> str:
+        """Of its torque, in letters."""
         return self.units["force"]
 
     @property
     def position_unit(self) -> str:
+        """Of its position, in letters."""
         return self.units["position"]
 
 
 def joint_info(data: Mapping[str, Any]) -> JointInfo:
+    """A joint from metadata.json."""
     return cast(JointInfo, from_json(JointInfo, {"unknown": [], **data}))
 
 
@@ -134,6 +141,7 @@ _OPERATIONS: dict[str, Callable[[list[float]], float]] = {
 
 
 def effect_info(data: Mapping[str, Any]) -> EffectInfo:
+    """An effect from effects.json."""
     return cast(EffectInfo, from_json(EffectInfo, data))
 
 

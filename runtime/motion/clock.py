@@ -83,6 +83,7 @@ class EvenGrid:
 
     @property
     def longest(self) -> Stretch:
+        """The stretch with the most samples."""
         return max(self.stretches, key=lambda s: s.size)
 
 

@@ -41,6 +41,7 @@ class Differentiator:
 
     @property
     def half(self) -> int:
+        """Samples that it reaches to either side."""
         return len(self.position) // 2
 
     def __call__(self, x: Array) -> tuple[Array, Array, Array]:

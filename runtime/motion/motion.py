@@ -133,6 +133,7 @@ class Piece:
 
     @cached_property
     def centres(self) -> NDArray[np.intp]:
+        """(M,) samples on which the rows stand."""
         return self.low_pass.centres(len(self.t))
 
     def in_band(self, x: Array) -> Array:
@@ -201,6 +202,7 @@ class Motion:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.standstill)
 
     def has(self, name: str, joint: int) -> bool:
@@ -296,6 +298,7 @@ class Motion:
 
     @cached_property
     def row_time(self) -> Array:
+        """(M,) s, of the rows of all pieces, each since its own beginning."""
         return np.concatenate([p.t[p.centres] for p in self.pieces])
 
     @cached_property

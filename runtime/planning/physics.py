@@ -93,6 +93,7 @@ class PlanInstant:
 
     @property
     def tip(self) -> ca.SX:
+        """Place of the end-effector: base x, y, in space x, y, z, m."""
         return self._signals.arm("tip")
 
     @property
@@ -102,6 +103,7 @@ class PlanInstant:
 
     @property
     def tip_rate(self) -> ca.SX:
+        """Its rate, m/s."""
         return self._signals.arm("tip_rate")
 
     @cached_property

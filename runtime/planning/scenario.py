@@ -117,6 +117,7 @@ class Scenario:
     ranges: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def without_springs(self) -> Scenario:
+        """The same motion with no spring sought."""
         return replace(self, springs=())
 
     def with_any_spring(self) -> Scenario:
@@ -124,4 +125,5 @@ class Scenario:
         return replace(self, springs=tuple(replace(spring, catalogue=()) for spring in self.springs))
 
     def at(self, cycle_time: float) -> Scenario:
+        """The same motion within another cycle time, s."""
         return replace(self, cycle_time=cycle_time)

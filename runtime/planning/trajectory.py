@@ -111,6 +111,7 @@ class Trajectory:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.phases[0].points)
 
     @cached_property
@@ -120,6 +121,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
+        """s, of all phases."""
         return float(self.starts[-1])
 
     def at(self, model: Model, t: ArrayLike) -> JointMotion:
@@ -166,6 +168,7 @@ class Trajectory:
         }
 
     def write(self, path: Path) -> None:
+        """Write it as JSON. Raises OSError."""
         files.replace(path, (json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n").encode())
 
 

@@ -25,6 +25,7 @@ class Parameters:
 
     @classmethod
     def of(cls, sizes: Mapping[str, int]) -> Parameters:
+        """Symbols for parameters of these sizes, one behind the other."""
         ends = np.cumsum([0, *sizes.values()])
         place = {name: slice(int(a), int(b)) for name, (a, b) in zip(sizes, pairwise(ends), strict=True)}
         return cls(ca.SX.sym("p", int(ends[-1])), place)
@@ -33,6 +34,7 @@ class Parameters:
         return self.symbol[self.place[name]]
 
     def vector(self, values: Mapping[str, Sequence[float]]) -> Array:
+        """(P,) numbers of all parameters; NaN where nothing stands for one."""
         found = np.full(self.symbol.numel(), np.nan)
         for name, place in self.place.items():
             found[place] = values[name]
@@ -82,4 +84,5 @@ class Unknowns:
 
     @cached_property
     def size(self) -> int:
+        """Number of unknowns."""
         return self.peak + (self.scenario.objective.goal == "peak_torque")

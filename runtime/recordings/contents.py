@@ -66,16 +66,20 @@ class Contents(Protocol):
     """
 
     @property
-    def format(self) -> str: ...
+    def format(self) -> str:
+        """Of the file, as people call it."""
 
     @property
-    def header(self) -> str: ...
+    def header(self) -> str:
+        """The first line of a text, "" of other formats."""
 
     @property
-    def fields(self) -> Sequence[RecordedField]: ...
+    def fields(self) -> Sequence[RecordedField]:
+        """All that can be read."""
 
     @property
-    def times(self) -> Mapping[str, int]: ...
+    def times(self) -> Mapping[str, int]:
+        """Of every clock, the number of the field that is its time."""
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         """The fields of one clock by signal, as the file has them. wanted: signal -> index. Raises RecordingError."""

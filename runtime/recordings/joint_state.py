@@ -12,6 +12,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +147,7 @@ class JointStates:
             if whole:
                 return
             rows, times, numbers = rows[~same], times[~same], numbers[~same]
-        self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", batch.topic)
+        self._too_many(batch.topic)
 
     def _layout(self, message: bytes, topic: str, number: int) -> Layout:
         known = self._layouts.setdefault(topic, [])
@@ -157,8 +158,11 @@ class JointStates:
         if not any(found.joints == layout.joints for layout in known):
             known.append(found)
         if len(known) > MOST_LAYOUTS:
-            self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", topic)
+            self._too_many(topic)
         return found
+
+    def _too_many(self, topic: str) -> NoReturn:
+        self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", topic)
 
     def _keep(
         self,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term
+from runtime.model.terms import Structure
 from runtime.simulation.plant_equations import RATE_WIDTH, PlantEquations, PlantError, PlantInstant
-from runtime.simulation.settings import FINER, GROWTH, GROWTH_AT, STEP
+from runtime.simulation.settings import FINER, GROWTH, GROWTH_AT, STEP, WEIGHTLESS
 
 Array = NDArray[np.float64]
 
@@ -29,12 +29,13 @@ class Plant:
         self.model, self.terms, self.period = model, terms, period
         self._substeps = 0
         coarsest = max(1, ceil(period / STEP - 1e-9))
-        one = next(filter(self._is_stable, (self._stepping(k * coarsest) for k in FINER)), None)
-        if one is None:
-            raise PlantError(
-                f"{model.name}: the arm with these effects is too stiff for steps of {self.step:.2g} s; "
-                f"choose smaller values of {', '.join(map(str, self._suspects()))}"
-            )
+        for substeps in FINER:
+            one = self._stepping(substeps * coarsest)
+            growth = self._growth(one)
+            if _is_stable(growth):
+                break
+        else:
+            raise PlantError(self._too_stiff(growth))
         self._advance, self._rest = self._period(one), self._start_of(self._equations)
         self._state: Array = np.zeros(self._advance.size1_in(0))
         self._command: Array = np.zeros(model.n)
@@ -47,14 +48,17 @@ class Plant:
 
     @property
     def q(self) -> Array:
+        """(n,) rad or m, of the motors."""
         return self._state[: self.model.n]
 
     @property
     def qd(self) -> Array:
+        """(n,) rad/s or m/s, of the motors."""
         return self._state[self.model.n : 2 * self.model.n]
 
     @property
     def t(self) -> float:
+        """s since `reset`."""
         return float(self._state[-1])
 
     def reset(self, q: ArrayLike, qd: ArrayLike | None = None) -> None:
@@ -86,21 +90,33 @@ class Plant:
         self._equations = PlantEquations(self.model, self.terms, self.widths) if wide else plain
         return self._substep()
 
-    def _is_stable(self, one: ca.Function) -> bool:
-        """Whether a step from rest lets no disturbance grow by more than an arm can."""
+    def _growth(self, one: ca.Function) -> Array:
+        """Derivative of the state after a step by that before it, close to rest."""
         state, command = ca.SX.sym("state", one.size1_in(0)), ca.SX.sym("command", self.model.n)
         derivative = ca.Function("derivative", [state, command], [ca.jacobian(one(state, command), state)])
         n = self.model.n
         begin = np.asarray(self._start_of(self._equations)(np.zeros(n))).ravel()
         # At rest itself, a bristle's law has a kink.
         begin[n : 2 * n] = GROWTH_AT * self.widths
-        growth = np.asarray(derivative(begin, np.zeros(n)))
-        return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < GROWTH)
+        return np.asarray(derivative(begin, np.zeros(n)))
 
-    def _suspects(self) -> list[Term]:
-        """Effects of whose rates and deflections a high frequency can come."""
+    def _too_stiff(self, growth: Array) -> str:
+        """What to say where no step is short enough: of the joint that runs away."""
+        n = self.model.n
+        joints = list(range(n))
+        if np.isfinite(growth).all():
+            values, modes = np.linalg.eig(growth)
+            joints = [int(np.argmax(np.abs(modes[n : 2 * n, np.argmax(np.abs(values))])))]
         effects = {term: self.model.library[term.effect] for term in self.terms}
-        return [t for t, info in effects.items() if info.scope == "joint" and (info.rubs or info.side == "link")]
+        # Those of whose rates and deflections a high frequency can come.
+        stiffening = [t for t, info in effects.items() if info.scope == "joint" and (info.rubs or info.side == "link")]
+        suspects = [str(t) for t in stiffening if (t.joint or 1) - 1 in joints]
+        known = [self.model.joints[i].rotor_inertia for i in joints]
+        rotors = [f"joint {i + 1}: {'unknown' if j is None else j}" for i, j in zip(joints, known, strict=True)]
+        return (
+            f"{self.model.name}: the arm with these effects is too stiff for steps of {self.step:.2g} s; choose "
+            f"smaller values of {', '.join(suspects)}, or a larger rotor_inertia ({', '.join(rotors)})"
+        )
 
     def _period(self, one: ca.Function) -> ca.Function:
         state = ca.MX.sym("state", one.size1_in(0))
@@ -153,8 +169,21 @@ class Plant:
         posture, still = np.zeros(n), np.zeros(n)
         memory = self._start_of(equations)(posture)[2 * n : 2 * n + equations.states]
         inertia = np.asarray(equations.balance(posture, still, still, 0.0, memory)[1])
+        whole = np.diag(self.model.inertia(posture[:, None])[..., 0])
+        weightless = [f"joint {i + 1}" for i in range(n) if not inertia[i, i] > WEIGHTLESS * whole[i]]
+        if weightless:
+            raise PlantError(
+                f"{self.model.name}: nothing moves with the motor, in front of a transmission that gives way, at "
+                f"{', '.join(weightless)}; state a rotor_inertia > 0 there"
+            )
         dry = np.empty(n)
         for i, creep in enumerate(10 * RATE_WIDTH * np.eye(n)):
             ahead, back = (equations.balance(posture, s * creep, still, 0.0, memory)[0] for s in (1, -1))
             dry[i] = abs(float(ahead[i] - back[i])) / 2
         return np.maximum(RATE_WIDTH, self.step * dry * np.diag(np.linalg.inv(inertia)))
+
+
+def _is_stable(growth: Array) -> bool:
+    """Whether a step lets no disturbance grow by more than an arm can. growth: (S, S) derivative of the state after a
+    step by that before it."""
+    return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < GROWTH)

@@ -66,3 +66,7 @@ GROWTH: Final = 1.2
 GROWTH_AT: Final = 0.1
 """part of dry friction's width; the rate at which growth is looked at: at rest itself a bristle's law has a kink; by
 construction."""
+
+WEIGHTLESS: Final = 1e-6
+"""part of a joint's inertia; a motor in front of a spring that moves with less has none: what is left is rounding;
+double precision."""

@@ -55,7 +55,7 @@ class SimulationError(ValueError):
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that the recording has and the model file has not; parameters without a value get a moderate one."""
+    """An effect that the recording has and the model file has not; `complete` finds the values that are not stated."""
 
     term: Term
     values: Values
@@ -140,7 +140,7 @@ def simulate(
     signals = Signals(model, piece, Prediction(model.lump_values, values))
     tau = _torque(signals, values)
     if not np.isfinite(tau).all():
-        raise SimulationError(f"the torque of {model.name} is not finite with these values; choose smaller ones")
+        raise SimulationError(_without_bounds(signals, values))
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
     made = _recording(model, piece, measured)
@@ -154,7 +154,7 @@ def simulate(
 
 
 def complete(model: Model, path: Array, terms: Structure) -> Structure:
-    """The terms with all values, those that are not stated moderate for the motion `path` (n, N) at 1 kHz.
+    """The terms with all values: those that are not stated are 0 or moderate for the motion `path` (n, N) at 1 kHz.
 
     Raises SimulationError: a value out of its bounds, or none can be chosen for this motion.
     """
@@ -173,6 +173,16 @@ def _torque(signals: Signals, values: Structure) -> Array:
         for joint in joints_of(signals.model, term):
             tau[joint] += signals.torque(term, joint)
     return tau
+
+
+def _without_bounds(signals: Signals, values: Structure) -> str:
+    """What to say where the torque is not finite: of which effects."""
+    found = []
+    for term, known in values.items():
+        if not all(np.isfinite(signals.torque(term, joint)).all() for joint in joints_of(signals.model, term)):
+            found.append(f"{term} with {', '.join(f'{name} = {value:g}' for name, value in known.items())}")
+    of = "; ".join(found) or signals.model.name
+    return f"along this motion the torque is not finite: {of}; choose other values"
 
 
 def _link(signals: Signals, values: Structure) -> Array:
@@ -232,20 +242,30 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
-    """All parameters of all terms: as stated, else shape from the middle of its grid and size by SHARE; what a planar
-    arm has not is 0, so that a payload of which nothing else is said sits at the tip."""
+    """All parameters of all terms: as stated, else 0 where `_unsaid` has it, shape from the middle of its grid and size
+    by SHARE."""
     done: Structure = {}
     # Effects that read what others predict come last, so that those are there.
     order = sorted(terms, key=lambda t: len(model.library.needs[t.effect] & OF_OTHERS))
     for term in order:
         info = model.library.effects[term.effect]
-        given = {**{p.name: 0.0 for p in info.parameters if p.space}, **terms[term]}
+        given = {**dict.fromkeys(_unsaid(info, terms[term]), 0.0), **terms[term]}
         if any(p.name not in given for p in info.parameters if p.role != "given"):
             given = {**_moderate(model, piece, term, given, done), **given}
         for p in info.parameters:
             _check_value(term, p, given)
         done[term] = given
     return {term: done[term] for term in terms}
+
+
+def _unsaid(info: EffectInfo, stated: Values) -> list[str]:
+    """Parameters that are 0 where they are not stated: what a planar arm has not, so that a payload of which nothing
+    else is said sits at the tip; and beside a size that is stated those of either sign, so that gravity of which gx is
+    said has that direction, and a spring of which the stiffness is said rests at 0."""
+    sized = any(p.name in stated for p in info.linear)
+    return [
+        p.name for p in info.parameters if p.space or (sized and p in info.linear and p.bounds[0] < 0 < p.bounds[1])
+    ]
 
 
 def _check_value(term: Term, parameter: DescribedParameter, values: Values) -> None:

@@ -31,10 +31,12 @@ class StudyCase:
 
     @property
     def friction(self) -> bool:
+        """Whether the motion is planned with friction."""
         return self.letter in "CD"
 
     @property
     def sprung(self) -> bool:
+        """Whether springs are sought."""
         return self.letter in "BD"
 
     def __str__(self) -> str:
@@ -43,6 +45,7 @@ class StudyCase:
         return f"{number}{self.letter} at {self.cycle_time:g} s{plate}"
 
     def scenario(self, model: Model) -> Scenario:
+        """The paper's scenario as this case has it."""
         base = scenario(FREE if self.plate is None else CONTACT, model)
         contact: Mapping[str, dict[str, float]] = base.contact
         if self.plate is not None:

@@ -30,14 +30,17 @@ class CaseRun:
 
     @property
     def cost(self) -> float:
+        """N² m² s a cycle, of the joints that count."""
         return float(sum(self.document["mean"]["cost"][j - 1] for j in self.joints))
 
     @property
     def reversal(self) -> float:
+        """rad, where joint 4 turns."""
         return float(self.document["mean"]["q_min"][3])
 
     @property
     def compression(self) -> float | None:
+        """m, by which the plate is pressed down; None without one."""
         return self.document["mean"]["compression"]
 
     def to_json(self) -> dict[str, Any]:

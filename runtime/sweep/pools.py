@@ -32,10 +32,12 @@ class Pool(Protocol):
     """Where jobs run. width: how many are submitted at a time; lost: what to say when the executor gives up jobs."""
 
     @property
-    def width(self) -> int: ...
+    def width(self) -> int:
+        """How many jobs run at a time."""
 
     @property
-    def lost(self) -> str: ...
+    def lost(self) -> str:
+        """What to say where the pool itself is gone."""
 
     @property
     def task(self) -> Callable[[Job], Result]:

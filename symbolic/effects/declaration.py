@@ -52,6 +52,7 @@ class Parameter(DescribedParameter):
 
     @property
     def symbol(self) -> sp.Symbol:
+        """What stands for it in a law."""
         return parameter(self.name)
 
 
@@ -79,6 +80,7 @@ class State:
 
     @property
     def symbol(self) -> sp.Symbol:
+        """What stands for it in a law: its value at the sample before."""
         return state(self.name)
 
 

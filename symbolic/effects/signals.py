@@ -108,6 +108,7 @@ class Signal:
 
     @cached_property
     def symbol(self) -> sp.Symbol:
+        """What stands for it in a law."""
         return sp.Symbol(self.name, real=True)
 
 

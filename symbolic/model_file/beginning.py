@@ -71,6 +71,7 @@ class NewArm:
 
     @property
     def spatial(self) -> bool:
+        """Whether it is an arm in space: its gravity has three components."""
         return len(self.gravity) == 3
 
 

@@ -45,9 +45,11 @@ class Place:
     path: str = ""
 
     def inside(self, name: str) -> Place:
+        """A table or key within this place."""
         return Place(self.file, f"{self.path}: {name}" if self.path else name)
 
     def fail(self, message: str) -> NoReturn:
+        """Raise ModelError: file, place and message in one line."""
         raise ModelError(f"{self.file}: {self.path}: {message}" if self.path else f"{self.file}: {message}")
 
 
@@ -95,7 +97,12 @@ def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Se
     """
     if not open_lumps:
         return
-    left_out = "; ".join(f"joint {k}: {', '.join(keys)}" for k, keys in enumerate(unknown_keys, 1) if keys)
+    lacking: dict[tuple[str, ...], list[str]] = {}
+    for joint, keys in enumerate(unknown_keys, 1):
+        if keys:
+            lacking.setdefault(tuple(keys), []).append(str(joint))
+    places = ((f"joint{'s' if len(at) > 1 else ''} {', '.join(at)}", keys) for keys, at in lacking.items())
+    left_out = "; ".join(f"{place}: {', '.join(keys)}" for place, keys in places)
     raise ModelError(
         f"{name}: this needs numbers that the model file leaves out ({left_out}), and so does not tell "
         f"{', '.join(open_lumps)}; state them, or let tendon identify MODEL RECORDING --write find what they come to"
@@ -108,6 +115,7 @@ def unknown(place: Place, what: str, key: str, known: tuple[str, ...]) -> NoRetu
 
 
 def did_you_mean(key: str, known: tuple[str, ...]) -> str:
+    """A half sentence with the known name that a mistyped one most likely means. known: at least one."""
     close = nearest(key, known)
     if close:
         return f'did you mean "{close}"?'
@@ -116,6 +124,7 @@ def did_you_mean(key: str, known: tuple[str, ...]) -> str:
 
 
 def table_at(place: Place, value: Any, example: str) -> dict[str, Any]:
+    """The value where it is a table. Raises ModelError. example: what was expected, as a person would write it."""
     if not isinstance(value, dict):
         place.fail(f"found {found(value)}; expected a table {example}")
     return value
@@ -166,6 +175,7 @@ def number(
 
 
 def pair(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
+    """Two numbers, in `unit`, of a list of two. Raises ModelError."""
     if not isinstance(value, list) or len(value) != 2:
         place.fail(f"{key} is {found(value)}; expected a list of two numbers in {unit}, such as [0.0, 0.0]")
     return number(place, f"{key}[0]", value[0], unit), number(place, f"{key}[1]", value[1], unit)

@@ -54,9 +54,11 @@ class Field(ABC):
     default: Any = REQUIRED
 
     def unit_of(self, joint: JointType) -> str:
+        """Its unit at a joint of this type."""
         return self.unit if isinstance(self.unit, str) else self.unit[joint == "prismatic"]
 
     def takes(self, key: str) -> bool:
+        """Whether a key of a table is this field's."""
         return key == self.key
 
     @abstractmethod
@@ -64,6 +66,7 @@ class Field(ABC):
         """What the table says of this field, checked, or the default. Raises ModelError."""
 
     def rows(self, prefix: str) -> Iterator[FieldRow]:
+        """What the tables of keys in the guides and the schema say of it; prefix: the keys of the tables around it."""
         yield self._row(prefix + self.key)
 
     def _row(self, key: str) -> FieldRow:
@@ -76,6 +79,7 @@ class SingleField(Field):
     """What stands under one key."""
 
     def of(self, place: Place, table: Table, joint: JointType) -> Any:
+        """The field's value in a table, or its default where the key is not there. Raises ModelError."""
         return self.read(place, table[self.key], joint) if self.key in table else self.default
 
     @abstractmethod
@@ -299,6 +303,7 @@ class JointNumbers(SingleField):
 
 
 def list_at(place: Place, key: str, value: Any) -> list[Any]:
+    """The value where it is a list. Raises ModelError."""
     if not isinstance(value, list):
         place.fail(f"{key} is {found(value)}; expected a list")
     return value

@@ -62,35 +62,42 @@ def about(axis: Sequence[float], angle: float) -> Rotation:
 
 
 def transposed(matrix: Rotation) -> Rotation:
+    """Rᵀ of a matrix (3, 3)."""
     a, b, c = zip(*matrix, strict=True)
     return a, b, c
 
 
 def applied(matrix: Rotation, vector: Sequence[float]) -> Vector:
+    """R v, (3,), of a matrix (3, 3) and a vector (3,), each sum rounded once."""
     x, y, z = (math.fsum(m * v for m, v in zip(row, vector, strict=True)) for row in matrix)
     return x, y, z
 
 
 def product(left: Rotation, right: Rotation) -> Rotation:
+    """A B, (3, 3), of two matrices (3, 3)."""
     a, b, c = (applied(left, column) for column in transposed(right))
     return transposed((a, b, c))
 
 
 def added(left: Sequence[float], right: Sequence[float]) -> Vector:
+    """u + v, (3,)."""
     x, y, z = (a + b for a, b in zip(left, right, strict=True))
     return x, y, z
 
 
 def scaled(factor: float, vector: Sequence[float]) -> Vector:
+    """c v, (3,)."""
     x, y, z = (factor * component for component in vector)
     return x, y, z
 
 
 def dot(left: Sequence[float], right: Sequence[float]) -> float:
+    """u · v, rounded once."""
     return math.fsum(a * b for a, b in zip(left, right, strict=True))
 
 
 def cross(left: Sequence[float], right: Sequence[float]) -> Vector:
+    """u × v, (3,)."""
     (a, b, c), (x, y, z) = left, right
     return b * z - c * y, c * x - a * z, a * y - b * x
 

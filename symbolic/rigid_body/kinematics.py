@@ -24,6 +24,7 @@ class Coordinates:
     types: tuple[str, ...]
 
     def symbols(self, name: str) -> list[sp.Symbol]:
+        """n symbols, one a joint: name1, name2 and so on."""
         return [sp.Symbol(f"{name}{i + 1}", real=True) for i in range(len(self.types))]
 
     def unit(self, revolute: str, prismatic: str) -> str:
@@ -43,6 +44,7 @@ class Coordinates:
 
     @property
     def force(self) -> str:
+        """Unit of the joints' torques, in letters: N m, N, or both where joints are mixed."""
         return self.unit("N m", "N")
 
 

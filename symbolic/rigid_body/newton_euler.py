@@ -42,6 +42,7 @@ class Chain:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.revolute)
 
     @property

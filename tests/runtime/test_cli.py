@@ -18,6 +18,7 @@ from runtime import files
 from runtime.cli import options, output
 from runtime.cli.main import app
 from runtime.workspace import Source, open_model
+from tests import one_joint
 
 VERBS = [
     "init",
@@ -34,22 +35,9 @@ VERBS = [
     "demo",
     "execute",
 ]
-DRIVE = """\
-name = "drive1"          # the bench
-gravity = [0.0, 0.0]
-
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.10
-gear_ratio = 100
-[joint.link]
-length = 0.30
-mass = 2.0
-com = [0.20, 0.0]
-inertia = 0.0565
-[joint.effects.coulomb_asymmetric]   # not known yet
-[joint.effects.viscous]
-"""
+DRIVE = one_joint.model_text(
+    "[joint.effects.coulomb_asymmetric]   # not known yet\n[joint.effects.viscous]\n",
+)
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -41,6 +41,7 @@ def test_a_ur10_is_one_line_away(run: Run) -> None:
     assert out.startswith("ur10.toml: ur10, 6 joints from world to tool0\n")
     assert "shoulder_pan_joint" in out
     assert "the arm ends at tool0; ee_link ends at the same joint (--tip LINK for another)\n" in out
+    assert "  tendon improve ur10.toml RECORDING --held-out ANOTHER\n" in out
     arm = reader.load("ur10.toml")
     assert isinstance(arm, SpatialArm)
     assert len(arm.joints) == 6

@@ -24,6 +24,7 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import Plant
 from runtime.simulation.plant_equations import PlantError
 from runtime.workspace import Source
+from tests import one_joint
 from tests.bench_arm import BENCH, THERE_AND_BACK
 from tests.bench_arm import trajectory as planned
 
@@ -66,22 +67,6 @@ EFFECTS = (
     ),
 )
 """
-ARM = """\
-name = "bare"
-gravity = [0.0, 0.0]
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.10
-gear_ratio = 100
-[joint.link]
-length = 0.30
-mass = 2.0
-com = [0.20, 0.0]
-inertia = 0.0565
-[joint.effects.{friction}]
-{size} = 1.5
-"""
-INERTIA = 0.10 + 0.0565 + 2.0 * 0.20**2
 SCENARIO = """\
 name = "swing"
 model = "bench.toml"
@@ -111,13 +96,18 @@ rest = [-2.0, 1.0]
 """
 
 
+def _rubbing(effect: str, parameter: str) -> str:
+    """The bench with one friction, of 1.5 in SI units."""
+    return one_joint.model_text(f"[joint.effects.{effect}]\n{parameter} = 1.5\n", name="bare")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Path:  # noqa: ARG001
     here = tmp_path_factory.mktemp("own")
     (here / "own.py").write_text(OWN)
-    (here / "padded.toml").write_text(ARM.format(friction="felt_pad", size="grip"))
-    (here / "plain.toml").write_text(ARM.format(friction="coulomb", size="torque"))
-    (here / "slippery.toml").write_text(ARM.format(friction="viscous", size="coefficient"))
+    (here / "padded.toml").write_text(_rubbing("felt_pad", "grip"))
+    (here / "plain.toml").write_text(_rubbing("coulomb", "torque"))
+    (here / "slippery.toml").write_text(_rubbing("viscous", "coefficient"))
     (here / "bench.toml").write_text(BENCH[: BENCH.index("# the spring")])
     (here / "swing.toml").write_text(SCENARIO)
     return here
@@ -212,10 +202,10 @@ def test_a_spring_of_ones_own_is_planned_with(folder: Path, swung: dict[str, obj
     """On a bar of its own frequency an arm swings by itself: k = J (2 pi/T)^2, slack in the middle, and no torque."""
     (spring,) = swung["springs"]  # type: ignore[misc]
     assert spring["effect"] == "torsion_bar"
-    assert spring["stiffness"] == pytest.approx(INERTIA * (2 * np.pi / 2.0) ** 2, rel=0.02)
+    assert spring["stiffness"] == pytest.approx(one_joint.INERTIA * (2 * np.pi / 2.0) ** 2, rel=0.02)
     assert spring["rest"] == pytest.approx(-0.5, abs=0.02)
     assert spring["text"] == f"stiffness {spring['stiffness']:.4g} N m/rad, slack at {spring['rest']:.4g} rad"
-    amplitude = INERTIA * (2 * np.pi / 2.0) ** 2 * 0.5
+    amplitude = one_joint.INERTIA * (2 * np.pi / 2.0) ** 2 * 0.5
     assert swung["objective"]["value"] < 1e-3 * amplitude**2 / 2 * 2.0  # type: ignore[index]
     assert "[joint.effects.torsion_bar]" in (folder / "sprung.toml").read_text()
 

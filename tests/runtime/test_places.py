@@ -15,6 +15,7 @@ from runtime.cli import output, places
 from runtime.cli.main import app
 from runtime.report import page
 from runtime.workspace import UsageError
+from tests import one_joint
 
 COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 NEEDED = {
@@ -26,21 +27,7 @@ NEEDED = {
     "target": "host",
 }
 """What else a verb asks for, beside files."""
-DRIVE = """\
-name = "drive1"
-gravity = [0.0, 0.0]
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.10
-gear_ratio = 100
-[joint.link]
-length = 0.30
-mass = 2.0
-com = [0.20, 0.0]
-inertia = 0.0565
-[joint.effects.coulomb]
-[joint.effects.viscous]
-"""
+DRIVE = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
 
 
 def _callbacks() -> dict[str, Any]:

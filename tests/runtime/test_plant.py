@@ -342,6 +342,28 @@ def test_a_pressed_plate_balances_the_torque(drive: Model) -> None:
 # --- what cannot be simulated forwards ---
 
 
+def test_a_motor_without_inertia_in_front_of_a_spring_is_refused(library: Library) -> None:
+    bare = reader.parse(HANGING.replace("rotor_inertia = 0.02", "rotor_inertia = 0.0"), "hanging.toml")
+    with pytest.raises(
+        PlantError, match=r"^hanging: nothing moves with the motor, .* at joint 2; state a rotor_inertia"
+    ):
+        Plant(
+            load_model(prepare_arm(bare), library), {Term("elasticity", 2): {"stiffness": 50.0, "damping": 0.0}}, PERIOD
+        )
+
+
+def test_the_joint_that_is_too_stiff_is_named(library: Library) -> None:
+    """Little that moves with a motor, and much friction: its own time constant, 10 ns, is far below any step."""
+    light = reader.parse(HANGING.replace("rotor_inertia = 0.02", "rotor_inertia = 1e-5"), "hanging.toml")
+    rubbing = {Term("viscous", j): {"coefficient": 1000.0 if j == 2 else 0.5} for j in (1, 2)}
+    terms = rubbing | {Term("elasticity", 2): {"stiffness": 50.0, "damping": 0.0}}
+    with pytest.raises(PlantError) as caught:
+        Plant(load_model(prepare_arm(light), library), terms, PERIOD)
+    said = str(caught.value)
+    assert "viscous@2, elasticity@2, or a larger rotor_inertia (joint 2: 1e-05)" in said
+    assert "@1" not in said
+
+
 @pytest.mark.parametrize(
     ("terms", "message"),
     [
@@ -350,7 +372,7 @@ def test_a_pressed_plate_balances_the_torque(drive: Model) -> None:
         ({Term("viscous", 1): {}}, "drive: viscous@1 has no value of coefficient"),
         (
             {Term("elasticity", 1): {"stiffness": 1e13, "damping": 0.0}},
-            "too stiff for steps of 7.8e-06 s; choose smaller",
+            r"too stiff for steps of 7.8e-06 s; choose smaller values of elasticity@1, or a larger rotor_inertia",
         ),
     ],
 )

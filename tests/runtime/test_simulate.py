@@ -65,6 +65,37 @@ def test_stated_values_are_used(drive: Model) -> None:
     assert values[Term("stribeck", 1)] == {"torque": 0.6, "speed": 0.15}
 
 
+@pytest.mark.parametrize(
+    ("text", "rest"),
+    [
+        ("gravity:gx=1", {"gy": 0.0}),
+        ("gravity:gy=-2", {"gx": 0.0}),
+        ("cable@1:c2=3", {"c1": 0.0, "c3": 0.0, "c4": 0.0}),
+        ("linear_spring@1:stiffness=2", {"rest": 0.0}),
+    ],
+)
+def test_components_beside_a_stated_one_are_zero(drive: Model, text: str, rest: dict[str, float]) -> None:
+    hidden = parse_hidden(text, drive)
+    _, values = simulate(drive, [hidden], SimulationSettings(seconds=10.0))
+    assert values[hidden.term] == hidden.values | rest
+
+
+def test_sizes_of_one_sign_beside_a_stated_one_are_moderate(drive: Model) -> None:
+    """A spring without damping would ring for ever: what may not change its sign has no reason to be 0."""
+    hidden = parse_hidden("elasticity@1:stiffness=3000", drive)
+    assert simulate(drive, [hidden], SimulationSettings(seconds=10.0))[1][hidden.term]["damping"] > 0
+    gravity = simulate(drive, [parse_hidden("gravity", drive)], SimulationSettings(seconds=10.0))[1][Term("gravity")]
+    assert min(abs(gravity["gx"]), abs(gravity["gy"])) > 0.1
+
+
+def test_gravity_in_space_has_the_stated_direction() -> None:
+    model = load_model(prepare_arm(drawn("rr", seed=3)), load_library(prepare_effects(space=True)))
+    for axis in "xyz":
+        hidden = parse_hidden(f"gravity:g{axis}=1.5", model)
+        _, values = simulate(model, [hidden], SimulationSettings(seconds=10.0))
+        assert values[hidden.term] == {"gx": 0.0, "gy": 0.0, "gz": 0.0, f"g{axis}": 1.5}
+
+
 def test_a_payload_in_space_sits_at_the_tip_unless_its_centre_is_stated() -> None:
     """As on a planar arm; also on a gantry, whose torques no centre changes."""
     model = load_model(prepare_arm(drawn("pp", seed=3)), load_library(prepare_effects(space=True)))
@@ -129,6 +160,14 @@ def test_values_out_of_bounds_and_effects_twice_are_refused(drive: Model) -> Non
         simulate(drive, [parse_hidden("viscous@1", drive)], SimulationSettings(seconds=10.0))
     with pytest.raises(SimulationError, match="expected 1 joints of drive"):
         simulate(drive, motion=np.zeros((2, 1000)))
+
+
+def test_a_torque_without_bounds_names_its_effect(drive: Model) -> None:
+    hidden = parse_hidden("elasticity@1:stiffness=0,damping=0", drive)
+    with pytest.raises(
+        SimulationError, match=r"not finite: elasticity@1 with stiffness = 0, damping = 0; choose other"
+    ):
+        simulate(drive, [hidden], SimulationSettings(seconds=5.0))
 
 
 def test_written_recording_reads_back(arm: Model, tmp_path: Path) -> None:

@@ -36,29 +36,21 @@ from runtime.sweep.pools import PoolError, outcomes
 from runtime.sweep.run import run as run_jobs
 from runtime.workspace import open_model
 from symbolic.effects import LIBRARY
+from tests import one_joint
 
 ROOT = Path(__file__).resolve().parents[2]
-ARM = """\
-name = "swing1"
-gravity = [0.0, 0.0]
-
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.10
-gear_ratio = 100
+ARM = one_joint.model_text(
+    """\
 [joint.limits]
 torque = 60.0
 speed = 12.0
-[joint.link]
-length = 0.30
-mass = 2.0
-com = [0.20, 0.0]
-inertia = 0.0565
 [joint.effects.coulomb]
 torque = 1.5
 [joint.effects.viscous]
 coefficient = 0.8
-"""
+""",
+    name="swing1",
+)
 SCENARIO = """\
 name = "swing"
 model = "arm.toml"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -40,6 +40,7 @@ def test_joints_of_one_delay_share_a_line(
     st.lists(st.lists(st.text("abcdefgh ", max_size=30), min_size=3, max_size=3), min_size=1, max_size=5),
     st.integers(20, 90),
 )
+@example([["", " aaaaaaa", ""]], 23)
 def test_no_word_is_broken_however_narrow_the_terminal(rows: list[list[str]], width: int) -> None:
     """Every word stands whole, and no line is longer than the terminal, or than a word that is."""
     screen = io.StringIO()
@@ -145,3 +146,42 @@ def test_what_is_said_behind_a_value_stands_off_from_its_unit(known: list[float]
     assert behind.removeprefix(", ").removeprefix("95 % in ") == cell
     assert behind.startswith(", ") if known or others else behind == ""
     assert ("only together with offset" in cell) == bool(others)
+
+
+def long_arm(n: int) -> dict[str, Any]:
+    """What a loop has found on an arm of n joints: a first model and one addition, fitted and held out."""
+    joints = [{"joint": i, "name": f"axis{i}", "unit": "N m", "floor": 0.1 * i} for i in range(1, n + 1)]
+    floors = [{**joint, "floor_source": "repeats"} for joint in joints]
+    history = []
+    for added, size in ((None, 0.5), ("stribeck@2", 0.25)):
+        rms = [size * i for i in range(1, n + 1)]
+        relative = [x / 100 for x in rms]
+        history.append(
+            {"added": added, "rms": rms, "relative": relative, "held_out": rms, "held_out_relative": relative}
+        )
+    seen = {"effect": "cable", "parameter": "c1", "unit": "N m/rad", "with": {"c2": 0.5}}
+    fit: dict[str, Any] = {"inertial": [], "effects": []}
+    return {
+        "joints": floors,
+        "held_out_floors": floors,
+        "history": history,
+        "identification": {"before": fit, "after": fit},
+        "verdict": "clean",
+        "reason": "nothing is left",
+        "would_have_seen": [{**seen, "joint": i, "above": 1.5 * i} for i in range(1, n)],
+        **dict.fromkeys(("ruled_out", "peaks", "encoder_skew", "delay"), ()),
+    }
+
+
+def test_many_joints_have_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    loop_pages.improvement(long_arm(7))
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert [x for x in lines if x.startswith("7 axis7")] == ["7 axis7 3.50 %, 3.5 1.75 %, 1.75 0.7 N m (repeats)"] * 2
+    assert "cable: c1 >, N m/rad 1.5 3 4.5 6 7.5 9" in lines
+
+
+def test_few_joints_stand_abreast(capsys: pytest.CaptureFixture[str]) -> None:
+    loop_pages.improvement(long_arm(2))
+    said = re.sub(" +", " ", capsys.readouterr().out)
+    assert "+ stribeck@2 0.25 %, 0.50 % 0.25, 0.5 0.25 %, 0.50 % 0.25, 0.5" in said
+    assert "cable c1 > 1.5 N m/rad (c2 0.5)" in said

@@ -72,6 +72,9 @@ def test_an_arm_is_what_the_file_says(tmp_path: Path) -> None:
     assert arm.tip == Frame((0.0, 0.0, 0.2))
     stated = [sorted(value for values in joint.effects.values() for value in values.values()) for joint in arm.joints]
     assert stated == [[0.2, 0.2, 0.5], [0.2, 0.7, 3.0], [0.9]]
+    # Friction that differs by direction holds a constant, and so does the rest of a spring.
+    assert ["coulomb_asymmetric" in joint.effects for joint in arm.joints] == [True, False, True]
+    assert ["coulomb" in joint.effects for joint in arm.joints] == [False, True, False]
 
 
 def test_bodies_whose_shape_is_not_there_are_unknown(tmp_path: Path) -> None:

@@ -62,7 +62,9 @@ def state(n: int, seed: int) -> list[Array]:
 @pytest.mark.parametrize("name", COUNTS)
 def test_recursions_are_short(name: str) -> None:
     count = Tape.of(model(name).function("inverse_dynamics")).count()
-    assert (count["arithmetic"], count["sincos"]) <= COUNTS[name]
+    operations, pairs = COUNTS[name]
+    assert count["arithmetic"] <= operations
+    assert count["sincos"] <= pairs
     assert len(model(name).lumps) == (40 if len(model(name).arm.joints) == 6 else 48)
 
 

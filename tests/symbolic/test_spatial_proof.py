@@ -8,6 +8,7 @@ from __future__ import annotations
 import random
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import spatial_arms
@@ -17,12 +18,14 @@ from codegen.tape.tape import Tape
 from codegen.verify import proof
 from codegen.verify.proof import prove, random_turn
 from symbolic.model import ArmModel, derive
+from symbolic.model_file import reader
 from symbolic.model_file.arm import Frame, SpatialArm
 from symbolic.rigid_body.spatial import rounding
 from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
 from symbolic.straightline import Turn
 
+ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
 KNOWN = tuple(spatial_arms.TABLES)
 DRAWN = [("r", 1), ("p", 2), ("rr", 3), ("pr", 4), ("rpr", 5), ("ppr", 6), ("rrrp", 7), ("rprrr", 8), ("rrrrrr", 9)]
 DRAWN += [("rrprrpr", 10)]
@@ -48,6 +51,13 @@ def differing(arm: SpatialArm, tapes: dict[str, Tape] | None = None, points: int
 @pytest.mark.parametrize("name", KNOWN)
 def test_known_arms_are_proved_at_ten_points(name: str) -> None:
     assert differing(spatial_arms.known(name), points=10) == []
+
+
+def test_all_arms_in_space_that_ship_are_proved_at_ten_points() -> None:
+    arms = [reader.load(path) for path in sorted(ARMS.glob("*.toml"))]
+    spatial = [arm for arm in arms if isinstance(arm, SpatialArm)]
+    assert len(spatial) >= 2
+    assert {arm.name: differing(arm, points=10) for arm in spatial} == {arm.name: [] for arm in spatial}
 
 
 @pytest.mark.parametrize(("types", "seed"), DRAWN)

@@ -15,7 +15,7 @@ from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Joint
-from symbolic.model_file.checks import ModelError
+from symbolic.model_file.checks import ModelError, check_stated
 from symbolic.rigid_body.base_parameters import base_parameters
 from tests.symbolic.exact import random_arm
 from tests.symbolic.test_model_file import GOOD
@@ -93,6 +93,12 @@ def test_identified_parameters_make_an_arm_known() -> None:
 
 def test_a_controller_is_not_made_of_numbers_that_nobody_knows() -> None:
     text = "".join(line for line in GOOD.splitlines(keepends=True) if not line.startswith("mass "))
-    with pytest.raises(ModelError, match=r"^arm2: .*\(joint 1: mass; joint 2: mass\).*tendon identify") as caught:
+    with pytest.raises(ModelError, match=r"^arm2: .*\(joints 1, 2: mass\).*tendon identify") as caught:
         firmware_files(derive(reader.parse(text, "arm.toml")), LIBRARY)
     assert "\n" not in str(caught.value)
+
+
+def test_joints_that_lack_the_same_are_named_together() -> None:
+    with pytest.raises(ModelError) as caught:
+        check_stated("arm", ["J1"], [("rotor_inertia",), ("mass", "com"), (), ("rotor_inertia",)])
+    assert "leaves out (joints 1, 4: rotor_inertia; joint 2: mass, com), and so does not tell J1" in str(caught.value)

@@ -127,7 +127,7 @@ def _short(summary: ResultSummary) -> Row:
     to_type = [*summary.copying(), *summary.adding()] or summary.drafting()[:1]
     return {
         "changed": summary.first is not summary.last,
-        "rows": [_short_row(summary, i) for i in range(len(summary.first.joints))],
+        "rows": [_short_row(summary, i) for i in summary.telling],
         "commands": to_type,
         "improved": summary.document.get("improved_model"),
     }

@@ -61,6 +61,7 @@ def _finding(summary: ResultSummary, number_: int) -> Row:
 
 
 def name(term: Term) -> str:
+    """An effect with its place, as the page calls it."""
     return f"{term.effect}{at(term)}"
 
 

@@ -115,6 +115,7 @@ def recordings(compared: Tables | None) -> Row | None:
 
 
 def skew(inference: Inference) -> Row:
+    """By how many samples the torque is late, and how that is known."""
     found = Estimate(inference.skew, inference.skew_interval, "samples")
     how = "estimated from the data" if inference.skew_interval else "not estimated: as given or assumed"
     return {"value": f"{estimate(found)} samples", "how": how}

@@ -48,9 +48,11 @@ class PlotAxis:
         return max(float(np.quantile(size, 0.2)), 1e-3 * float(size.max()), 1e-300)
 
     def stretched(self) -> Array:
+        """The values where they are drawn: stretched about 0 where that is where much happens."""
         return np.arcsinh(self.values / self.width) if self.creep else self.values
 
     def unstretched(self, x: Array) -> Array:
+        """Values of places on the axis, the inverse."""
         return self.width * np.sinh(x) if self.creep else x
 
 

@@ -31,6 +31,7 @@ class Trace:
     unit: str
 
     def cut(self, start: float, stop: float, piece: int) -> Trace:
+        """The samples of one piece from start to stop, s."""
         use = (self.t >= start) & (self.t <= stop) & (self.piece == piece)
         after = None if self.after is None else self.after[use]
         return Trace(self.t[use], self.piece[use], self.tau[use], self.before[use], after, self.floor, self.unit)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from runtime.report.terminal.cells import Document, empty_table, figure, say, show_table
+import shlex
+
+from runtime.report.terminal.cells import COMMAND, Document, empty_table, figure, say, show_table
 
 
 def imported(document: Document) -> None:
@@ -18,6 +20,15 @@ def imported(document: Document) -> None:
         table.add_row(str(joint["joint"]), joint["name"], joint["type"], mass, _range(joint), unknown)
     show_table(table)
     say(*document["notes"])
+    model = shlex.quote(document["out"])
+    say(
+        "",
+        "Next, with recordings of the arm:",
+        f"  {COMMAND}inspect RECORDING {model}",
+        "      says what is in one, and what looks wrong about it",
+        f"  {COMMAND}improve {model} RECORDING --held-out ANOTHER",
+        "      finds what is unknown, and what the model lacks",
+    )
 
 
 def _range(joint: Document) -> str:

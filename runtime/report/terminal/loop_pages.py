@@ -28,6 +28,8 @@ from runtime.wording import numbered, told_apart
 from symbolic.model_file.checks import at_joint
 
 _MOST_CLOSE = 3
+_MOST_ABREAST = 3
+_THAN = {"<": "less", ">": "more"}
 _WORTH_A_LINE = 0.05
 
 
@@ -130,15 +132,28 @@ def _seen(document: Document) -> None:
     table = empty_table("would have been seen", *(place(joint) for joint in joints))
     for effect in sorted({s["effect"] for s in seen}):
         found = {s["joint"]: s for s in seen if s["effect"] == effect}
-        table.add_row(effect, *(_limit(found.get(joint)) for joint in joints))
+        alike = {(s["parameter"], _side(s)[0], unit(s)) for s in found.values()}
+        if len(joints) > _MOST_ABREAST and len(alike) == 1:
+            parameter, side, of = alike.pop()
+            label = f"{effect}: {parameter} {side}" + (f", {of}" if of else "")
+            table.add_row(label, *(_amount(_side(found[j])[1]) if j in found else "–" for j in joints))
+        else:
+            table.add_row(effect, *(_limit(found.get(joint)) for joint in joints))
     show_table(table)
     say(f"That is: a {_sentence(seen[0])} would have been seen. Less may be there, unseen.")
+    if len(joints) > _MOST_ABREAST:
+        say("Of what shape each was taken to be: --json, or --report.")
+
+
+def _side(seen: Document) -> tuple[str, float]:
+    """On which side of which value it would have been seen."""
+    return ("<", seen["below"]) if "below" in seen else (">", seen["above"])
 
 
 def _sentence(seen: Document) -> str:
-    side, value = ("less", seen["below"]) if "below" in seen else ("more", seen["above"])
+    side, value = _side(seen)
     where = f"{seen['effect']}{at_joint(seen['joint'])}"
-    text = f"{where} whose {seen['parameter']} is {side} than {_amount(value)} {unit(seen)}"
+    text = f"{where} whose {seen['parameter']} is {_THAN[side]} than {_amount(value)} {unit(seen)}"
     assumed = ", ".join(f"{name} {figure(x)}" for name, x in seen["with"].items())
     return text.rstrip() + (f" (with {assumed} in SI)" if assumed else "")
 
@@ -151,7 +166,7 @@ def _amount(value: float) -> str:
 def _limit(seen: Document | None) -> str:
     if seen is None:
         return "–"
-    side, value = ("<", seen["below"]) if "below" in seen else (">", seen["above"])
+    side, value = _side(seen)
     assumed = ", ".join(f"{name} {x:.2g}" for name, x in seen["with"].items() if x)
     return f"{seen['parameter']} {side} {_amount(value)} {unit(seen)}".rstrip() + (f" ({assumed})" if assumed else "")
 
@@ -251,20 +266,10 @@ def _values(parameters: Mapping[str, Document]) -> None:
 
 def improvement(document: Document) -> None:
     """The error at every step, fitted and held out, what was added, and the verdict on what is left."""
-    history = document["history"]
-    held = any(step.get("held_out") for step in history)
-    headings = ["model", "error", "rms"] + (["held-out error", "held-out rms"] if held else [])
-    table = empty_table(*headings)
-    for step in history:
-        row = [f"+ {step['added']}" if step["added"] else "as in the file"]
-        row += [several(step["relative"], percent), several(step["rms"], figure)]
-        if held:
-            row += [several(step.get("held_out_relative"), percent), several(step.get("held_out"), figure)]
-        table.add_row(*row)
-    show_table(table)
-    say(f"Noise floor (rms): {_floors(document['joints'])}.")
-    if document.get("held_out_floors"):
-        say(f"  held out: {_floors(document['held_out_floors'])}.")
+    if len(document["joints"]) > _MOST_ABREAST:
+        _errors_by_joint(document)
+    else:
+        _errors_by_step(document)
     say("")
     for finding in _found(document):
         _finding(finding, document)
@@ -277,6 +282,44 @@ def improvement(document: Document) -> None:
     _seen(document)
     _warnings(document)
     _commands(document)
+
+
+def _errors_by_step(document: Document) -> None:
+    """A row a model, the joints' errors one after the other in its cells."""
+    history = document["history"]
+    held = any(step.get("held_out") for step in history)
+    headings = ["model", "error", "rms"] + (["held-out error", "held-out rms"] if held else [])
+    table = empty_table(*headings)
+    for step in history:
+        row = [_model(step), several(step["relative"], percent), several(step["rms"], figure)]
+        if held:
+            row += [several(step.get("held_out_relative"), percent), several(step.get("held_out"), figure)]
+        table.add_row(*row)
+    show_table(table)
+    say(f"Noise floor (rms): {_floors(document['joints'])}.")
+    if document.get("held_out_floors"):
+        say(f"  held out: {_floors(document['held_out_floors'])}.")
+
+
+def _errors_by_joint(document: Document) -> None:
+    """A row a joint, a column a model; what was held out in a table of its own."""
+    joints, names, history = document["joints"], names_of(document), document["history"]
+    kinds = [("error, rms", "relative", "rms", joints)]
+    if document.get("held_out_floors"):
+        kinds.append(("held out", "held_out_relative", "held_out", document["held_out_floors"]))
+    for title, relative, rms, floors in kinds:
+        steps = [step for step in history if step.get(rms)]
+        table = empty_table(title, *map(_model, steps), "noise floor")
+        for i, (joint, floor) in enumerate(zip(joints, floors, strict=True)):
+            cells = [f"{percent(step[relative][i])}, {figure(step[rms][i])}" for step in steps]
+            least = f"{figure(floor['floor'])} {unit(joint)} ({floor['floor_source']})"
+            table.add_row(joint_cell(joint["joint"], names), *cells, least)
+        show_table(table)
+
+
+def _model(step: Document) -> str:
+    """The model of a step by what was added there."""
+    return f"+ {step['added']}" if step["added"] else "as in the file"
 
 
 def _floors(joints: Sequence[Document]) -> str:

@@ -23,6 +23,7 @@ class StatedBody:
 
     @property
     def is_nothing(self) -> bool:
+        """Whether the file states a body without mass and without inertia."""
         return self.mass == 0 and not any(self.inertia)
 
 

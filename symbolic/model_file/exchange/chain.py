@@ -46,6 +46,7 @@ class ChainJoint:
 
     @property
     def type(self) -> Literal["revolute", "prismatic"]:
+        """How it moves, in the words of a model file."""
         return MOVING[self.joint.kind]
 
 

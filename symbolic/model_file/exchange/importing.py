@@ -195,9 +195,17 @@ def _effects(
         wrong = [f"{word} = {value:g}" for word, value in joint.joint.dynamics.items() if word not in stated]
         if wrong:
             notes.append(f"{listed(wrong)} of joint {k}: left out, hence unknown; expected a number above 0")
-        known = {e.name: {p.name: stated[p.abroad] for p in e.parameters if p.abroad in stated} for e in assumed}
-        made.append({**known, **_springs(stated, library)})
+        springs = _springs(stated, library)
+        here = [_even(e, library) for e in assumed] if springs else assumed
+        known = {e.name: {p.name: stated[p.abroad] for p in e.parameters if p.abroad in stated} for e in here}
+        made.append({**known, **springs})
     return made
+
+
+def _even(effect: AnyEffect, library: Mapping[str, AnyEffect]) -> AnyEffect:
+    """The special case of friction that differs by direction, where there is one: beside a spring that difference is
+    a constant, and no motion tells it from the spring's rest."""
+    return next((library[name] for name in effect.generalises if name in library), effect)
 
 
 def _springs(stated: Mapping[str, float], library: Mapping[str, AnyEffect]) -> dict[str, Values]:

@@ -42,10 +42,12 @@ def _about(made: ExportedArm) -> list[str]:
 
 
 def number(value: float) -> str:
+    """A number as it is written, of so many digits that a double comes back; no negative zero."""
     return f"{value + 0.0:.{DIGITS}g}"
 
 
 def numbers(values: Sequence[float]) -> str:
+    """Numbers with a blank between."""
     return " ".join(map(number, values))
 
 

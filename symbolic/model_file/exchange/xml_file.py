@@ -37,6 +37,7 @@ class XmlNode:
     text: str = ""
 
     def fail(self, message: str) -> NoReturn:
+        """Raise ModelError: file, line and message."""
         raise ModelError(f"{self.file} line {self.line}: {message}")
 
     def all(self, tag: str) -> Iterator[XmlNode]:
@@ -44,6 +45,7 @@ class XmlNode:
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> XmlNode | None:
+        """The first element of this tag directly inside, None without any."""
         return next(self.all(tag), None)
 
     def everything(self) -> Iterator[XmlNode]:
@@ -59,6 +61,7 @@ class XmlNode:
         return (node for node in self.everything() if node.tag == tag)
 
     def needed(self, tag: str) -> XmlNode:
+        """The first element of this tag directly inside. Raises ModelError without any."""
         found = self.first(tag)
         if found is None:
             self.fail(f"<{self.tag}> has no <{tag}>; expected one")
@@ -85,6 +88,7 @@ class XmlNode:
         return values
 
     def number(self, key: str, default: float | None = None) -> float:
+        """The number in an attribute, or `default` where it is not there. Raises ModelError."""
         return self.numbers(key, 1, None if default is None else (default,))[0]
 
     def bound(self, key: str) -> float | None:

@@ -52,6 +52,7 @@ class Composite(NamedTuple):
 
     @property
     def first(self) -> Vector:
+        """First mass moments, (3,) kg m."""
         return self.x, self.y, self.z
 
 
@@ -66,6 +67,7 @@ class MomentFlow:
 
     @classmethod
     def still(cls) -> MomentFlow:
+        """Of a body that does not move."""
         return cls(NOWHERE, NOWHERE, NOWHERE, NOWHERE)
 
 
@@ -111,6 +113,7 @@ class JointStep:
         return steps
 
     def named(self, names: Sequence[str], values: Sequence[Any]) -> tuple[Any, ...]:
+        """Values under names with the joint's number, as the recursion notes them."""
         return tuple(self.notes.let(f"{name}{self.joint}", value) for name, value in zip(names, values, strict=True))
 
     def turned(self, v: Vector, name: str) -> Vector:
@@ -151,6 +154,7 @@ class JointStep:
         return f, n
 
     def turned_wrench(self, wrench: Wrench, name: str) -> Wrench:
+        """Force and moment, (3,) each, in the axes before the joint."""
         return self.turned(wrench[0], f"f{name}"), self.turned(wrench[1], f"n{name}")
 
     def turned_moments(self, b: Moments) -> Moments:

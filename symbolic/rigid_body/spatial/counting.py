@@ -67,9 +67,11 @@ class OperationCounter:
         self.known: dict[_Node, int] = {}
 
     def leaf(self, name: str) -> CountedValue:
+        """An input."""
         return self.make("leaf", name, None, 1)
 
     def make(self, operation: str, a: Any, b: Any, sign: int) -> CountedValue:
+        """The value of an operation on a and b: one that is there already costs nothing."""
         key = (operation, a, b)
         node = self.known.get(key)
         if node is None:
@@ -77,9 +79,11 @@ class OperationCounter:
         return CountedValue(self, sign, node)
 
     def let(self, name: str, value: Any) -> Any:  # noqa: ARG002
+        """The value itself: names cost nothing."""
         return value
 
     def sincos(self, angle: Any) -> tuple[Any, Any]:
+        """Cosine and sine; of an angle that is no input, 1 and 0."""
         if not isinstance(angle, CountedValue):
             return 1, 0
         return self.make("cos", angle.node, None, 1), self.make("sin", angle.node, None, angle.sign)

@@ -37,6 +37,7 @@ class Standing(NamedTuple):
 
 
 def transposed(M: Sequence[Sequence[float]]) -> Matrix:
+    """Mᵀ, (3, 3)."""
     x, y, z = zip(*M, strict=True)
     return x, y, z
 

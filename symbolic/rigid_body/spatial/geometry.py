@@ -138,6 +138,7 @@ class Geometry:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.links)
 
     def over(self, number: Callable[[Fraction], Any], rests: Sequence[Any]) -> Geometry:

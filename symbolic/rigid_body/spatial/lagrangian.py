@@ -107,6 +107,7 @@ class ExactPosture:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.axes)
 
     def carrying(self, bodies: Sequence[Square]) -> ExactPosture:
@@ -193,6 +194,7 @@ class ExactPosture:
 
 
 def identity() -> Square:
+    """The unit matrix, (4, 4) residues."""
     return [[int(i == j) for j in range(4)] for i in range(4)]
 
 
@@ -203,6 +205,7 @@ def times(a: Square, b: Square) -> Square:
 
 
 def transposed(a: Square) -> Square:
+    """aᵀ, (4, 4)."""
     return [list(column) for column in zip(*a, strict=True)]
 
 

@@ -38,6 +38,7 @@ class Moments(NamedTuple):
 
     @property
     def first(self) -> tuple[Any, Any, Any]:
+        """First mass moments, (3,) kg m."""
         return self.x, self.y, self.z
 
     def placed(self, frame: Placement) -> Moments:

@@ -210,10 +210,12 @@ def _turned_state(state: _State, direction: Direction, k: int, notes: Notes) -> 
 
 
 def named(name: str, k: Any, v: Sequence[Any], notes: Notes) -> Vector:
+    """A vector (3,) whose elements are noted as nameXk, nameYk, nameZk with small letters."""
     return vector([notes.let(f"{name}{axis}{k}", e) for axis, e in zip("xyz", v, strict=True)])
 
 
 def vector(elements: Sequence[Any]) -> Vector:
+    """Three elements as a vector."""
     x, y, z = elements
     return x, y, z
 

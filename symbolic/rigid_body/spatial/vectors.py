@@ -12,26 +12,32 @@ NOWHERE: Vector = (0, 0, 0)
 
 
 def added(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    """u + v, (3,)."""
     return u[0] + v[0], u[1] + v[1], u[2] + v[2]
 
 
 def less(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    """u − v, (3,)."""
     return u[0] - v[0], u[1] - v[1], u[2] - v[2]
 
 
 def negative(v: Sequence[Any]) -> Vector:
+    """−v, (3,)."""
     return -v[0], -v[1], -v[2]
 
 
 def scaled(factor: Any, v: Sequence[Any]) -> Vector:
+    """c v, (3,)."""
     return factor * v[0], factor * v[1], factor * v[2]
 
 
 def cross(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    """u × v, (3,)."""
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
 
 def dot(u: Sequence[Any], v: Sequence[Any]) -> Any:
+    """u · v."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
