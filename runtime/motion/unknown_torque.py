@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +43,14 @@ class UnknownTorque:
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
         """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to."""
         rows = len(low_pass.centres(len(unknown)))
-        left = np.ones(rows)
-        found: list[sparse.coo_array] = []
+        left, least = np.ones(rows), max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION)
+        alike: dict[tuple[int, int, int], Array] = {}
+        found: list[tuple[slice, Array]] = []
         for run in _runs(unknown):
-            if run.stop - run.start > 4 * low_pass.half:
+            kernel = 2 * low_pass.half
+            if run.stop - run.start > 2 * kernel:
                 # Deep inside no kernel reaches what is known.
-                ends = slice(run.start, run.start + 2 * low_pass.half), slice(run.stop - 2 * low_pass.half, run.stop)
+                ends = slice(run.start, run.start + kernel), slice(run.stop - kernel, run.stop)
                 inside = low_pass.rows(slice(run.start + low_pass.half, run.stop - low_pass.half), 0, rows)
                 left[inside] = 0.0
                 parts = [(ends[0], slice(0, inside.start)), (ends[1], slice(inside.stop, rows))]
@@ -56,16 +59,14 @@ class UnknownTorque:
             for samples, among in parts:
                 reached = low_pass.rows(samples, low_pass.half, rows)
                 reached = slice(max(reached.start, among.start), min(reached.stop, among.stop))
-                basis = _basis(low_pass.response(samples, reached), max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
-                left[reached] -= (basis**2).sum(axis=1)
-                at, number = np.indices(basis.shape)
-                found.append(
-                    sparse.coo_array(
-                        (basis.ravel(), (reached.start + at.ravel(), number.ravel())), shape=(rows, basis.shape[1])
-                    )
-                )
-        directions = sparse.csr_array(sparse.hstack(found) if found else (rows, 0))
-        return cls(unknown, quiet, directions, left, left > LEAST_OF_ROW)
+                # What a row has of a sample hangs on how far they are apart alone.
+                apart = samples.start - low_pass.factor * reached.start
+                key = (apart, samples.stop - samples.start, reached.stop - reached.start)
+                if key not in alike:
+                    alike[key] = _basis(low_pass.response(samples, reached), least)
+                left[reached] -= (alike[key] ** 2).sum(axis=1)
+                found.append((reached, alike[key]))
+        return cls(unknown, quiet, _side_by_side(found, rows), left, left > LEAST_OF_ROW)
 
     def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
         """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
@@ -96,6 +97,16 @@ def _runs(there: Mask) -> Iterator[slice]:
     """Stretches of samples (N,) that are there."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
     return (slice(int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
+
+
+def _side_by_side(bases: Sequence[tuple[slice, Array]], rows: int) -> sparse.csr_array:
+    """(rows, K) columns of bases (m, k), each in its rows of all."""
+    at = [np.repeat(np.arange(there.start, there.stop), basis.shape[1]) for there, basis in bases]
+    ends = np.cumsum([0, *(basis.shape[1] for _, basis in bases)])
+    number = [np.tile(np.arange(*edges), len(basis)) for edges, (_, basis) in zip(pairwise(ends), bases, strict=True)]
+    values = np.concatenate([np.zeros(0), *(basis.ravel() for _, basis in bases)])
+    place = (np.concatenate([np.zeros(0, int), *at]), np.concatenate([np.zeros(0, int), *number]))
+    return sparse.csr_array((values, place), shape=(rows, int(ends[-1])))
 
 
 def _basis(response: Array, least: float) -> Array:
