@@ -79,8 +79,13 @@ class UnknownTorque:
         return replace(found, counts=counts)
 
     @cached_property
+    def _across(self) -> sparse.csc_array:
+        """(K, M) the directions' transpose, which takes as long to make as to multiply by."""
+        return self.directions.T
+
+    @cached_property
     def _gram(self) -> SuperLU:
-        gram = self.directions.T @ self.directions
+        gram = self._across @ self.directions
         return splu(sparse.csc_matrix(gram + SAME_DIRECTION**2 * sparse.eye_array(gram.shape[0])))
 
     def __call__(self, x: Array) -> Array:
@@ -89,7 +94,7 @@ class UnknownTorque:
             return x
         flat = x.reshape(-1, x.shape[-1]).T
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
-            left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self.directions.T @ flat))
+            left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ flat))
         return np.ascontiguousarray(left.T).reshape(x.shape)
 
 
