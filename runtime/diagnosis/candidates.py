@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.settings import (
@@ -338,6 +337,8 @@ class CandidateField:
         moving = self.moving(term)
         if not moving:
             return candidate
+        from scipy.optimize import minimize  # where it is used: it takes longer to load than a fit
+
         start = np.array([candidate.shape[name] for name in moving])
         scale = np.array([self.grid_step(candidate, name) for name in moving])
         logarithmic = self.logarithmic(term)
