@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
+from runtime.motion.settings import DENSE_DIRECTIONS, LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,12 +88,26 @@ class UnknownTorque:
         gram = self._across @ self.directions
         return splu(sparse.csc_matrix(gram + SAME_DIRECTION**2 * sparse.eye_array(gram.shape[0])))
 
+    @cached_property
+    def _axes(self) -> tuple[Array, Array] | None:
+        """(M, K) orthonormal axes of the directions and (K,) what is taken of each; None where these are too many to
+        stand without zeros between them."""
+        rows, count = self.directions.shape
+        if rows * count > DENSE_DIRECTIONS:
+            return None
+        axes, size, _ = np.linalg.svd(self.directions.toarray(), full_matrices=False)
+        return axes, size**2 / (size**2 + SAME_DIRECTION**2)
+
     def __call__(self, x: Array) -> Array:
         """x (..., M) -> (..., M)."""
         if not self.directions.shape[1]:
             return x
-        flat = x.reshape(-1, x.shape[-1]).T
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
+            if self._axes is not None:
+                axes, part = self._axes
+                rows = x.reshape(-1, x.shape[-1])
+                return np.asarray(rows - ((rows @ axes) * part) @ axes.T).reshape(x.shape)
+            flat = x.reshape(-1, x.shape[-1]).T
             left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ flat))
         return np.ascontiguousarray(left.T).reshape(x.shape)
 
