@@ -148,8 +148,12 @@ class CandidateField:
 
     def rms(self, joint: int) -> float:
         """Of the fitted model's residual at a joint (0-based)."""
-        use = self.motion.moving(joint)
-        return float(np.sqrt(np.mean(self.fit.residual[joint][use] ** 2))) if use.any() else 0.0
+        return self._rms[joint]
+
+    @cached_property
+    def _rms(self) -> list[float]:
+        used = [left[self.motion.moving(i)] for i, left in enumerate(self.fit.residual)]
+        return [float(np.sqrt(np.mean(left**2))) if len(left) else 0.0 for left in used]
 
     @property
     def _excerpt_samples(self) -> int:
