@@ -119,6 +119,17 @@ def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R
     return [found[index] for index in range(len(parts))]
 
 
+def of_long(function: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
+    """function(part) for each part, in their order, where each is known to be worth a process: all at once on several
+    cores, else one by one as they are asked for. What the parts tell of themselves is not heard on several cores."""
+    found: dict[int, R] = {}
+    if cores() > 1 and len(parts) > 1:
+        with suppress(_Lost):
+            found.update(_forked(function, parts, range(len(parts))))
+    for index, part in enumerate(parts):
+        yield found[index] if index in found else function(part)
+
+
 class _Lost(Exception):
     """A process ended before it was done; what it has not sent is computed here."""
 

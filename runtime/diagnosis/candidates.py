@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.settings import (
@@ -149,8 +148,12 @@ class CandidateField:
 
     def rms(self, joint: int) -> float:
         """Of the fitted model's residual at a joint (0-based)."""
-        use = self.motion.moving(joint)
-        return float(np.sqrt(np.mean(self.fit.residual[joint][use] ** 2))) if use.any() else 0.0
+        return self._rms[joint]
+
+    @cached_property
+    def _rms(self) -> list[float]:
+        used = [left[self.motion.moving(i)] for i, left in enumerate(self.fit.residual)]
+        return [float(np.sqrt(np.mean(left**2))) if len(left) else 0.0 for left in used]
 
     @property
     def _excerpt_samples(self) -> int:
@@ -350,6 +353,8 @@ class CandidateField:
         moving = self.moving(term)
         if not moving:
             return candidate
+        from scipy.optimize import minimize  # where it is used: it takes longer to load than a fit
+
         start = np.array([candidate.shape[name] for name in moving])
         scale = np.array([self.grid_step(candidate, name) for name in moving])
         logarithmic = self.logarithmic(term)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from runtime.estimation.covariance import Estimate, Inference
 from runtime.estimation.least_squares import bounded
@@ -61,6 +60,8 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     step = 1 / (DELAY_STEPS * problem.motion.band.cutoff)
     times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
     best = float(times[int(np.argmin([left(float(t)) for t in times]))])
+    from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
+
     found = minimize_scalar(
         left, bounds=(best - step, best + step), method="bounded", options={"xatol": DELAY_ACCURACY * step}
     )

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from runtime.estimation import grids
 from runtime.estimation.estimate import Estimate
@@ -62,6 +61,8 @@ def _flanks(problem: Problem, fit: Fit, term: Term) -> list[Values]:
 
 def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term: Term) -> tuple[float, Values]:
     """The least squared error over the width of a term's gap, and the term's shape there."""
+    from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
+
     play = problem.model.library.effects[term.effect].of_kind("play")
     own = shapes[term]
     if play is None or not own[play.name] > 0:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from runtime.estimation import delays, gaps, grids, onset_places, soundness, tip_rests
 from runtime.estimation.covariance import Inference, infer
@@ -253,6 +252,8 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
         x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
     if not x0:
         return problem, gaps.found(problem, shapes, skew)
+    from scipy.optimize import least_squares  # where it is used: it takes longer to load than a fit
+
     lo, scale = np.array(lower), np.array(upper) - np.array(lower)
 
     @lru_cache(maxsize=2)  # a step of a rotor, and its place

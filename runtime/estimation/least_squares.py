@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.optimize import nnls
 
 from runtime.estimation.settings import INERTIA_CUTS, INERTIA_MARGIN, OPTIMAL, RANK, RIDGE, SOLVER_ACCURACY, WELL_POSED
 
@@ -188,6 +187,8 @@ def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, a: Array,
     Directions of no positive size, of which the data say nothing, are given a ridge. The dual of the least distance is
     one of non-negative least squares: Lawson & Hanson, Solving Least Squares Problems, 1974, chapter 23.
     """
+    from scipy.optimize import nnls  # where it is used: it takes longer to load than a fit
+
     value, vector = np.linalg.eigh(g)
     root = np.sqrt(np.maximum(value, RIDGE * float(np.trace(g)) / len(m)))
     back = vector / root  # x = back (u + goal), so that the cost is |u|²/2

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from functools import partial
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.estimate import Estimate
+from runtime.estimation.joint_equations import Block, JointEquations
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Ahead, Regressors
-from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_SYSTEMS, NEUTRAL_INERTIA
+from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_EQUATIONS, NEUTRAL_INERTIA
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
@@ -99,14 +101,13 @@ def _neutral(lump: LumpInfo) -> float:
     return NEUTRAL_INERTIA if lump.name in (f"J{lump.joint}", f"M{lump.joint}") else 0.0
 
 
-@dataclass(frozen=True)
-class _System:
-    """A joint's rows that count: regressor (K, m), fixed part (m,), compensated Gram matrix, noise's moment."""
+class _Part(NamedTuple):
+    """What the arm or a term has of a joint's rows: equal ones have one key; unknowns to which its columns belong; and
+    (1 + k, M) the part without free coefficient and the columns."""
 
-    x: Array
-    fixed: Array
-    gram: Array
-    noise_moment: Array
+    key: Hashable
+    unknowns: slice
+    rows: Callable[[Regressors], Array]
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,9 @@ class Problem:
         self.regressors = Regressors(model, motion, prediction, ahead)
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
-        self._systems: dict[tuple[Any, ...], _System] = {}
+        self._equations: dict[tuple[Hashable, ...], JointEquations] = {}
+        self._last: dict[int, JointEquations] = {}
+        self._lateness: dict[int, tuple[float, Array]] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
         """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
@@ -213,23 +216,32 @@ class Problem:
         return noisy - x, noisy_fixed - fixed
 
     def _rows(self, regressors: Regressors, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
-        rigid = regressors.rigid(joint)
-        x = np.zeros((self.layout.size, rigid.shape[1]))
-        x[self.layout.lumps] = rigid
-        fixed = regressors.measured(joint).copy()
-        for term in self.layout.terms:
-            if joint in joints_of(self.model, term):
-                columns = regressors.columns(term, joint, shapes[term], self._given(term, shapes))
-                fixed += columns[0]
-                x[self.layout.slices[term]] = columns[1:]
-        if self.motion.rigid_given:
-            x[self.layout.rotors.start + joint] = regressors.acceleration(joint)
+        x = np.zeros((self.layout.size, len(self.motion.row_piece)))
+        fixed = np.zeros(x.shape[1])
+        for part in self._parts(joint, shapes):
+            rows = part.rows(regressors)
+            fixed += rows[0]
+            x[part.unknowns] = rows[1:]
         return x, fixed
+
+    def _parts(self, joint: int, shapes: Mapping[Term, Values]) -> Iterator[_Part]:
+        """Of a joint's rows (0-based): the arm's, then each term's, then the rotor's."""
+        layout = self.layout
+        yield _Part("arm", layout.lumps, lambda r: np.vstack([r.measured(joint)[None], r.rigid(joint)]))
+        for term in layout.terms:
+            if joint in joints_of(self.model, term):
+                shape, given = shapes[term], self._given(term, shapes)
+                columns = partial(Regressors.columns, term=term, joint=joint, shape=shape, given=given)
+                yield _Part((term, *shape.values(), *given.items()), layout.slices[term], columns)
+        if self.motion.rigid_given:
+            own = slice(layout.rotors.start + joint, layout.rotors.start + joint + 1)
+            yield _Part("rotor", own, lambda r: np.stack([np.zeros_like(r.acceleration(joint)), r.acceleration(joint)]))
 
     def _given(self, term: Term, shapes: Mapping[Term, Values]) -> Values:
         """Signals of a term that are shape parameters of others: of these shapes, not of an earlier fit."""
         library = self.model.library
-        values = {name: given(library, shapes, name) for name in library.effects[term.effect].signals}
+        names = (name for name in library.effects[term.effect].signals if library.signal[name].needs == "effect")
+        values = {name: given(library, shapes, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
@@ -239,40 +251,54 @@ class Problem:
         moment = np.zeros(len(gram))
         parts = []
         for i in range(self.model.n):
-            use = self.motion.moving(i)
-            system = self._system(i, shapes)
-            y = self.motion.torque(i, skew.at)[use] - system.fixed
-            x, g, m = system.x, system.gram, system.noise_moment
-            index = np.arange(size)
-            if columns.size:
-                late = -self.regressors.skew(i, skew.at)[use]
-                cross = system.x @ late
-                x = np.vstack([x, late])
-                g = np.block([[g, cross[:, None]], [cross[None], np.array([[self.regressors.skew_square(i, late)]])]])
-                m, index = np.append(m, 0.0), np.append(index, size + columns.of(i))
-            gram[np.ix_(index, index)] += self.weights[i] ** 2 * g
-            moment[index] += self.weights[i] ** 2 * (x @ y + m)
-            parts.append((x, y, use, index))
+            use, at, weight = self.motion.moving(i), size + columns.of(i), self.weights[i] ** 2
+            equations = self._of_joint(i, shapes)
+            y = self.motion.torque(i, skew.at)[use] - equations.fixed
+            here = equations.unknowns
+            gram[here[:, None], here] += weight * equations.gram
+            moment[here] += weight * (equations.moment(y) + equations.noise_moment)
+            late = self._late(i, skew.at) if columns.size else None
+            if late is not None:
+                cross = weight * equations.moment(late)
+                gram[here, at] += cross
+                gram[at, here] += cross
+                gram[at, at] += weight * self.regressors.skew_square(i, late)
+                moment[at] += weight * (late @ y)
+            parts.append((equations, y, late, at, use))
         free = np.full(columns.size, np.inf)
         lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
         stated = np.append(self.layout.stated, np.zeros(columns.size))
         theta = minimise(gram, moment, lower, upper, self.inertia_cut, stated)
-        residual = [_spread(y - theta[index] @ x, use) for x, y, use, index in parts]
+        residual = []
+        for equations, y, late, at, use in parts:
+            left = y - equations.torque(theta[equations.unknowns])
+            residual.append(_spread(left if late is None else left - theta[at] * late, use))
         return Solved(theta[:size], theta[size:], gram, residual)
 
-    def _system(self, joint: int, shapes: Mapping[Term, Values]) -> _System:
-        """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are."""
-        here = [t for t in self.layout.terms if joint in joints_of(self.model, t)]
-        key = (joint, tuple((t, *shapes[t].values()) for t in here))
-        if key not in self._systems:
-            if len(self._systems) > KEPT_SYSTEMS * self.model.n:
-                self._systems.clear()
-            use = self.motion.moving(joint)
-            x, fixed = self.rows(joint, shapes)
-            noise, fixed_noise = self.noise_rows(joint, shapes)
-            x, noise = x[:, use], noise[:, use]
-            self._systems[key] = _System(x, fixed[use], x @ x.T - noise @ noise.T, noise @ fixed_noise[use])
-        return self._systems[key]
+    def _late(self, joint: int, skew: float) -> Array:
+        """(m,) what a joint's rows lose as its torque, taken `skew` samples late, is taken a sample later."""
+        if joint not in self._lateness or self._lateness[joint][0] != skew:
+            self._lateness[joint] = skew, -self.regressors.skew(joint, skew)[self.motion.moving(joint)]
+        return self._lateness[joint][1]
+
+    def _of_joint(self, joint: int, shapes: Mapping[Term, Values]) -> JointEquations:
+        """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are, and
+        of its own joint's the others' columns."""
+        parts = list(self._parts(joint, shapes))
+        key = (joint, *(part.key for part in parts))
+        if key not in self._equations:
+            if len(self._equations) > KEPT_EQUATIONS * self.model.n:
+                self._equations.clear()
+            last = self._last.get(joint)
+            there = {} if last is None else {block.key: block for block in last.blocks}
+            blocks = [there.get(part.key) or self._block(part, joint) for part in parts]
+            self._equations[key] = self._last[joint] = JointEquations.of(blocks, last)
+        return self._equations[key]
+
+    def _block(self, part: _Part, joint: int) -> Block:
+        use = self.motion.moving(joint)
+        rows, again = (part.rows(r)[:, use] for r in (self.regressors, self.regressors.perturbed))
+        return Block(part.key, np.arange(part.unknowns.start, part.unknowns.stop), rows, again - rows)
 
     def inertia_cut(self, theta: Array) -> Array | None:
         """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""

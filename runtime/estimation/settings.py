@@ -279,7 +279,7 @@ taken off, unique and moves nothing that they do see; double precision."""
 KEPT_ENDS: Final = 4
 """number of sets; so many, of coefficients that ended on bounds, are tried on problems like these; time."""
 
-KEPT_SYSTEMS: Final = 8
+KEPT_EQUATIONS: Final = 8
 """number of equations a joint; kept for searches that come back to a shape; memory, it decides no result."""
 
 # lines over the motor's angle ---------------------------------------------------------------------------------------

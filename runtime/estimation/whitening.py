@@ -90,8 +90,9 @@ def _filter(ar: Array, piece: NDArray[np.intp]) -> sparse.csr_array:
             lower = ((lower - lower[k] * lower[::-1]) / (1 - lower[k] ** 2))[:k]
     weights = taps[np.minimum(before, order)]
     reaches = np.arange(order + 1) <= before[:, None]
-    at, lag = np.nonzero(reaches)
-    return sparse.csr_array((weights[at, lag], (at, at - lag)), (len(piece), len(piece)))
+    ends = np.concatenate([[0], np.cumsum(np.minimum(before, order) + 1)])
+    columns = (rows[:, None] - np.arange(order + 1))[reaches]
+    return sparse.csr_array((weights[reaches], columns, ends), (len(piece), len(piece)))
 
 
 def _levinson(covariance: Array, count: int) -> Array:

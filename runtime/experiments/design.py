@@ -11,7 +11,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from runtime.experiments.separation import MotionGround, Pair, Separation, Trial
 from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
-from runtime.progress import steps
+from runtime.progress import of_long, steps
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
 
@@ -127,11 +127,12 @@ def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmatio
     trials: list[SimulatedDiagnosis] = []
     truths = [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
     with steps("diagnoses", len(seeds) * len(truths)) as step:
-        for seed, truth in product(seeds, truths):
-            trials.append(_trial(bench, motion, truth, seed))
-            step()
-            if not trials[-1].right:
-                break
+        for seed in seeds:
+            for trial in of_long(partial(_trial, bench, motion, seed=seed), truths):
+                trials.append(trial)
+                step()
+                if not trial.right:
+                    return Confirmation(tuple(trials))
     return Confirmation(tuple(trials))
 
 

@@ -29,7 +29,7 @@ from runtime.experiments.settings import (
 from runtime.model.terms import joints_of
 from runtime.progress import each
 from runtime.simulation.settings import MARGIN, RATE
-from runtime.simulation.simulate import SimulationError, excitation
+from runtime.simulation.simulate import SimulationError, along, excitation
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,8 @@ def _ordinary(bench: TrialArm) -> Array:
 
 def peaks(bench: TrialArm, path: Array) -> Array:
     """(1 + rivals, n) largest torques along a motion: of the base model, then with each rival in it."""
-    return np.array([np.abs(bench.record(path, r, None).tau).max(axis=1) for r in (None, *bench.rivals)])
+    motion = along(bench.known, path)
+    return np.array([np.abs(bench.record(motion, r, None).tau).max(axis=1) for r in (None, *bench.rivals)])
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECON
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion, prepare
+from runtime.motion.motion import Motion, Piece, prepare
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, simulate
@@ -80,8 +80,9 @@ class TrialArm:
         encoder = inertia**2 * self.band.position_density * (2 * np.pi) ** 4 * self.band.cutoff**5 / 5
         return self.quiet * np.sqrt(self.band.torque_floor() ** 2 + encoder)
 
-    def record(self, path: Array, rival: Hidden | None, seed: int | None) -> Recording:
-        """A recording of this motion (n, N) with the rival hidden in it; no noise without a seed."""
+    def record(self, path: Array | Piece, rival: Hidden | None, seed: int | None) -> Recording:
+        """A recording of this motion, (n, N) or as `along` has it, with the rival hidden in it; no noise without a
+        seed."""
         made, _ = simulate(self.known, [] if rival is None else [rival], SimulationSettings(noise=0.0), path)
         return made if seed is None else noisy(made, self.noise, seed)
 

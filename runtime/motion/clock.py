@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 
 from runtime.motion.settings import (
@@ -89,6 +88,8 @@ class EvenGrid:
 
 def interpolated(places: Array, x: Array, at: Array | Counts) -> Array:
     """x (..., N), known at ascending places (N,), at other places (M,) -> (..., M)."""
+    from scipy.interpolate import make_interp_spline  # where it is used: it takes longer to load than a fit
+
     rows = x.reshape(-1, x.shape[-1])
     out = np.full((len(rows), len(at)), np.nan)
     known = np.isfinite(rows).all(axis=1)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from runtime.motion.clock import Stretch
 from runtime.motion.filters import Differentiator
@@ -58,6 +57,8 @@ class Sensors:
         of the motors' angles q and their accelerations qdd (n, N)."""
         if self.twist is None or self.twist_qdd is None or not late.any():
             return self
+        from scipy.interpolate import make_interp_spline  # where it is used: it takes longer to load than a fit
+
         twist, curvature = self.twist.copy(), self.twist_qdd.copy()
         for i in np.flatnonzero(late):
             there = np.clip(t + late[i], t[0], t[-1])

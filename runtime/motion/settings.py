@@ -195,6 +195,10 @@ UNKNOWN_OVER_NOISE: Final = 0.3
 """ratio to the torque noise in the band; a combination of rows is eliminated if all that dry friction may hold at rest
 could come to more in it; what is left in is then small beside the noise, also where it comes back; by construction."""
 
+DENSE_DIRECTIONS: Final = 40_000
+"""number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
+time, it decides no result."""
+
 SAME_DIRECTION: Final = 1e-3
 """part of a row; combinations of rows that differ by less are one; rounding."""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
+from runtime.motion.settings import DENSE_DIRECTIONS, LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,8 +43,9 @@ class UnknownTorque:
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
         """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to."""
         rows, kernel = len(low_pass.centres(len(unknown))), 2 * low_pass.half
-        left = np.ones(rows)
-        found: list[sparse.coo_array] = []
+        left, least = np.ones(rows), max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION)
+        alike: dict[tuple[int, int, int], Array] = {}
+        found: list[tuple[slice, Array]] = []
         for run in _runs(unknown):
             if run.stop - run.start > 2 * kernel:
                 # Deep inside no kernel reaches what is known.
@@ -56,16 +58,14 @@ class UnknownTorque:
             for samples, among in parts:
                 reached = low_pass.rows(samples, low_pass.half, rows)
                 reached = slice(max(reached.start, among.start), min(reached.stop, among.stop))
-                basis = _basis(low_pass.response(samples, reached), max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
-                left[reached] -= (basis**2).sum(axis=1)
-                at, number = np.indices(basis.shape)
-                found.append(
-                    sparse.coo_array(
-                        (basis.ravel(), (reached.start + at.ravel(), number.ravel())), shape=(rows, basis.shape[1])
-                    )
-                )
-        directions = sparse.csr_array(sparse.hstack(found) if found else (rows, 0))
-        return cls(unknown, quiet, directions, left, left > LEAST_OF_ROW)
+                # What a row has of a sample hangs on how far they are apart alone.
+                apart = samples.start - low_pass.factor * reached.start
+                key = (apart, samples.stop - samples.start, reached.stop - reached.start)
+                if key not in alike:
+                    alike[key] = _basis(low_pass.response(samples, reached), least)
+                left[reached] -= (alike[key] ** 2).sum(axis=1)
+                found.append((reached, alike[key]))
+        return cls(unknown, quiet, _side_by_side(found, rows), left, left > LEAST_OF_ROW)
 
     def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
         """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
@@ -78,17 +78,36 @@ class UnknownTorque:
         return replace(found, counts=counts)
 
     @cached_property
+    def _across(self) -> sparse.csc_array:
+        """(K, M) the directions' transpose, which takes as long to make as to multiply by."""
+        return self.directions.T
+
+    @cached_property
     def _gram(self) -> SuperLU:
-        gram = self.directions.T @ self.directions
+        gram = self._across @ self.directions
         return splu(sparse.csc_matrix(gram + SAME_DIRECTION**2 * sparse.eye_array(gram.shape[0])))
+
+    @cached_property
+    def _axes(self) -> tuple[Array, Array] | None:
+        """(M, K) orthonormal axes of the directions and (K,) what is taken of each; None where these are too many to
+        stand without zeros between them."""
+        rows, count = self.directions.shape
+        if rows * count > DENSE_DIRECTIONS:
+            return None
+        axes, size, _ = np.linalg.svd(self.directions.toarray(), full_matrices=False)
+        return axes, size**2 / (size**2 + SAME_DIRECTION**2)
 
     def __call__(self, x: Array) -> Array:
         """x (..., M) -> (..., M)."""
         if not self.directions.shape[1]:
             return x
-        flat = x.reshape(-1, x.shape[-1]).T
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
-            left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self.directions.T @ flat))
+            if self._axes is not None:
+                axes, part = self._axes
+                rows = x.reshape(-1, x.shape[-1])
+                return np.asarray(rows - ((rows @ axes) * part) @ axes.T).reshape(x.shape)
+            flat = x.reshape(-1, x.shape[-1]).T
+            left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ flat))
         return np.ascontiguousarray(left.T).reshape(x.shape)
 
 
@@ -96,6 +115,16 @@ def _runs(there: Mask) -> Iterator[slice]:
     """Stretches of samples (N,) that are there."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
     return (slice(int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
+
+
+def _side_by_side(bases: Sequence[tuple[slice, Array]], rows: int) -> sparse.csr_array:
+    """(rows, K) columns of bases (m, k), each in its rows of all."""
+    at = [np.repeat(np.arange(there.start, there.stop), basis.shape[1]) for there, basis in bases]
+    ends = np.cumsum([0, *(basis.shape[1] for _, basis in bases)])
+    number = [np.tile(np.arange(*edges), len(basis)) for edges, (_, basis) in zip(pairwise(ends), bases, strict=True)]
+    values = np.concatenate([np.zeros(0), *(basis.ravel() for _, basis in bases)])
+    place = (np.concatenate([np.zeros(0, int), *at]), np.concatenate([np.zeros(0, int), *number]))
+    return sparse.csr_array((values, place), shape=(rows, int(ends[-1])))
 
 
 def _basis(response: Array, least: float) -> Array:

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from runtime.recordings import checks
 from runtime.recordings.columns import Column
@@ -118,5 +117,7 @@ def _covered(t: Array, there: Array, steps: Array) -> np.ndarray[tuple[int, ...]
 
 
 def _at(there: Array, x: Array, t: Array) -> Array:
+    from scipy.interpolate import make_interp_spline  # where it is used: it takes longer to load than a fit
+
     spline: Array = make_interp_spline(there, x, k=SPLINE_DEGREE)(t)
     return spline

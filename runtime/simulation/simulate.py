@@ -118,23 +118,22 @@ def simulate(
     model: Model,
     hidden: Sequence[Hidden] = (),
     settings: SimulationSettings = SimulationSettings(),
-    motion: Array | None = None,
+    motion: Array | Piece | None = None,
 ) -> tuple[Recording, Structure]:
     """A recording at 1 kHz, and all effects in it with the values that they had.
 
-    motion   (n, N) positions at 1 kHz in place of the excitation that the settings ask for
+    motion   (n, N) positions at 1 kHz in place of the excitation that the settings ask for, or what `along` makes of
+             them
     Raises SimulationError.
     """
     extra, noise = settings.extra, settings.noise
     rng = np.random.default_rng(settings.seed)
-    part = settings.seconds / settings.repeats
-    path = excitation(model, rng, part, settings.repeats) if motion is None else motion
-    if path.shape[0] != model.n or path.shape[1] < MIN_SAMPLES:
-        raise SimulationError(
-            f"the motion has {path.shape[0]} joints and {path.shape[1]} samples; "
-            f"expected {model.n} joints of {model.name} and at least {MIN_SAMPLES} samples"
-        )
-    piece = _piece(model.library, path, warm="temperature" in extra)
+    if isinstance(motion, Piece):
+        piece = motion
+    else:
+        part = settings.seconds / settings.repeats
+        path = excitation(model, rng, part, settings.repeats) if motion is None else motion
+        piece = along(model, path, warm="temperature" in extra)
     terms = _all_terms(model, hidden)
     values = _complete(model, piece, terms)
     signals = Signals(model, piece, Prediction(model.lump_values, values))
@@ -151,6 +150,19 @@ def simulate(
         level = np.sqrt(np.mean(output**2, axis=1, keepdims=True))
         made = replace(made, tau_link=output + noise * level * rng.standard_normal(output.shape))
     return made, values
+
+
+def along(model: Model, path: Array, warm: bool = False) -> Piece:
+    """A motion (n, N) at 1 kHz with its derivatives, for several simulations; warm: of joints that warm up.
+
+    Raises SimulationError.
+    """
+    if path.shape[0] != model.n or path.shape[1] < MIN_SAMPLES:
+        raise SimulationError(
+            f"the motion has {path.shape[0]} joints and {path.shape[1]} samples; "
+            f"expected {model.n} joints of {model.name} and at least {MIN_SAMPLES} samples"
+        )
+    return _piece(model.library, path, warm)
 
 
 def complete(model: Model, path: Array, terms: Structure) -> Structure:

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.progress import Progress, each, heard_by, of_each, on_cores, steps
+from runtime.progress import Progress, each, heard_by, of_each, of_long, on_cores, steps
 from runtime.report.terminal import pages
 
 
@@ -65,6 +65,22 @@ def test_an_exception_ends_the_work() -> None:
 
     with pytest.raises(ValueError, match="two"):
         of_each("parts", fails, range(5))
+
+
+def test_long_parts_are_done_one_by_one_on_one_core() -> None:
+    done: list[int] = []
+    with on_cores(1):
+        results = of_long(done.append, range(3))
+        next(results)
+    assert done == [0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+def test_long_parts_are_done_elsewhere_from_the_first_on() -> None:
+    with on_cores(2):
+        found = list(of_long(lambda part: (part * part, os.getpid()), range(4)))
+    assert [square for square, _ in found] == [0, 1, 4, 9]
+    assert os.getpid() not in {process for _, process in found}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="one process there")
