@@ -25,10 +25,10 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
     model turns into torque by the true inertia and friction.
     """
     identification = found.steps[-1].identification
-    band, library = identification.motion.band, identification.model.library
-    motion = prepare([made.held_out], band, library)
+    band, model = identification.motion.band, identification.model
+    motion = prepare([made.held_out], band, model)
     bare = replace(made.held_out, q=made.exact, tau=made.disturbed, qd=None, q_link=None)
-    floor = _floor(made, motion, prepare([bare], band, library))
+    floor = _floor(made, motion, prepare([bare], band, model))
     return np.array(errors_elsewhere(identification, motion).rms), floor
 
 
