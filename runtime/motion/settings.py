@@ -286,6 +286,10 @@ LINE_BLURRED: Final = 2.0
 """bins; a Hann window makes as much of one frequency of noise: 1 + 2 (2/3)² + 2 (1/6)² times its power, its neighbours
 by their correlation; by construction."""
 
+LINE_COLOUR: Final = 3
+"""number, the degree of the course of a spectrum's logarithm over the band: slow pushes at one end, an encoder's noise
+at the other; a choice."""
+
 SLOW_PART: Final = 0.15
 """part of the cut-off; below lie slow disturbances; development recordings with disturbances from outside."""
 
