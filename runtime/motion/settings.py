@@ -262,6 +262,10 @@ distribution."""
 REPEAT_LEAST_ROWS: Final = 100
 """rows; from so many a variance is known to a seventh; chi-squared distribution."""
 
+REPEAT_TAPS: Final = 4
+"""rows to either side; from so many a signal is read between rows: it fills four fifths of what they could hold; by
+construction."""
+
 REPEAT_WINDOWS: Final = 60
 """number of windows; so many of a long recording are looked for in the rest of it; time."""
 
@@ -274,9 +278,9 @@ recordings with disturbances from outside."""
 LINE_STANDS_OUT: Final = 0.1
 """part of a residual's power; a frequency that holds more of it is a line; development recordings."""
 
-LINE_CHANCE: Final = 4.6
+LINE_CHANCE: Final = 6.9
 """natural logarithm; of noise the strongest of its frequencies holds more than this and the logarithm of their number,
-over their number, once in a hundred signals; Fisher's test."""
+over their number, once in a thousand signals; Fisher's test."""
 
 LINE_WIDTH: Final = 3
 """bins; a Hann window spreads a peak over so many to either side, and the trend over as many at the beginning; by
