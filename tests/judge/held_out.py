@@ -39,7 +39,7 @@ def _floor(made: Made, motion: Motion, bare: Motion) -> Array:
     exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))
     encoder = torque(bodies, measured, gravity) - torque(bodies, exact, gravity)
     encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
-    noise = piece.in_band(truth.tau - encoder)
+    noise = piece.equations(truth.tau - encoder)
     return np.array([np.sqrt(np.mean(row[motion.moving(i)] ** 2)) for i, row in enumerate(noise)])
 
 
