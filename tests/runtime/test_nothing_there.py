@@ -45,7 +45,7 @@ def test_the_largest_chance_of_few_rows_is_no_line() -> None:
         noise = np.where(rng.random(400) < 0.3, rng.standard_normal(400), 0.0)
         found += strongest_line(noise, 20.0) is not None
     assert found < 8
-    line = strongest_line(noise + np.where(noise != 0, 2 * np.sin(np.arange(400)), 0.0), 20.0)
+    line = strongest_line(noise + np.where(noise != 0, 3 * np.sin(np.arange(400)), 0.0), 20.0)
     assert line is not None
     assert line.frequency == pytest.approx(20.0 / (2 * np.pi), abs=0.06)
 
