@@ -140,7 +140,7 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
-    motion = without_tip_rests(model, prepare(recordings, fitted.band, model.library))
+    motion = without_tip_rests(model, prepare(recordings, fitted.band, model))
     if motion.rigid_given != fitted.rigid_given:
         has, lacks = ("has", "do not") if motion.rigid_given else ("has no", "do")
         raise RecordingError(

@@ -381,14 +381,14 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     inertia = believable(stated, recordings) if given is None else given
     ratios = [joint.gear_ratio for joint in model.joints]
     band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
-    first = motion = prepare(recordings, band, model.library)
+    first = motion = prepare(recordings, band, model)
     for _ in range(LOWERINGS):
         if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:
             return motion
         lower = lowered(motion.band, LOWERED_TO * motion.band.cutoff)
         if lower is None:
             break
-        motion = prepare(recordings, lower, model.library)
+        motion = prepare(recordings, lower, model)
     # A joint that hardly moves has nothing but noise in any band, and the others shall not pay for it.
     return first
 

@@ -147,7 +147,7 @@ class MotionGround:
         """Along a motion (n, N) at simulate's rate; spans: from and to which second each piece goes."""
         recording = bench.record(path, None, None)
         # The encoder's steps stay out, so that a special case of a rival is exactly that; the floor has them.
-        motion = prepare([replace(recording, q=path)], bench.band, bench.model.library)
+        motion = prepare([replace(recording, q=path)], bench.band, bench.model)
         spans = [(0.0, np.inf)] if spans is None else spans
         shapes = _shapes(bench, motion)
         places, at = [], 0

@@ -18,7 +18,7 @@ def floors(identification: Identification, recordings: Sequence[Recording]) -> t
     if not recordings:
         return ()
     model, fit = identification.model, identification.fit
-    motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model.library))
+    motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
     found = repeats.find(motion)
     floors = []

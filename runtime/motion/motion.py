@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from runtime.model.loader import Library
+from runtime.model.loader import Model
 from runtime.motion import sensors, turns
 from runtime.motion.band import Band, excitation
 from runtime.motion.clock import EvenGrid, Stretch, grid, interpolated
@@ -356,13 +356,25 @@ def _windows(piece: Piece, samples: int) -> list[slice]:
     return [slice(int(s), int(s) + length) for s in starts]
 
 
-def _dry_friction(motion: Motion, joint: int) -> float:
-    use = motion.moving(joint)
-    q, qd, qdd = (motion.rows(name)[joint, use] for name in ("q", "qd", "qdd"))
-    return turns.dry_friction(q, qd, qdd, motion.recorded(joint, 0.0)[use])
+def _dry_friction(motion: Motion, model: Model) -> Array:
+    """(n,) N m (N), about, of every joint."""
+    q, qd, qdd = (motion.rows(name) for name in ("q", "qd", "qdd"))
+    rigid = _rigid_given(motion) if motion.rigid_given else model.regressor(q, qd, qdd)
+    found = []
+    for i in range(motion.n):
+        use = motion.moving(i)
+        tau = motion.recorded(i, 0.0)[use]
+        found.append(turns.dry_friction(q[i, use], qd[i, use], qdd[i, use], rigid[i][:, use], tau))
+    return np.array(found)
 
 
-def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Motion:
+def _rigid_given(motion: Motion) -> Array:
+    """(n, 1, M) the rigid-body torque of the user's own model."""
+    given = [(p.sensors.tau_rigid, p.centres) for p in motion.pieces]
+    return np.concatenate([x[:, None, at] for x, at in given if x is not None], axis=2)
+
+
+def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion:
     """Smooth and differentiate positions once; keep torque raw for the band's filter.
 
     Stretches shorter than the filters are dropped. Raises RecordingError if none is left.
@@ -372,7 +384,7 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     for number, recording in enumerate(recordings):
         clock = grid(recording)
         derive = differentiator(band.cutoff, 1 / clock.period)
-        band_filter = low_pass(band.cutoff, 1 / clock.period, library)
+        band_filter = low_pass(band.cutoff, 1 / clock.period, model.library)
         for stretch in clock.stretches:
             if stretch.size > 2 * (derive.half + band_filter.half) + LEAST_ROWS * band_filter.factor:
                 piece = _piece(recording, number, clock, stretch, derive, band_filter, band)
@@ -398,7 +410,7 @@ def prepare(recordings: Sequence[Recording], band: Band, library: Library) -> Mo
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
-    friction = np.maximum([_dry_friction(motion, i) for i in range(n)], 1e-300)
+    friction = np.maximum(_dry_friction(motion, model), 1e-300)
     return motion.resting(standstill, band.torque_floor()[:n] / friction)
 
 

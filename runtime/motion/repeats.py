@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from runtime.motion.settings import (
     REPEAT_SEARCH_HZ,
     REPEAT_SIGMAS,
     REPEAT_STRETCHES,
+    REPEAT_TAPS,
     REPEAT_WINDOW_S,
     REPEAT_WINDOWS,
 )
@@ -27,10 +28,34 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RepeatedRows:
-    """In-band rows `first` and `second` (indices into all rows) at which the motion was the same."""
+    """In-band rows `first` and `second` (indices into all rows) at which the motion was the same, but for a part of a
+    row: at `second` it was so far ahead, and is the same `late` rows, less than one, after it."""
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
+    late: float
+
+    def again(self, x: Array) -> Array:
+        """Signals x (..., M) when the motion came back, between their rows."""
+        return np.asarray(x[..., self._between] @ self._kernel)
+
+    def count(self, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether pairs count: all rows that are in them do."""
+        return np.asarray(use[self.first] & use[self._between].all(axis=-1))
+
+    def inside(self, size: int) -> bool:
+        """Whether all rows that are in pairs are there, of so many."""
+        return bool(self._between[0, 0] >= 0 and self._between[-1, -1] < size)
+
+    @property
+    def _between(self) -> NDArray[np.intp]:
+        return self.second[:, None] + np.arange(-REPEAT_TAPS, REPEAT_TAPS + 1)
+
+    @property
+    def _kernel(self) -> Array:
+        away = np.arange(-REPEAT_TAPS, REPEAT_TAPS + 1) - self.late
+        kernel: Array = np.sinc(away) * np.cos(np.pi / 2 * away / (REPEAT_TAPS + 1)) ** 2
+        return kernel / kernel.sum()
 
 
 @dataclass(frozen=True)
@@ -46,7 +71,7 @@ class Repeats:
         Between two passes the repeating part cancels in the difference and remains in the mean. That mean varies by
         chance, as its stretches show: what it may owe to that is taken off.
         """
-        both = [(residual[p.first], residual[p.second], use[p.first] & use[p.second]) for p in self.pairs]
+        both = [(residual[p.first], p.again(residual), p.count(use)) for p in self.pairs]
         a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
         b = np.concatenate([y[k] for _, y, k in both]) if both else np.zeros(0)
         if len(a) < REPEAT_LEAST_ROWS:
@@ -63,15 +88,16 @@ def find(motion: Motion) -> Repeats:
     pairs: list[RepeatedRows] = []
     start = 0
     for piece in motion.pieces:
-        for first, second in _in_piece(piece, motion.standstill):
-            pairs.append(RepeatedRows(start + first, start + second))
+        for p in _in_piece(piece, motion.standstill):
+            pairs.append(replace(p, first=start + p.first, second=start + p.second))
         start += len(piece.centres)
     rows = sum(len(p.first) for p in pairs)
-    seconds = rows / motion.row_rate
-    return Repeats(tuple(pairs) if seconds >= REPEAT_LEAST_S else (), seconds)
+    # A window is a whole number of rows, and may be a part of one shorter than it should be.
+    enough = len(pairs) * REPEAT_WINDOW_S >= REPEAT_LEAST_S
+    return Repeats(tuple(pairs) if enough else (), rows / motion.row_rate)
 
 
-def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:
     factor = piece.low_pass.factor
     stride = max(1, round(1 / (piece.dt * REPEAT_SEARCH_HZ * factor)))
     # A joint that is held comes back to where its friction leaves it; that says nothing of the motion.
@@ -86,15 +112,15 @@ def _in_piece(piece: Piece, standstill: Array) -> list[tuple[NDArray[np.intp], N
             continue
         lag = _same_later(coarse, window, begin, width)
         if lag is not None:
-            found.append(_align(q, begin * stride, width * stride, lag * stride, stride))
+            found.append(_align(q, qd * (piece.dt * factor), begin * stride, width * stride, lag * stride, stride))
     tolerance = REPEAT_ALIKE * np.ptp(q, axis=1)
     rows = []
-    for first, second in found:
-        alike = np.sqrt(np.mean((q[:, first] - q[:, second]) ** 2, axis=1)) < tolerance
-        rates = np.sqrt(np.mean((qd[:, first] - qd[:, second]) ** 2, axis=1))
+    for p in (p for p in found if p.inside(q.shape[1])):
+        alike = np.sqrt(np.mean((q[:, p.first] - p.again(q)) ** 2, axis=1)) < tolerance
+        rates = np.sqrt(np.mean((qd[:, p.first] - p.again(qd)) ** 2, axis=1))
         quick = rates < REPEAT_ALIKE_RATE * np.abs(qd).max(axis=1) + standstill
         if alike.all() and quick.all():
-            rows.append((first, second))
+            rows.append(p)
     return rows
 
 
@@ -112,8 +138,8 @@ def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | N
     return width + int(np.argmin(mismatch))
 
 
-def _align(q: Array, begin: int, width: int, lag: int, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The window's rows and those of its recurrence, to the nearest row."""
+def _align(q: Array, step: Array, begin: int, width: int, lag: int, stride: int) -> RepeatedRows:
+    """The window's rows and those of its recurrence; step (n, M): by how much q grows in a row."""
     first = np.arange(begin, begin + width)
     best, rows = np.inf, first
     for shift in range(lag - stride, lag + stride + 1):
@@ -122,4 +148,6 @@ def _align(q: Array, begin: int, width: int, lag: int, stride: int) -> tuple[NDA
             error = float(np.sum((q[:, first] - q[:, second]) ** 2))
             if error < best:
                 best, rows = error, second
-    return first, rows
+    ahead, by = q[:, first] - q[:, rows], step[:, rows]
+    late = float(np.sum(ahead * by)) / max(float(np.sum(by**2)), 1e-300)
+    return RepeatedRows(first, rows, float(np.clip(late, -1.0, 1.0)))

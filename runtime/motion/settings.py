@@ -266,6 +266,10 @@ distribution."""
 REPEAT_LEAST_ROWS: Final = 100
 """rows; from so many a variance is known to a seventh; chi-squared distribution."""
 
+REPEAT_TAPS: Final = 4
+"""rows to either side; from so many a signal is read between rows: it fills four fifths of what they could hold; by
+construction."""
+
 REPEAT_WINDOWS: Final = 60
 """number of windows; so many of a long recording are looked for in the rest of it; time."""
 
@@ -278,9 +282,9 @@ recordings with disturbances from outside."""
 LINE_STANDS_OUT: Final = 0.1
 """part of a residual's power; a frequency that holds more of it is a line; development recordings."""
 
-LINE_CHANCE: Final = 4.6
+LINE_CHANCE: Final = 6.9
 """natural logarithm; of noise the strongest of its frequencies holds more than this and the logarithm of their number,
-over their number, once in a hundred signals; Fisher's test."""
+over their number, once in a thousand signals; Fisher's test."""
 
 LINE_WIDTH: Final = 3
 """bins; a Hann window spreads a peak over so many to either side, and the trend over as many at the beginning; by
@@ -289,6 +293,10 @@ construction."""
 LINE_BLURRED: Final = 2.0
 """bins; a Hann window makes as much of one frequency of noise: 1 + 2 (2/3)² + 2 (1/6)² times its power, its neighbours
 by their correlation; by construction."""
+
+LINE_COLOUR: Final = 3
+"""number, the degree of the course of a spectrum's logarithm over the band: slow pushes at one end, an encoder's noise
+at the other; a choice."""
 
 SLOW_PART: Final = 0.15
 """part of the cut-off; below lie slow disturbances; development recordings with disturbances from outside."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from runtime.motion.fourier import welch
@@ -12,6 +13,7 @@ from runtime.motion.settings import (
     BURST_STRETCHES,
     LINE_BLURRED,
     LINE_CHANCE,
+    LINE_COLOUR,
     LINE_STANDS_OUT,
     LINE_WIDTH,
     NAMED_PEAKS,
@@ -41,18 +43,21 @@ def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
     """The strongest line of a signal (M,) sampled at `rate`, Hz, which is zero where there is none; None if none stands
     out, also of what chance makes of few samples.
 
+    A frequency is held against those around it: noise is coloured, an encoder's most of all, and where it is densest
+    the largest of chances is far above all others.
     Source: Fisher 1929, Tests of significance in harmonic analysis, Proceedings of the Royal Society A 125.
     """
     power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
-    total = float(power.sum())
-    if len(power) <= 2 * LINE_WIDTH or not total:
+    inside = int(len(power) * 2 / ROWS_OVER_CUTOFF)
+    if inside <= 2 * LINE_WIDTH or not power.any():
         return None
-    peak = int(np.argmax(power[LINE_WIDTH:])) + LINE_WIDTH
-    share = float(power[max(LINE_WIDTH, peak - LINE_WIDTH) : peak + LINE_WIDTH + 1].sum()) / total
-    inside = len(power) * 2 / ROWS_OVER_CUTOFF
+    even = power[:inside] / _colour(power[:inside])
+    peak = int(np.argmax(even[LINE_WIDTH:])) + LINE_WIDTH
+    line = slice(max(LINE_WIDTH, peak - LINE_WIDTH), peak + LINE_WIDTH + 1)
+    share = float(power[line].sum() / power.sum())
     frequencies = max(1.0, min(np.count_nonzero(residual) / 2, inside / LINE_BLURRED))
     chance = (np.log(inside) + LINE_CHANCE) / frequencies + 2 * LINE_WIDTH / inside
-    if share <= max(LINE_STANDS_OUT, chance):
+    if share <= LINE_STANDS_OUT or float(even[line].sum() / even.sum()) <= chance:
         return None
     return SpectralLine(float(np.fft.rfftfreq(len(residual), 1 / rate)[peak]), share)
 
@@ -80,6 +85,13 @@ def peaks(residual: Array, rate: float, cutoff: float) -> list[float]:
         if power[k] == around.max() and power[k] > most * level:
             found.append((float(power[k]), float(f[k])))
     return [frequency for _, frequency in sorted(found, reverse=True)[:NAMED_PEAKS]]
+
+
+def _colour(power: Array) -> Array:
+    """The smooth course of a spectrum (K,), whose logarithm lines hardly move, up to a factor."""
+    level = np.log(np.maximum(power, np.finfo(float).eps * power.max()))
+    at = np.arange(len(power))
+    return np.exp(Polynomial.fit(at, level, LINE_COLOUR)(at))
 
 
 def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff: float) -> float:

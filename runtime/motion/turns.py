@@ -28,11 +28,13 @@ def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
     return close
 
 
-def dry_friction(q: Array, qd: Array, qdd: Array, tau: Array) -> float:
-    """N m (N), about: the jump of a torque where a joint turns, beside what is smooth in its own motion, (M,) each."""
+def dry_friction(q: Array, qd: Array, qdd: Array, rigid: Array, tau: Array) -> float:
+    """N m (N), about: the jump of a torque where a joint turns, beside what is smooth in its own motion, (M,) each, and
+    what the arm's rigid bodies may ask of it, rigid (k, M): the other joints' motion asks more of a heavy one."""
     if not len(q):
         return 0.0
-    columns = np.array([np.sign(qd), qd, qdd, np.ones_like(q), np.sin(q), np.cos(q)])
-    size = np.linalg.norm(columns, axis=1)
-    found = np.linalg.lstsq((columns / size[:, None]).T, tau, rcond=1e-9)[0]
+    columns = np.vstack([np.sign(qd), qd, qdd, np.ones_like(q), np.sin(q), np.cos(q), rigid])
+    size = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
+    columns /= size[:, None]
+    found = np.linalg.lstsq(columns @ columns.T, columns @ tau, rcond=1e-9)[0]
     return max(float(found[0] / size[0]), 0.0)

@@ -25,10 +25,10 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
     model turns into torque by the true inertia and friction.
     """
     identification = found.steps[-1].identification
-    band, library = identification.motion.band, identification.model.library
-    motion = prepare([made.held_out], band, library)
+    band, model = identification.motion.band, identification.model
+    motion = prepare([made.held_out], band, model)
     bare = replace(made.held_out, q=made.exact, tau=made.disturbed, qd=None, q_link=None)
-    floor = _floor(made, motion, prepare([bare], band, library))
+    floor = _floor(made, motion, prepare([bare], band, model))
     return np.array(errors_elsewhere(identification, motion).rms), floor
 
 
@@ -39,7 +39,7 @@ def _floor(made: Made, motion: Motion, bare: Motion) -> Array:
     exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))
     encoder = torque(bodies, measured, gravity) - torque(bodies, exact, gravity)
     encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
-    noise = piece.in_band(truth.tau - encoder)
+    noise = piece.equations(truth.tau - encoder)
     return np.array([np.sqrt(np.mean(row[motion.moving(i)] ** 2)) for i, row in enumerate(noise)])
 
 

@@ -45,6 +45,21 @@ def test_the_largest_chance_of_few_rows_is_no_line() -> None:
         noise = np.where(rng.random(400) < 0.3, rng.standard_normal(400), 0.0)
         found += strongest_line(noise, 20.0) is not None
     assert found < 8
-    line = strongest_line(noise + np.where(noise != 0, 2 * np.sin(np.arange(400)), 0.0), 20.0)
+    line = strongest_line(noise + np.where(noise != 0, 3 * np.sin(np.arange(400)), 0.0), 20.0)
     assert line is not None
     assert line.frequency == pytest.approx(20.0 / (2 * np.pi), abs=0.06)
+
+
+@pytest.mark.parametrize("rows", [200, 460])
+@pytest.mark.parametrize(("slow", "fast"), [(10.0, 0.0), (1.5, 12.0), (0.0, 1e4)])
+def test_the_densest_part_of_coloured_noise_is_no_line(rows: int, slow: float, fast: float) -> None:
+    """Slow pushes beside white noise, and an encoder's as an inertial torque, with the fourth power of the frequency;
+    what is as strong as all noise together is found in each."""
+    rng, found, lines, at = np.random.default_rng(0), 0, 0, np.fft.rfftfreq(4 * rows)
+    density = (1 + slow / (1 + (at / 0.05) ** 2) + fast * (at / 0.4) ** 4) * (at < 0.4)
+    for _ in range(100):
+        noise = np.fft.irfft(np.fft.rfft(rng.standard_normal(4 * rows)) * np.sqrt(density))[:rows]
+        found += strongest_line(noise, 20.0) is not None
+        lines += strongest_line(noise / noise.std() + 1.4 * np.sin(0.9 * np.arange(rows)), 20.0) is not None
+    assert found < 4
+    assert lines > 90

@@ -15,6 +15,8 @@ from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import Band
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
+from runtime.workspace import open_model
+from tests import spatial_wrist, wrist
 
 Mask = NDArray[np.bool_]
 
@@ -39,7 +41,7 @@ def swinging(model: Model) -> Motion:
     rng = np.random.default_rng(0)
     tau = np.sign(np.gradient(q, DT, axis=1)) + 0.05 * rng.standard_normal(q.shape)
     silent = np.full(4, 1e-5)
-    return prepare([recording(q, tau)], Band(20.0, "given", silent, np.zeros(4), 1e-16 * silent), model.library)
+    return prepare([recording(q, tau)], Band(20.0, "given", silent, np.zeros(4), 1e-16 * silent), model)
 
 
 def rubbed(model: Model, motion: Motion, friction: float, depth: float) -> Motion:
@@ -111,3 +113,15 @@ def test_a_place_is_found_over_the_staircase_of_its_samples(drive: Model, astray
     fit = identify_motion(drive, prepared(drive, [recording(q[None], tau[None])]), known).fit
     assert fit.shapes[term]["offset"] == pytest.approx(place, abs=0.004)
     assert fit.prediction.values[term]["pretension"] == pytest.approx(0.8, abs=0.05)
+
+
+def test_dry_friction_at_a_turn_is_told_from_what_the_other_joints_ask(
+    cache: Path,  # noqa: ARG001 - the model is compiled there
+    tmp_path: Path,
+) -> None:
+    """A joint that carries five others: their motion and weight move its torque by far more than its friction."""
+    path = tmp_path / "arm.toml"
+    path.write_text(spatial_wrist.MODEL)
+    six = open_model(path)
+    motion = prepared(six, [spatial_wrist.record(wrist.CoupledMotor(), seed=0, seconds=9.0)])
+    assert motion.band.torque_floor() / motion.quiet == pytest.approx(spatial_wrist.DRY, rel=0.12)

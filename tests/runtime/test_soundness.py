@@ -61,7 +61,7 @@ def test_an_inertia_that_is_nearly_right_chooses_it(coarse: Recording) -> None:
 def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Recording) -> None:
     """In a band of 50 Hz most of the accelerations is noise: neither clean nor an effect."""
     band = replace(prepared(drive, [coarse]).band, cutoff=50.0)
-    search = Search(drive, prepare([coarse], band, drive.library))
+    search = Search(drive, prepare([coarse], band, drive))
     search.names = ("coarse.csv",)
     search.start(structure(drive))
     found = conclude(search)
