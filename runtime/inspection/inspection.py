@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
 from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import of_rates, without_model
+from runtime.inspection.suspected import by_signals, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
@@ -43,7 +44,7 @@ class Inspection:
     fitted: Identification | None = None
     unfitted: str | None = None
 
-    @property
+    @cached_property
     def found(self) -> list[Suspicion]:
         """What looks wrong: by the model where there is one, as every verb says it, else by the signals alone."""
         if self.recording is None:
@@ -52,7 +53,7 @@ class Inspection:
             told = without_model(self.recording)
         else:
             told = list(suspicions(self.fitted) or doubts(self.fitted))
-        return [*told, *(s for s in of_rates(self.recording) if s.joint not in {t.joint for t in told})]
+        return [*told, *(s for s in by_signals(self.recording) if s.joint not in {t.joint for t in told})]
 
     def to_json(self) -> dict[str, Any]:
         """Every figure."""
@@ -73,6 +74,7 @@ class Inspection:
             "parameters": [] if fitted is None else _parameters(fitted),
             "unfitted": self.unfitted,
             "suspicions": [{"joint": s.joint, "kind": s.kind, "found": s.found, "cure": s.cure} for s in self.found],
+            "cures": list(dict.fromkeys(option for s in self.found for option in s.maps)),
         }
 
     def _suggested(self) -> list[str]:

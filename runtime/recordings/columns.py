@@ -47,6 +47,7 @@ class Column:
     """A signal (`name`, e.g. "qd1") in field `index` of a file; SI value = factor * cell + offset.
 
     cell   what `--map` takes for the field, with the unit in which it is read and a minus where it is turned round
+    unit   in which it is read, where the file or `--map` states one
     """
 
     name: str
@@ -54,6 +55,7 @@ class Column:
     factor: float
     offset: float
     cell: str = ""
+    unit: str | None = None
 
     def in_si(self, values: Array) -> Array:
         """Values (N,) of the field in SI."""
@@ -90,7 +92,7 @@ def columns(
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped twice")
         column = _column(name, index, unit, joints, fail)
-        column = replace(column, cell=wanted.strip())
+        column = replace(column, cell=wanted.strip(), unit=unit or None)
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
             fail(f"--map {name}: {quote(wanted)} has a minus; expected one before positions, rates and torques only")
         found[name] = replace(column, factor=sign * column.factor)
@@ -104,7 +106,7 @@ def columns(
             fail(f"two columns are {name}: {quote(header[found[name].index])} and {quote(header[index])}; drop one")
         bare, stated = split[index]
         cell = bare if stated or not unit else f"{bare} [{unit}]"
-        found[name] = replace(_column(name, index, unit, joints, fail), cell=cell)
+        found[name] = replace(_column(name, index, unit, joints, fail), cell=cell, unit=unit or None)
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
         if name not in found:
