@@ -24,11 +24,11 @@ _UNITS: Sequence[tuple[str, str]] = (
     (r"ms|msec|milliseconds", "ms"),
     (r"us|usec", "us"),
     (r"ns|nsec|nanoseconds", "ns"),
-    (r"ma|milliamps", "mA"),
-    (r"mnm", "mN m"),
+    (r"m_?a|milliamps", "mA"),
+    (r"m_?nm", "mN m"),
     (r"a|amps|current|iq", "A"),
 )
-"""Words at a name's end -> the unit that they mean."""
+"""Words at the end of a name, with _ before its capitals -> the unit that they mean."""
 _NUMBERED = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 
 
