@@ -21,6 +21,7 @@ from runtime.inspection.suspected import by_signals, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
+from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.contents import Contents
 from runtime.recordings.errors import RecordingError, Refusal, printable
 from runtime.recordings.recording import Recording, count_joints, read
@@ -66,6 +67,7 @@ class Inspection:
             "suggested": [] if recording else self._suggested(),
             "notes": list(recording.notes) if recording else [],
             "clock": clock_json(recording) if recording else None,
+            "clocks": [_clock_json(clock) for clock in recording.clocks] if recording else [],
             "signals": signals_json(recording) if recording else [],
             "joints": joints_json(recording, self.names) if recording else [],
             "shifts": shifts_json(recording) if recording else [],
@@ -116,6 +118,18 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
         return replace(inspection, fitted=identify(model, [inspection.recording]))
     except RecordingError as error:
         return replace(inspection, unfitted=str(error))
+
+
+def _clock_json(clock: BroughtClock) -> dict[str, Any]:
+    """Signals of another clock than the positions', and by how much its stamps are later, s."""
+    shift = None if clock.shift is None else {"value": clock.shift.value, "error": clock.shift.error}
+    return {
+        "clock": clock.name,
+        "signals": clock.signals,
+        "rate_hz": clock.rate,
+        "shift": shift,
+        "corrected": clock.corrected,
+    }
 
 
 def _parameters(fitted: Identification) -> list[dict[str, Any]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from runtime import files
 from runtime.recordings import checks, clocks, formats, names
+from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import IN_PLANE, IN_SPACE, columns
 from runtime.recordings.contents import Array, Samples
 from runtime.recordings.errors import RecordingError as RecordingError
@@ -38,6 +39,7 @@ class Recording:
     cells         of each signal, what `--map` takes for the field from which it was read
     units         in which signals were read, of those of which the file or `--map` states one
     currents      torques that are currents in A, since nothing is known of the motors
+    clocks        of signals that were sampled apart, by how much they differ from that of the positions
     notes         what a person should know of how the file was read, a line each
     """
 
@@ -58,6 +60,7 @@ class Recording:
     cells: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     currents: frozenset[str] = frozenset()
+    clocks: tuple[BroughtClock, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -110,7 +113,8 @@ def read(
     made = _recording(Path(path), table, cells, joints, space, allow_gaps, refuse)
     units = {name: column.unit for name, column in used.items() if column.unit}
     currents = _currents(units) if isinstance(model, int) else frozenset()
-    return replace(made, units=units, currents=currents, notes=(*understood.notes, *apart))
+    notes = (*understood.notes, *map(str, apart))
+    return replace(made, units=units, currents=currents, clocks=apart, notes=notes)
 
 
 def _currents(units: Mapping[str, str]) -> frozenset[str]:
