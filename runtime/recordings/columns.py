@@ -110,7 +110,9 @@ def columns(
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
         if name not in found:
-            fail(_missing(name, header, [cell for cell, _ in split], len(joints)))
+            taken = {column.index for column in found.values()}
+            free = [cell.strip() for i, cell in enumerate(header) if i not in taken]
+            fail(_missing(name, header, free, len(joints)))
     return found
 
 
@@ -219,16 +221,21 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
     return Column(name, index, factor, offset)
 
 
-def _missing(name: str, header: Sequence[str], cells: Sequence[str], n: int) -> str:
+def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
+    """That there is no such column, and what to type. free: the cells that nothing is read from."""
     if header[0] == NUMBERED.format(1):
         count = len(header)
-        return f"its first line is no header but {count} numbers; name its {count} columns with --columns t,q1,tau1"
+        plain = ["t", *(f"{signal}{i}" for signal in ("q", "tau") for i in range(1, n + 1))]
+        names = ",".join(plain) if count == len(plain) else "t,q1,tau1"
+        return f"its first line is no header but {count} numbers; name its {count} columns with --columns {names}"
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
-    close = difflib.get_close_matches(name, cells, n=1, cutoff=0.5)
-    close = [header[cells.index(close[0])].strip()] if close else []
-    example = close[0] if close else "Header [unit]"
+    by_name = {_split(cell)[0]: cell for cell in free}
+    close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)
+    example = by_name[close[0]] if close else "Header [unit]"
+    if not free:
+        return f"no column {name}{joints}; the file has {some(header)}, and all are read; use the model of this arm"
     return f"no column {name}{joints}; the file has {some(header)}; name it with --map {name}={quote(example)}"
 
 
