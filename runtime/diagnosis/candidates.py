@@ -9,7 +9,7 @@ motion and judged on the whole.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,6 +28,7 @@ from runtime.diagnosis.settings import (
     TRIED_SHAPES,
 )
 from runtime.estimation import grids
+from runtime.estimation.bias import smoothing_change
 from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
 from runtime.estimation.regressors import LINK_LOAD, Regressors
@@ -107,13 +108,15 @@ class CandidateField:
         """The fitted model's equations at all joints, each weighted by its own residual."""
         layout = self.problem.layout
         steps = shape_steps(self.problem, self.fit)
-        size = layout.size + len(steps) + self.fit.skew_free
-        lower = np.append(layout.lower, np.full(size - layout.size, -np.inf))
-        upper = np.append(layout.upper, np.full(size - layout.size, np.inf))
-        rows = tuple(self._rows(i, steps) for i in range(self.model.n))
+        free = len(steps) + self.fit.skew_free
+        smoothed = smoothing_change(self.problem, self.fit)
+        # Between the load that is smoothed and the one that is not lies the truth.
+        lower = np.concatenate([layout.lower, np.full(free, -np.inf), np.zeros(int(bool(smoothed)))])
+        upper = np.concatenate([layout.upper, np.full(free, np.inf), np.ones(int(bool(smoothed)))])
+        rows = tuple(self._rows(i, steps, smoothed) for i in range(self.model.n))
         return Ground.levelled(rows, lower, upper)
 
-    def _rows(self, joint: int, steps: list[tuple[Term, str, float]]) -> Rows:
+    def _rows(self, joint: int, steps: list[tuple[Term, str, float]], smoothed: Mapping[int, Array]) -> Rows:
         x, fixed = self.problem.rows(joint, self.fit.shapes)
         x_noise, fixed_noise = self.problem.noise_rows(joint, self.fit.shapes)
         index = np.flatnonzero(np.any(x != 0, axis=1))
@@ -125,9 +128,12 @@ class CandidateField:
         if self.fit.skew_free:
             base.append(-self.problem.regressors.skew(joint)[None])
             index = np.append(index, size + len(steps))
+        if joint in smoothed:
+            base.append(smoothed[joint][None])
+            index = np.append(index, size + len(steps) + self.fit.skew_free)
         columns = np.vstack(base)
         silent = np.zeros((len(columns) - len(noise[0]), columns.shape[1]))
-        rms = self.rms(joint)
+        rms, eliminated = self.rms(joint), self.motion.eliminated(joint)
         return Rows(
             y=self.motion.torque(joint, self.fit.skew) - fixed,
             base=columns,
@@ -136,6 +142,9 @@ class CandidateField:
             use=self.motion.moving(joint),
             piece=self.motion.row_piece,
             weight=1 / rms if rms else 0.0,
+            directions=eliminated,
+            clear=self.motion.untouched(joint),
+            dependent=eliminated.shape[1],
         )
 
     def rms(self, joint: int) -> float:
@@ -161,6 +170,9 @@ class CandidateField:
                 noise=r.noise[:, rows],
                 use=r.use[rows] & motion.moving(i),
                 piece=motion.row_piece,
+                directions=motion.eliminated(i),
+                clear=r.use[rows] & motion.untouched(i),
+                dependent=motion.eliminated(i).shape[1],
             )
             for i, r in enumerate(self.ground.rows)
         )

@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN
 from runtime.estimation.alike import Alike
@@ -25,7 +26,7 @@ from runtime.estimation.folds import Grams, NormalEquations
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.robust import lag_by_lag
 from runtime.estimation.settings import FOLDS
-from runtime.estimation.whitening import autoregression, whiten
+from runtime.estimation.whitening import Whitening, autoregression
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,6 +68,14 @@ class CandidateBlock:
         found: Mask = np.all(there, axis=0)
         return found
 
+    def whitened(self, by: Sequence[Whitening]) -> CandidateBlock:
+        """The same block, every joint's rows whitened."""
+        parts = {
+            j: CandidateRows(by[j](p.columns), None if p.noise is None else by[j](p.noise))
+            for j, p in self.parts.items()
+        }
+        return replace(self, parts=parts)
+
     def only(self, choices: Mask) -> CandidateBlock:
         """Some of many choices (S,)."""
         parts = {
@@ -96,7 +105,8 @@ class Rows:
 
     y (M,), base (b, M), noise (b + 1, M) of base and y; index (b,): which unknowns of the ground the base's
     columns belong to; use (M,): rows that count, at least some; piece (M,): the stretch of time of a row;
-    weight: 1/σ of the joint.
+    weight: 1/σ of the joint; directions (M, K): combinations of rows that were eliminated; clear (M,): rows that none
+    of them reaches; None: all that count; dependent: number of rows that follow from others.
     """
 
     y: Array
@@ -106,10 +116,17 @@ class Rows:
     use: Mask
     piece: NDArray[np.intp]
     weight: float
+    directions: sparse.csr_array | None = None
+    clear: Mask | None = None
+    dependent: int = 0
 
     @cached_property
     def count(self) -> int:
         return int(self.use.sum())
+
+    @property
+    def independent(self) -> int:
+        return max(1, self.count - self.dependent)
 
     @cached_property
     def folds(self) -> list[slice]:
@@ -162,13 +179,18 @@ class Rows:
     def stack_noise(self) -> Array:
         return self.used(self.noise)
 
-    def whiten(self, x: Array, ar: Array) -> Array:
-        """x (..., M) through the filter; rows that do not count enter as zero on both sides of the equation."""
-        return whiten(x, ar, self.use, self.piece)
+    def whitening(self, residual: Array) -> Whitening:
+        """By the autoregression of a residual (M,), as it is where nothing was eliminated."""
+        ar = autoregression(residual, self.use if self.clear is None else self.clear, self.piece)
+        return Whitening.of(ar, self.use, self.piece, self.directions)
 
-    def autoregression(self, residual: Array) -> Array:
-        """(1, a1, ..., ap) of a residual (M,)."""
-        return autoregression(residual, self.use, self.piece)
+    def whitened(self, by: Whitening) -> Rows:
+        """The same equations with white noise; all rows count, and as many are independent as before."""
+        use = np.ones_like(self.use)
+        dependent = len(use) - self.independent
+        return replace(
+            self, y=by(self.y), base=by(self.base), noise=by(self.noise), use=use, directions=None, dependent=dependent
+        )
 
 
 @dataclass(frozen=True)
@@ -200,7 +222,14 @@ class Ground:
 
     @cached_property
     def fold_sizes(self) -> Array:
-        return np.array([sum(r.folds[f].stop - r.folds[f].start for r in self.rows) for f in range(FOLDS)], dtype=float)
+        """(FOLDS,) rows, less what was eliminated, as if that were spread evenly."""
+        parts = [r.independent / max(1, r.count) for r in self.rows]
+        return np.array(
+            [
+                sum(p * (r.folds[f].stop - r.folds[f].start) for p, r in zip(parts, self.rows, strict=True))
+                for f in range(FOLDS)
+            ]
+        )
 
     @cached_property
     def _base_grams(self) -> Array:
@@ -293,23 +322,10 @@ class Ground:
             found.append(np.where(row.use, r, 0.0))
         return tuple(found)
 
-    def whitened(self, ar: Sequence[Array]) -> Ground:
-        """The same ground through an autoregressive filter (1, a1, ...) a joint."""
-        rows = tuple(
-            replace(r, y=r.whiten(r.y, a), base=r.whiten(r.base, a), noise=r.whiten(r.noise, a))
-            for r, a in zip(self.rows, ar, strict=True)
-        )
+    def whitened(self, by: Sequence[Whitening]) -> Ground:
+        """The same ground, every joint's rows whitened."""
+        rows = tuple(r.whitened(white) for r, white in zip(self.rows, by, strict=True))
         return Ground.levelled(rows, self.lower, self.upper)
-
-    def whiten_block(self, block: CandidateBlock, ar: Sequence[Array]) -> CandidateBlock:
-        parts = {
-            j: CandidateRows(
-                self.rows[j].whiten(p.columns, ar[j]),
-                None if p.noise is None else self.rows[j].whiten(p.noise, ar[j]),
-            )
-            for j, p in block.parts.items()
-        }
-        return replace(block, parts=parts)
 
     def without(self, unknowns: Sequence[int]) -> Ground:
         """The same ground with these unknowns of the base at zero; its noise level stays."""

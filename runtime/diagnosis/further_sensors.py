@@ -8,7 +8,7 @@ independent evidence: a candidate's torque, as the motor torque asks for it, is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -120,7 +120,9 @@ class FurtherSensors:
         if not info.gives_way or not motion.has("twist", own):
             return ()
         twists, loads = [], []
-        for signals, piece in zip(self.field.regressors.signals, motion.pieces, strict=True):
+        # The direction of the load is asked for, which what rests would be taken out of.
+        whole = replace(self.field.regressors, motion=motion.with_standstill, _columns={})
+        for signals, piece in zip(whole.signals, motion.pieces, strict=True):
             deflection = signals.deflection(candidate.term, candidate.shape)
             twist = self._aligned(piece).twist
             if deflection is None or twist is None:
@@ -128,9 +130,9 @@ class FurtherSensors:
             twists.append(piece.in_band(np.array([twist[own], deflection])))
             loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
-        carried = np.concatenate(loads) + self._measured_lag(self.field.regressors, own)[own]
+        carried = np.concatenate(loads) + self._measured_lag(whole, own)[own]
         largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
-        use = motion.moving(own) & (np.abs(carried) > LOADED * largest)
+        use = motion.untouched(own) & (np.abs(carried) > LOADED * largest)
         torque = carried[use] / largest
         base = np.array([np.ones_like(torque), torque, torque**3])
         step = _beyond(base, np.sign(torque))

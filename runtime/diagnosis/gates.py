@@ -35,6 +35,7 @@ from runtime.diagnosis.settings import (
     WORTH_A_LOOK,
 )
 from runtime.estimation.folds import Grams, NormalEquations
+from runtime.estimation.whitening import Whitening
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
@@ -204,13 +205,13 @@ class WhitenedGround:
         return FurtherSensors(self.field)
 
     @cached_property
-    def autoregression(self) -> list[Array]:
+    def whitening(self) -> list[Whitening]:
         residual = self.ground.solve(self.best).residual
-        return [row.autoregression(r) for row, r in zip(self.ground.rows, residual, strict=True)]
+        return [row.whitening(r) for row, r in zip(self.ground.rows, residual, strict=True)]
 
     @cached_property
     def white(self) -> Ground:
-        return self.ground.whitened(self.autoregression)
+        return self.ground.whitened(self.whitening)
 
     def weigh(self, candidate: Candidate, block: CandidateBlock) -> Evidence:
         """All evidence for a candidate with its columns on the bench's ground."""
@@ -251,7 +252,7 @@ class Weighing:
         field, ground = self.bench.field, self.bench.ground
         replaced = field.replaced(self.term)
         self.plain, self.white = field.without(ground, replaced), field.without(self.bench.white, replaced)
-        self.whitened = self.white.whiten_block(self.block, self.bench.autoregression)
+        self.whitened = self.block.whitened(self.bench.whitening)
         self.joints = joints_of(field.model, self.term)
         self.floor = self.bench.floors[self.joints[0]]
 

@@ -21,12 +21,12 @@ def whitened_bic(ground: Ground, steps: Sequence[Step]) -> list[float]:
     rows = ground.rows
     weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(rows, f.fit.residual, strict=True)) for f in fits]
     best = fits[int(np.argmin(weighted))].fit.residual
-    noise = [r.autoregression(e) for r, e in zip(rows, best, strict=True)]
-    total = sum(r.count for r in rows)
+    by = [r.whitening(e) for r, e in zip(rows, best, strict=True)]
+    total = sum(r.independent for r in rows)
     found = []
     for f in fits:
-        white = [r.whiten(e, ar) for r, e, ar in zip(rows, f.fit.residual, noise, strict=True)]
-        fit = sum(bic(float(e @ e), r.count, 0) for r, e in zip(rows, white, strict=True) if r.count)
+        white = [whitened(e) for whitened, e in zip(by, f.fit.residual, strict=True)]
+        fit = sum(bic(float(e @ e), r.independent, 0) for r, e in zip(rows, white, strict=True) if r.count)
         found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
     return found
 

@@ -116,11 +116,11 @@ def _weighed(
 
 def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) -> tuple[Figures, Array]:
     row = ground.rows[0]
-    ar = [row.autoregression(ground.solve(block).residual[0])]
+    by = [row.whitening(ground.solve(block).residual[0])]
     # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
     heard = Ground.levelled((replace(row, noise=np.zeros_like(row.noise)),), ground.lower, ground.upper)
     own = replace(block, parts={0: CandidateRows(block.parts[0].columns)})
-    white, whitened = heard.whitened(ar), heard.whiten_block(own, ar)
+    white, whitened = heard.whitened(by), own.whitened(by)
     figures = Figures(
         ground.equations(),
         ground.equations(block),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from runtime.estimation.least_squares import solve
 from runtime.estimation.regressors import Regressors
 from runtime.estimation.settings import SHAPE_STEP
-from runtime.estimation.whitening import autoregression, whiten
+from runtime.estimation.whitening import Whitening, autoregression
 from runtime.model.terms import Term, joints_of
 
 if TYPE_CHECKING:
@@ -62,8 +62,9 @@ def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
         use, residual = motion.moving(i), fit.residual[i]
         if not use.any():
             continue
-        ar = autoregression(residual, use, motion.row_piece)
-        white = whiten(np.vstack([x, residual]), ar, use, motion.row_piece)[:, use]
+        ar = autoregression(residual, motion.untouched(i), motion.row_piece)
+        by = Whitening.of(ar, use, motion.row_piece, motion.eliminated(i))
+        white = by(np.vstack([x, residual]))
         weight = 1 / max(float(white[-1] @ white[-1]) / white.shape[1], 1e-300)
         gram += weight * white[:-1] @ white[:-1].T
         moment += weight * white[:-1] @ white[-1]
@@ -81,18 +82,26 @@ def _torque_change(problem: Problem, fit: Fit, other: Regressors, terms: Sequenc
     return found
 
 
-def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
-    """(K',) by which the scores change if what a transmission is simulated under keeps all of the encoder's noise.
+def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
+    """By joint (0-based), (M,) by which the torque changes if what a transmission is simulated under keeps all of the
+    encoder's noise; empty where nothing gives way.
 
     The load is smoothed, which takes some of the motion away near a resonance and makes the joint look stiffer and
     less damped; without it, noise passes for motion, and the joint looks softer and more damped. The truth lies
     between the two.
     """
-    model, motion = problem.model, problem.motion
-    soft = [t for t in problem.layout.terms if model.library.effects[t.effect].gives_way]
+    effects = problem.model.library.effects
+    soft = [t for t in problem.layout.terms if effects[t.effect].gives_way]
+    if not soft:
+        return {}
+    raw = Regressors(problem.model, problem.motion.unsmoothed, fit.prediction)
+    return _torque_change(problem, fit, raw, soft)
+
+
+def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K',) by which the scores change with `smoothing_change`."""
     score = np.zeros(len(jacobian[0]))
-    raw = Regressors(model, motion.unsmoothed, fit.prediction)
-    for i, more in _torque_change(problem, fit, raw, soft).items():
-        use = motion.moving(i)
+    for i, more in smoothing_change(problem, fit).items():
+        use = problem.motion.moving(i)
         score -= problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use])
     return score

@@ -114,6 +114,9 @@ most sensors; development recordings."""
 MOST_LAGS: Final = 12
 """rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""
 
+LEAST_UNKNOWN: Final = 1e-4
+"""part of a row; an unknown combination of rows of which less is left counts for nothing; rounding."""
+
 SEPARABLE: Final = 1e-4
 """ratio of singular values of the scaled Jacobian; a direction below is not told by the data; development recordings
 with short motions."""

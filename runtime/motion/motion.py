@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from runtime.model.loader import Library
 from runtime.motion import sensors, turns
@@ -155,6 +156,10 @@ class Piece:
         found: Mask = self.moving(joint) & (self.without[joint].left > UNTOUCHED if self.without else True)
         return found
 
+    def eliminated(self, joint: int) -> sparse.csr_array:
+        """(M, K) combinations of the joint's rows (0-based) that were eliminated."""
+        return self.without[joint].directions if self.without else sparse.csr_array((len(self.centres), 0))
+
     def noise_left(self, joint: int) -> Array:
         """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left.
 
@@ -267,6 +272,10 @@ class Motion:
     def noise_left(self, joint: int) -> Array:
         """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left."""
         return np.concatenate([p.noise_left(joint) for p in self.pieces])
+
+    def eliminated(self, joint: int) -> sparse.csr_array:
+        """(M, K) combinations of the joint's rows (0-based) that were eliminated."""
+        return sparse.csr_array(sparse.block_diag([p.eliminated(joint) for p in self.pieces], format="csr"))
 
     @cached_property
     def _moving(self) -> list[Mask]:

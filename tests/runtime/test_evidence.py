@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows, vuong
 from runtime.estimation.settings import FOLDS
+from runtime.estimation.whitening import Whitening, autoregression
+
+Array = NDArray[np.float64]
 
 
 def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Rows:
@@ -83,10 +91,43 @@ def test_autoregression_is_recovered() -> None:
     for k in range(2, len(r)):
         r[k] = 1.2 * r[k - 1] - 0.5 * r[k - 2] + e[k]
     found = rows(r, np.ones((1, len(r))))
-    ar = found.autoregression(r)
+    ar = autoregression(r, found.use, found.piece)
     assert np.allclose(ar[:3], [1.0, -1.2, 0.5], atol=0.04)
     assert np.allclose(ar[3:], 0.0, atol=0.04)
-    assert np.isclose(np.std(found.whiten(r, ar)), 1.0, atol=0.02)
+    assert np.isclose(np.std(found.whitening(r)(r)), 1.0, atol=0.02)
+
+
+@pytest.mark.parametrize("missing", ["none", "rows", "stretch"])
+@pytest.mark.parametrize("eliminated", [False, True])
+def test_whitening_is_least_squares_with_the_noise_s_own_covariance(missing: str, eliminated: bool) -> None:
+    """Two routes to one number: the filter and its projections, and the inverse of the Toeplitz covariance of the rows
+    that count, within what no eliminated combination reaches."""
+    ar, size = np.array([1.0, -1.2, 0.5]), 300
+    rng = np.random.default_rng(8)
+    covariance = toeplitz(autocovariance(ar, size))
+    use = np.ones(size, dtype=bool)
+    use[{"none": [], "rows": [7, 90, 91, 200], "stretch": list(range(100, 180))}[missing]] = False
+    directions = np.zeros((size, 2))
+    directions[40:45, 0], directions[220:230, 1] = 1.0, np.sin(np.arange(10))
+    directions = directions[:, : 2 * eliminated]
+    x, y = rng.standard_normal((2, size))
+    white = Whitening.of(ar, use, np.zeros(size, int), sparse.csr_array(directions))
+    out = white(np.array([x, y]))
+    precision = np.linalg.inv(covariance[np.ix_(use, use)])
+    known = directions[use]
+    taken = precision @ known @ np.linalg.solve(known.T @ precision @ known, known.T @ precision)
+    expected = x[use] @ (precision - taken) @ y[use]
+    assert np.isclose(out[0] @ out[1], expected, rtol=1e-6)
+    # Whatever the eliminated combinations hold, nothing of it is left.
+    moved = white(x + directions @ rng.uniform(-1e3, 1e3, directions.shape[1]))
+    assert np.allclose(moved, out[0], atol=1e-5)
+    assert np.allclose(white(np.where(use, x, 1e3)), out[0], atol=1e-9)
+
+
+def autocovariance(ar: Array, size: int) -> Array:
+    """Of the process whose filter this is and whose innovations have a variance of 1, from its impulse response."""
+    response = lfilter([1.0], ar, np.eye(1, 4096)[0])
+    return np.array([response[k:] @ response[: len(response) - k] for k in range(size)])
 
 
 def test_noise_in_a_regressor_does_not_bias_its_coefficient() -> None:

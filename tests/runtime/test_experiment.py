@@ -215,7 +215,8 @@ def test_one_oscillation_does_not_separate_what_two_radians_would(drive: Model) 
 
 
 def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) -> None:  # noqa: ARG001
-    """The ordinary excitation meets the plate in one stretch only: held out, that stretch tells of nothing else."""
+    """The ordinary excitation meets the plate in one stretch only: held out, that stretch tells of nothing else. A soft
+    joint beside it shakes the arm nearly alike."""
     bench = _bench(open_model("vishard4"), "elasticity@2,torque_delay@2")
     search = begin(bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
     step = search.steps[-1]
@@ -225,7 +226,7 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
     assert verdict.best is not None
     assert verdict.best.term == soft[1]
     assert verdict.best.candidate.shape["stiffness"] == pytest.approx(bench.rivals[0].values["stiffness"], rel=0.1)
-    assert set(verdict.rivals) <= {soft[2]}
+    assert set(verdict.rivals) <= {soft[0], soft[2]}
 
 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
