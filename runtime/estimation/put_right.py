@@ -13,6 +13,7 @@ from runtime.estimation.identify import Identification
 from runtime.estimation.readings import Reading, turns
 from runtime.recordings.cures import in_unit, option, turned_round
 from runtime.recordings.units import UNITS, normal
+from runtime.wording import number
 
 Array = NDArray[np.float64]
 Errors = tuple[Array, Array]
@@ -154,9 +155,10 @@ class _Voice:
 
     def _inertia(self, joint: int) -> str:
         fitted, stated = self.by_factor[joint].fitted, self.by_factor[joint].stated
+        comes, file = f"its inertia comes to {number(fitted, 3)}", f"the {number(stated, 3)} in the model file"
         if fitted > stated:
-            return f"its inertia comes to {fitted:.3g}, {fitted / stated:.4g} times the {stated:.3g} in the model file"
-        return f"its inertia comes to {fitted:.3g}, 1/{stated / fitted:.3g} of the {stated:.3g} in the model file"
+            return f"{comes}, {number(fitted / stated, 4)} times {file}"
+        return f"{comes}, 1/{number(stated / fitted, 3)} of {file}"
 
     def _errors(self, joint: int) -> tuple[str, str]:
         """Relative errors as recorded and put right, in percent."""

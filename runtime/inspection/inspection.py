@@ -17,7 +17,7 @@ from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
 from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import by_signals, without_model
+from runtime.inspection.suspected import by_signals, over_turns, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
@@ -51,10 +51,14 @@ class Inspection:
         if self.recording is None:
             return []
         if self.fitted is None:
-            told = without_model(self.recording)
+            told, unsure = without_model(self.recording), []
         else:
             told = list(suspicions(self.fitted) or doubts(self.fitted))
-        return [*told, *(s for s in by_signals(self.recording) if s.joint not in {t.joint for t in told})]
+            # Where no inertia is stated, no fit tells degrees from radians.
+            unsure = [] if self.fitted.model.lumps_known else over_turns(self.recording)
+        for further in (by_signals(self.recording), unsure):
+            told += [s for s in further if s.joint not in {t.joint for t in told}]
+        return told
 
     def to_json(self) -> dict[str, Any]:
         """Every figure."""

@@ -39,7 +39,7 @@ def by_signals(recording: Recording) -> list[Suspicion]:
 
 def without_model(recording: Recording) -> list[Suspicion]:
     """What looks wrong with positions and torques where no model tells it better."""
-    return [*_turns(recording), *_braking(recording)]
+    return [*over_turns(recording), *_braking(recording)]
 
 
 def _by_names(recording: Recording) -> list[Suspicion]:
@@ -113,7 +113,7 @@ def _in_unit(recording: Recording, signal: str, unit: str) -> str:
     return option(signal, in_unit(_cell(recording, signal), unit))
 
 
-def _turns(recording: Recording) -> list[Suspicion]:
+def over_turns(recording: Recording) -> list[Suspicion]:
     """Positions over many turns that no unit was stated of."""
     found = []
     for i, q in enumerate(recording.q):

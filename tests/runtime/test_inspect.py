@@ -158,6 +158,17 @@ def test_a_name_that_says_another_unit(tmp_path, capsys, field, unit):
     assert "ends in" not in run(capsys, "inspect", path, "drive", "--map", f"{signal}={field} [{stated}]")[1]
 
 
+def test_degrees_where_no_inertia_is_stated(tmp_path, capsys):
+    """Then no fit can tell; a joint that turns so far is asked about, unless its unit is stated."""
+    arm = tmp_path / "arm.toml"
+    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm --no-questions"
+    assert run(capsys, "init", *known.split(), "--out", arm)[0] == 0
+    path = write(tmp_path / "run.csv", changed(q1=motion()["q1"] * DEGREES, qd1=None))
+    assert 'turns; if it is in degrees, pass --map q1="q1 [deg]"' in run(capsys, "inspect", path, arm)[1]
+    for unit in ("rad", "deg"):
+        assert "Nothing looks wrong." in run(capsys, "inspect", path, arm, "--map", f"q1=q1 [{unit}]")[1]
+
+
 def test_currents_without_a_model(tmp_path, capsys):
     path = write(tmp_path / "run.csv", {name.replace("tau1", "tau1 [mA]"): x for name, x in motion().items()})
     status, out, _ = run(capsys, "inspect", path, "--json", "-")
