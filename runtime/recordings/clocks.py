@@ -50,7 +50,7 @@ class BroughtClock:
         seconds, error = abs(self.shift.value), self.shift.error
         if not self.corrected:
             return f"; their clocks differ by {seconds + error:.2g} s at most, if at all"
-        said = f"by {seconds:.3g} s (± {error:.1g} s) {'later' if self.shift.value > 0 else 'sooner'} than the motion"
+        said = f"{seconds:.3g} s (± {error:.1g} s) {'later' if self.shift.value > 0 else 'sooner'} than the motion"
         if self.shift.value > 0:
             return f" and set right: they are stamped {said} that they drive"
         return f" and set right: they are stamped {said} that they drive, by another clock or before a drive's delay"

@@ -255,7 +255,7 @@ def test_torques_that_another_clock_stamps(tmp_path, late):
     assert clock.shift.value == pytest.approx(late, abs=3e-4)
     assert clock.corrected == (late != 0)
     if late:
-        assert f"set right: they are stamped by {abs(late):.3g}"[:-1] in r.notes[0]
+        assert f"set right: they are stamped {abs(late):.3g}"[:-1] in r.notes[0]
         assert ("later than the motion" if late > 0 else "sooner than the motion") in r.notes[0]
     first = int(np.argmax(m["q"][0] == r.q[0, 0]))
     beside = m["tau"][:, first : first + len(r.t)]

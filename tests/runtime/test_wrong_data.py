@@ -24,6 +24,7 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from tests.plants import SIZES
 from tests.runtime.conftest import recorded
+from tests.runtime.formats import write_mcap
 
 Array = NDArray[np.float64]
 
@@ -263,6 +264,18 @@ def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
     joint = document["joints"][0]
     assert joint["relative"] < 0.03
     assert joint["rms"] == pytest.approx(joint["floor"], rel=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.0253, -0.018])
+def test_the_verdict_of_torques_that_another_clock_stamps(drive: Model, tmp_path: Path, late: float) -> None:
+    """Set right to a part of a sample, it is that of torques that are stamped with the positions."""
+    whole = recorded("stribeck", 2)
+    efforts = {"t": whole.t[::2] + 1 + late, "tau": whole.tau[:, ::2]}
+    topics = [("/joint_states", ("axis",), {"t": whole.t + 1, "q": whole.q}), ("/efforts", ("axis",), efforts)]
+    apart = read(write_mcap(tmp_path / "run.mcap", topics), 1)
+    found = diagnose(drive, [apart])
+    assert (found.verdict, [f.term.effect for f in found.findings]) == ("effect", ["stribeck"])
 
 
 def test_one_speed_tells_no_parameters(drive: Model) -> None:
