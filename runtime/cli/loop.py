@@ -23,13 +23,14 @@ def inputs(
     model: Path, recordings: list[Path], effects: Path | None, maps: list[str] | None, allow_gaps: bool
 ) -> tuple[Source, list[Recording], Model]:
     """Everything that a user can have wrong is checked before the first work that takes time."""
+    from runtime.inspection.suspected import by_signals
     from runtime.report.terminal.pages import working
 
     columns = mapping(maps)
     source = opened(model, effects)
     data = source.recordings(recordings, columns, allow_gaps)
     for recording in data:
-        for note in recording.notes:
+        for note in (*recording.notes, *map(str, by_signals(recording))):
             print(f"{recording.path}: {note}", file=sys.stderr)
     with working("deriving and compiling the model"):
         return source, data, source.model()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -73,10 +73,18 @@ def nearby(path: Path) -> Path:
 
 
 def mapping(entries: Sequence[str] | None) -> dict[str, str]:
-    """`--map name=column`, several times, and `--columns name,name` as a dictionary."""
-    result: dict[str, str] = {}
+    """`--map name=column`, several times, and `--columns name,name` as a dictionary; what is mapped by itself stands
+    before what a list of columns says of it.
+    """
     given = entries or ()
-    for entry in (e for whole in given for e in ([whole] if "=" in whole or "," not in whole else in_order(whole))):
+    lists = [entry for entry in given if "=" not in entry and "," in entry]
+    ordered = _named(entry for columns in lists for entry in in_order(columns))
+    return ordered | _named(entry for entry in given if entry not in lists)
+
+
+def _named(entries: Iterable[str]) -> dict[str, str]:
+    result: dict[str, str] = {}
+    for entry in entries:
         name, equals, column = entry.partition("=")
         if not equals or not name.strip() or not column.strip():
             raise UsageError(f'--map {entry}: expected NAME=COLUMN, for example --map q1="Position1 [deg]"')

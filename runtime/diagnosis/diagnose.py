@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from runtime.diagnosis import consistency, detection_limits, telling_signals
+from runtime.diagnosis import consistency, detection_limits, sensor_worth, telling_signals
 from runtime.diagnosis.branches import complete
 from runtime.diagnosis.credibility import poor_excitation, wrong_data
 from runtime.diagnosis.gates import Verdict
@@ -43,6 +43,13 @@ class Diagnosis:
     def model(self) -> Model:
         return self.steps[0].identification.model
 
+    @property
+    def sensors(self) -> tuple[sensor_worth.SensorWorth, ...]:
+        """What further sensors were worth."""
+        verdicts = [*(f.verdict for f in self.findings), self.last]
+        weighed = [e for verdict in verdicts for e in verdict.ranked]
+        return sensor_worth.of(self.steps[0].identification.motion, weighed, [f.evidence for f in self.findings])
+
     def to_json(self) -> dict[str, Any]:
         """As `tendon diagnose --json`."""
         band = self.steps[0].identification.motion.band
@@ -60,6 +67,7 @@ class Diagnosis:
             "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
             "rotors": self.steps[-1].identification.inference.rotors_json(),
             "encoder_skew": encoder_skew_json(self.steps[-1]),
+            "sensors": [worth.to_json() for worth in self.sensors],
             "findings": [finding_json(self, k) for k in range(len(self.findings))],
             "ruled_out": _ranking(self.last),
             "would_have_seen": [limit.to_json() for limit in self.seen],

@@ -33,6 +33,9 @@ from runtime.motion.sensors import Sensors
 
 Array = NDArray[np.float64]
 
+BY_LINK, BY_OUTPUT = "the link-side encoder", "the torque sensor at the output"
+"""How what each sensor says begins."""
+
 
 @dataclass(frozen=True)
 class Echo:
@@ -109,9 +112,9 @@ class FurtherSensors:
         if found is None:
             return ()
         if gives_way and found.below(LEAST_LAG):
-            return (f"the link-side encoder does not show it: the link lags by {found}",)
+            return (f"{BY_LINK} does not show it: the link lags by {found}",)
         if not gives_way and found.above(HALF_OF_TORQUE):
-            return (f"the link-side encoder shows that the transmission gives way instead: the lag makes up {found}",)
+            return (f"{BY_LINK} shows that the transmission gives way instead: the lag makes up {found}",)
         return ()
 
     def _play(self, candidate: Candidate) -> tuple[str, ...]:
@@ -152,7 +155,7 @@ class FurtherSensors:
             return ()
         unit = model.joints[own].position_unit
         play = f"{abs(2 * apart):.2g} ± {2 * spread:.1g} {unit}"
-        return (f"the link-side encoder shows {play} {'more' if apart > 0 else 'less'} play than it has",)
+        return (f"{BY_LINK} shows {play} {'more' if apart > 0 else 'less'} play than it has",)
 
     def _lag(self, joints: list[int], noise: bool) -> dict[int, Array]:
         """(M,) by joint: torque that the links of some joints (0-based) do not take because they lag behind, beyond
@@ -213,9 +216,9 @@ class FurtherSensors:
         if found is None:
             return ()
         if side == "link" and found.below(HALF_OF_TORQUE):
-            return (f"the torque sensor at the output does not feel it, as it would on the link: {found}",)
+            return (f"{BY_OUTPUT} does not feel it, as it would on the link: {found}",)
         if side == "motor" and found.above(HALF_OF_TORQUE):
-            return (f"the torque sensor at the output feels it, as it would not on the motor: {found}",)
+            return (f"{BY_OUTPUT} feels it, as it would not on the motor: {found}",)
         return ()
 
     def _sensed(self, joint: int) -> tuple[Array, Array]:

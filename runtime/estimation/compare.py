@@ -20,7 +20,7 @@ from runtime.estimation.settings import (
     STRUCTURE_BINS,
     STRUCTURE_LEAST_SHARE,
 )
-from runtime.estimation.suspicions import suspicions
+from runtime.estimation.suspicions import doubts, suspicions
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
@@ -254,6 +254,7 @@ def warnings(identification: Identification) -> list[str]:
     if wrong:  # whatever else is odd follows from it
         return [f"the data look wrong: {suspicion}" for suspicion in wrong]
     return [
+        *(f"the data may be wrong: {doubt}" for doubt in doubts(identification)),
         *left_out(identification),
         *early_torques(identification),
         *idle_terms(identification),

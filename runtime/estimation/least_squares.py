@@ -184,13 +184,15 @@ def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
 def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, a: Array, least: Array) -> Array:
     """argmin ½ xᵀ g x − mᵀ x with lower <= x <= upper and a x >= least.
 
-    Directions of no positive size, of which the data say nothing, are given a ridge. The dual of the least distance is
-    one of non-negative least squares: Lawson & Hanson, Solving Least Squares Problems, 1974, chapter 23.
+    Directions of no positive size, of which the data say nothing, are given a ridge: a Gram matrix that is compensated
+    for noise need have none. The dual of the least distance is one of non-negative least squares: Lawson & Hanson,
+    Solving Least Squares Problems, 1974, chapter 23.
     """
     from scipy.optimize import nnls  # where it is used: it takes longer to load than a fit
 
     value, vector = np.linalg.eigh(g)
-    root = np.sqrt(np.maximum(value, RIDGE * float(np.trace(g)) / len(m)))
+    positive = float(np.sum(value[value > 0])) or 1.0
+    root = np.sqrt(np.maximum(value, RIDGE * positive / len(m)))
     back = vector / root  # x = back (u + goal), so that the cost is |u|²/2
     goal = back.T @ m
     has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)

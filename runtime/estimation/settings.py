@@ -236,6 +236,17 @@ FACTOR_OF_INERTIA: Final = 2.0
 """ratio; so near must a factor of the inertia come to the gear ratio, or to the degrees in a radian, to be that; within
 it lie what a drawing and a data sheet leave open; a choice."""
 
+DOUBTED_RATIO: Final = 8.0
+"""ratio of an inertia to the file's; where mistakes come together, from there on they are worth a look, though the
+inertia may as well be guessed: guesses are wrong by factors of 2 to 5; real recordings."""
+
+MISTAKES_AT_MOST: Final = 3
+"""number of times that the data are put right and looked at again; more mistakes in one file are found in the next
+look; a choice."""
+
+SIGNS_TRIED_TOGETHER: Final = 7
+"""number of joints; of so many all combinations of signs are tried, 127 small systems; time."""
+
 SUSPICION_SAMPLES: Final = 20_000
 """samples; on so many a suspicion is tried: it concerns most of the torque; time."""
 

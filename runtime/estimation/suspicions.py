@@ -3,84 +3,76 @@
 A hypothesis is refitted with the data put right. It is a suspicion where the torque is then explained far better, or,
 where no fit can tell (an inertia and a friction that are all too small by one factor fit as well), where the inertia
 comes to the model file's. A model that merely lacks an effect is explained no better by any of them: friction takes
-power and a D(q) is positive definite, whatever else acts.
+power and a D(q) is positive definite, whatever else acts. Mistakes seldom come alone: with one put right the next is
+looked for, and where no single one tells, two at once.
 
 Source: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, chapter 7, for both properties.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterator, Sequence
 from itertools import combinations, product
-from math import isfinite, log, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.estimation import factors, put_right
 from runtime.estimation.identify import Identification
-from runtime.estimation.least_squares import bounded
-from runtime.estimation.problem import Problem, least_inertia
+from runtime.estimation.put_right import Suspicion as Suspicion
+from runtime.estimation.readings import Reading, Readings, turns
 from runtime.estimation.settings import (
+    DOUBTED_RATIO,
     EXCHANGED_FALLS_TO,
-    FACTOR_OF_INERTIA,
     LEAST_TELLING_RATIO,
+    MISTAKES_AT_MOST,
+    SIGNS_TRIED_TOGETHER,
     SUSPECTED_FROM,
-    SUSPICION_SAMPLES,
     TURNED_FALLS_TO,
 )
-from runtime.motion.motion import Motion, Piece
-from runtime.recordings.cures import in_unit, read_from, turned_round
-from runtime.recordings.units import UNITS
+from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
 
-DEGREE = UNITS["deg"][1]
-"""rad."""
-MILLI = UNITS["mA"][1]
-
-
-@dataclass(frozen=True)
-class Suspicion:
-    """Something about the data that must be put right first. joint: 1-based; kind: in a word; cure: what to type."""
-
-    joint: int
-    kind: str
-    found: str
-    cure: str
-
-    def __str__(self) -> str:
-        return f"joint {self.joint}: {self.found}; {self.cure}"
+_EXCHANGES = (("tau",), ("q",), ("q", "tau"))
+"""What two joints may have in each other's place: drivers log joints in the order of their names."""
 
 
 def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
     """What a fit of the model file's structure says of its recordings; empty where they can be believed."""
-    motion = identification.motion
-    able = [i for i in range(motion.n) if motion.moving(i).any()]
-    if motion.rigid_given or not able:
+    able, given = _able(identification), Reading.given(identification.model.n)
+    if not able:
         return ()
-    factors = _by_factor(identification, able)
+    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
     if not _doubtful(identification, able):
-        return tuple(factors)
-    trials = _Trials(identification, able)
-    return tuple(trials.turned() or trials.degrees() or trials.exchanged() or factors)
+        by_factor = factors.found(identification, able, lumps, given, LEAST_TELLING_RATIO)
+        return put_right.told(identification, given, None, by_factor)
+    readings = Readings(identification, able)
+    before = _as_given(identification, readings)
+    reading = _Search(readings, before).all_mistakes()
+    lumps = lumps if reading == given else readings.lumps(reading)
+    by_factor = factors.found(identification, able, lumps, reading, LEAST_TELLING_RATIO)
+    return put_right.told(identification, reading, (before, readings.errors(reading)), by_factor)
 
 
 def doubts(identification: Identification) -> tuple[Suspicion, ...]:
-    """What the errors alone say of data that ask for an inertia that no arm has; empty where they do not.
+    """What the errors alone say of data that ask for an inertia that no arm has, and inertias that are out by no more
+    than a bad guess; empty where nothing does.
 
     An effect that is missing at one joint, a wrist's coupled gear, spoils the inertia of every trial, and with it the
     surer test of `suspicions`. For people to look at: no verdict rests on it.
     """
-    motion = identification.motion
-    able = [i for i in range(motion.n) if motion.moving(i).any()]
-    if motion.rigid_given or not able or not _doubtful(identification, able):
+    able, given = _able(identification), Reading.given(identification.model.n)
+    if not able:
         return ()
-    if not _Trials(identification, able).impossible_as_given():
-        return ()
-    trials = _LooseTrials(identification, able)
-    return tuple(trials.exchanged() or trials.degrees() or trials.turned())
+    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
+    by_factor = factors.found(identification, able, lumps, given, DOUBTED_RATIO)
+    if not _doubtful(identification, able) or not np.isinf(Readings(identification, able).errors(given)).any():
+        return put_right.told(identification, given, None, by_factor)
+    readings = Readings(identification, able, any_inertia=True)
+    before = _as_given(identification, readings)
+    reading = _Search(readings, before).likeliest()
+    return put_right.told(identification, reading, (before, readings.errors(reading)), {})
 
 
 def relative_errors(motion: Motion, residual: Sequence[Array], skew: float) -> Array:
@@ -93,6 +85,12 @@ def relative_errors(motion: Motion, residual: Sequence[Array], skew: float) -> A
     return found
 
 
+def _able(identification: Identification) -> list[int]:
+    """Joints (0-based) of which something can be told."""
+    motion = identification.motion
+    return [] if motion.rigid_given else [i for i in range(motion.n) if motion.moving(i).any()]
+
+
 def _doubtful(identification: Identification, able: Sequence[int]) -> bool:
     """Whether the fit leaves enough of some joint's torque, or stopped at a bound, for wrong data to be behind it."""
     fit, layout = identification.fit, identification.problem.layout
@@ -102,219 +100,97 @@ def _doubtful(identification: Identification, able: Sequence[int]) -> bool:
     return idle or float(errors[list(able)].max()) > SUSPECTED_FROM
 
 
-Equations = dict[int, tuple[Array, Array]]
-"""Of each joint (0-based) that counts: regressor (K, m) and the part without free coefficient (m,)."""
+def _as_given(identification: Identification, readings: Readings) -> Array:
+    """(n,) relative errors of the data as they are.
 
-
-class _Trials:
-    """The structure, refitted on an excerpt with data that are put right in one way after another.
-
-    A trial's inertia is free, so that it costs one small system; that of the best must be positive definite.
+    A trial weighs the joints by their torques, and where the fit's other weights make a joint pay for its neighbours,
+    that alone lowers its error.
     """
+    fit = identification.fit
+    fitted = relative_errors(identification.motion, fit.residual, fit.skew)
+    given: Array = np.minimum(fitted, readings.errors(Reading.given(identification.model.n)))
+    return given
 
-    def __init__(self, identification: Identification, able: Sequence[int]) -> None:
-        self.model, self.fit, self.able = identification.model, identification.fit, able
-        self.terms = identification.problem.layout.terms
-        self.prediction = identification.problem.regressors.prediction
-        self.motion, _ = identification.motion.excerpt(SUSPICION_SAMPLES)
-        self.problem = Problem(self.model, self.motion, self.terms, self.prediction)
-        # A trial weighs the joints by their torques, and where the fit's other weights make a joint pay for its
-        # neighbours, that alone lowers its error.
-        fitted = relative_errors(identification.motion, self.fit.residual, self.fit.skew)
-        self.as_given = np.minimum(fitted, self._errors(self.motion, self._equations))
 
-    @cached_property
-    def _equations(self) -> Equations:
-        return self._equations_of(self.problem)
+class _Search:
+    """From the data as they are, whose relative errors are `before` (n,), to those with all mistakes put right."""
 
-    def _equations_of(self, problem: Problem) -> Equations:
-        found = {}
-        for i in self.able:
-            use = problem.motion.moving(i)
-            x, fixed = problem.rows(i, self.fit.shapes)
-            found[i] = x[:, use], fixed[use]
-        return found
+    def __init__(self, readings: Readings, before: Array) -> None:
+        self.readings, self.able = readings, list(readings.able)
+        self.reading, self.before = Reading.given(len(before)), before
 
-    def _errors(self, motion: Motion, equations: Equations) -> Array:
-        """(n,) relative errors, every joint weighted by its torque; infinite where no arm has such an inertia."""
-        layout = self.problem.layout
-        gram, moment, rows = np.zeros((layout.size, layout.size)), np.zeros(layout.size), {}
-        for i, (x, fixed) in equations.items():
-            tau = motion.torque(i, self.fit.skew)[motion.moving(i)]
-            size = float(np.linalg.norm(tau))
-            rows[i] = x / size, (tau - fixed) / size
-            gram += rows[i][0] @ rows[i][0].T
-            moment += rows[i][0] @ rows[i][1]
-        theta = bounded(gram, moment, layout.lower, layout.upper, layout.stated)
-        if not self._possible(motion, theta[layout.lumps]):
-            return np.full(motion.n, np.inf)
-        errors = np.zeros(motion.n)
-        for i, (x, y) in rows.items():
-            errors[i] = float(np.linalg.norm(y - theta @ x))
-        return errors
+    def all_mistakes(self) -> Reading:
+        """One mistake after another, and two at once where no single one tells."""
+        for _ in range(MISTAKES_AT_MOST):
+            found = self._best(self._turned()) or self._best(self._degrees()) or self._best(self._exchanged())
+            found = found or self._best(self._pairs())
+            if found is None:
+                break
+            self.reading, self.before = found, self.readings.errors(found)
+            if self.before[self.able].max() < SUSPECTED_FROM:
+                break
+        return self.reading
 
-    def _possible(self, motion: Motion, lumps: Array) -> bool:
-        """Whether an arm can have such an inertia."""
-        return least_inertia(self.model, motion, lumps)[0] > 0
+    def likeliest(self) -> Reading:
+        """The single mistake that the errors alone tell."""
+        return (
+            self._best(self._exchanged())
+            or self._best(self._degrees())
+            or self._best(t for t in self._turned() if len(t[1]) in (1, len(self.able)))
+            or self.reading
+        )
 
-    def impossible_as_given(self) -> bool:
-        """Whether the data as they are ask for an inertia that no arm has."""
-        return bool(np.isinf(self._errors(self.motion, self._equations)).any())
-
-    def _with_torques(self, mix: Array) -> Array:
-        """(n,) relative errors with torques mix (n, n) @ tau."""
-        return self._errors(_changed(self.motion, lambda p: replace(p, tau=mix @ p.tau)), self._equations)
-
-    def _with_positions(self, mix: Array, torques: Array) -> Array:
-        """(n,) relative errors with positions mix (n, n) @ q and torques (n, n) @ tau."""
-
-        def change(p: Piece) -> Piece:
-            moved = [mix @ x for x in (p.q, p.qd, p.qdd, p.slow)]
-            return replace(p, q=moved[0], qd=moved[1], qdd=moved[2], slow=moved[3], tau=torques @ p.tau)
-
-        standing = np.where(np.isinf(self.motion.standstill), 0.0, self.motion.standstill)
-        standstill = np.where(np.isinf(self.motion.standstill), np.inf, mix @ standing)
-        motion = _changed(self.motion, change).resting(standstill, self.motion.quiet)
-        return self._errors(motion, self._equations_of(Problem(self.model, motion, self.terms, self.prediction)))
+    def _best(self, trials: Iterator[tuple[Reading, Sequence[int], float]]) -> Reading | None:
+        """Of readings, with the joints (0-based) that they concern and the part to which the error of each must fall,
+        the one that explains most of the torques."""
+        passed: list[tuple[float, int, Reading]] = []
+        for reading, joints, falls_to in trials:
+            errors = self.readings.errors(reading)
+            if np.all(errors[list(joints)] < falls_to * self.before[list(joints)]):
+                passed.append((self._whole(errors), len(passed), reading))
+        best = min(passed, default=None)
+        return best[2] if best is not None and best[0] < self._whole(self.before) else None
 
     def _whole(self, errors: Array) -> float:
-        return float(np.mean(errors[list(self.able)] ** 2))
+        return float(np.mean(errors[self.able] ** 2))
 
-    def turned(self) -> list[Suspicion]:
-        """Joints whose torque has the other sign than what they need to move so."""
-        signs, errors = np.ones(self.motion.n), self.as_given
-        for joints in [list(self.able), *([i] for i in self.able if len(self.able) > 1)]:
-            trial = signs.copy()
-            trial[joints] *= -1
-            found = self._with_torques(np.diag(trial))
-            if np.all(found[joints] < TURNED_FALLS_TO * errors[joints]) and self._whole(found) < self._whole(errors):
-                signs, errors = trial, found
-        return [
-            Suspicion(
-                i + 1,
-                "sign",
-                f"its torque has the wrong sign: as recorded the best fit misses {100 * self.as_given[i]:.3g} % of it, "
-                f"turned round {100 * errors[i]:.3g} %",
-                "expected positive where it drives towards positive positions: pass "
-                f"{turned_round(self.motion.cells, f'tau{i + 1}')}",
-            )
-            for i in self.able
-            if signs[i] < 0
-        ]
+    def _turned(self) -> Iterator[tuple[Reading, Sequence[int], float]]:
+        """Joints whose torque has the other sign than what they need to move so: one, all of them, or some."""
+        several = range(2, len(self.able)) if len(self.able) <= SIGNS_TRIED_TOGETHER else ()
+        for joints in {tuple(self.able), *((i,) for i in self.able)}:
+            yield self.reading.turned(joints), joints, TURNED_FALLS_TO
+        for count in several:
+            for some in combinations(self.able, count):
+                yield self.reading.turned(some), some, EXCHANGED_FALLS_TO
 
-    def degrees(self) -> list[Suspicion]:
-        """Joints whose positions, converted from degrees, are explained far better."""
-        wide = [i for i in self.able if _turns(self.motion, i) > 1 and self.model.joints[i].type == "revolute"]
-        for joints in [wide, *([i] for i in wide)] if len(wide) > 1 else [wide] if wide else []:
-            factor = np.ones(self.motion.n)
-            factor[joints] = DEGREE
-            errors = self._with_positions(np.diag(factor), np.eye(self.motion.n))
-            better = self._whole(errors) < self._whole(self.as_given)
-            if better and np.all(errors[joints] < TURNED_FALLS_TO * self.as_given[joints]):
-                return [_degrees(self.motion, i, self._before_and_after(i, errors)) for i in joints]
-        return []
+    def _degrees(self) -> Iterator[tuple[Reading, Sequence[int], float]]:
+        """Joints whose positions are explained far better when converted from degrees: all that move so far, or one."""
+        wide = self._wide()
+        for joints in {tuple(wide), *((i,) for i in wide)} if wide else ():
+            yield self.reading.in_degrees(joints), joints, TURNED_FALLS_TO
 
-    def _before_and_after(self, joint: int, errors: Array) -> str:
-        before, after = 100 * self.as_given[joint], 100 * errors[joint]
-        return f"the best fit misses {before:.3g} % of its torque, with positions in degrees {after:.3g} %"
+    def _wide(self) -> list[int]:
+        """Joints whose positions cover more than a turn."""
+        kinds, left = self.readings.model.joints, set(self.able) - self.reading.degrees
+        place = self.reading.positions
+        return [i for i in sorted(left) if turns(self.readings.motion, place[i]) > 1 and kinds[i].type == "revolute"]
 
-    def exchanged(self) -> list[Suspicion]:
-        """Two joints each of whose torques belongs to the other's motion, with each other's positions, or in each
-        other's place: drivers log joints in the order of their names."""
-        doubtful = [i for i in self.able if self.as_given[i] > SUSPECTED_FROM]
-        found: list[tuple[float, tuple[str, ...], int, int]] = []
-        trials: dict[tuple[str, ...], Callable[[Array], Array]] = {
-            ("tau",): self._with_torques,
-            ("q",): lambda mix: self._with_positions(mix, np.eye(self.motion.n)),
-            ("q", "tau"): lambda mix: self._with_positions(mix, mix),
-        }
-        for (i, j), (what, tried) in product(combinations(doubtful, 2), trials.items()):
-            mix = np.eye(self.motion.n)
-            mix[[i, j]] = mix[[j, i]]
-            errors = tried(mix)
-            falls = max(errors[i] / self.as_given[i], errors[j] / self.as_given[j])
-            if falls < EXCHANGED_FALLS_TO and self._whole(errors) < self._whole(self.as_given):
-                found.append((self._whole(errors), what, i + 1, j + 1))
-        return [_exchanged(self.motion, what, one, other) for _, what, one, other in sorted(found)[:1]]
+    def _exchanged(self) -> Iterator[tuple[Reading, Sequence[int], float]]:
+        """Two joints in each other's place."""
+        doubtful = [i for i in self.able if self.before[i] > SUSPECTED_FROM]
+        for (i, j), what in product(combinations(doubtful, 2), _EXCHANGES):
+            yield self.reading.exchanged(i, j, what), (i, j), EXCHANGED_FALLS_TO
 
-
-def _exchanged(motion: Motion, what: tuple[str, ...], one: int, other: int) -> Suspicion:
-    columns = " and ".join(f"{name}{one}" for name in what)
-    where = f"fits joint {other}, and that of joint {other} fits joint {one}"
-    pairs = [(f"{name}{a}", f"{name}{b}") for name in what for a, b in ((one, other), (other, one))]
-    maps = " ".join(read_from(motion.cells, column, place) for column, place in pairs)
-    alone = f"tau{one} follows the motion of joint {other}, and tau{other} that of joint {one}"
-    return Suspicion(
-        one,
-        "exchanged",
-        f"what is recorded as {columns} {where}" if len(what) > 1 else alone,
-        f"expected position and torque of a joint under its own number: pass {maps}",
-    )
-
-
-class _LooseTrials(_Trials):
-    """Trials of which any inertia is believed."""
-
-    def _possible(self, motion: Motion, lumps: Array) -> bool:  # noqa: ARG002 - any will do
-        return True
-
-
-def _changed(motion: Motion, change: Callable[[Piece], Piece]) -> Motion:
-    return replace(motion, pieces=tuple(change(p) for p in motion.pieces))
-
-
-def _turns(motion: Motion, joint: int) -> float:
-    """Over how many turns a joint (0-based) moves."""
-    low = min(float(p.q[joint].min()) for p in motion.pieces)
-    return (max(float(p.q[joint].max()) for p in motion.pieces) - low) / (2 * pi)
-
-
-def _by_factor(identification: Identification, able: Sequence[int]) -> list[Suspicion]:
-    """Joints whose inertia comes out as the file's divided by the gear ratio or a radian's degrees, or times 1000."""
-    if not identification.model.lumps_known:
-        return []
-    found = []
-    for i, (fitted, stated) in enumerate(_inertias(identification)):
-        info = identification.model.joints[i]
-        if i not in able or not (isfinite(stated) and fitted > 0 and stated > 0):
-            continue
-        said = f"its inertia comes to {fitted:.3g}, 1/{stated / fitted:.3g} of the {stated:.3g} in the model file"
-        if _turns(identification.motion, i) > 1 and info.type == "revolute" and _about(stated / fitted, 1 / DEGREE):
-            found.append(_degrees(identification.motion, i, said))
-        elif _about(stated / fitted, MILLI):
-            unit = "mN m" if info.torque_constant is None else "mA"
-            cure = in_unit(identification.motion.cells, f"tau{i + 1}", unit)
-            large = f"its inertia comes to {fitted:.3g}, {fitted / stated:.4g} times the {stated:.3g} in the model file"
-            found.append(Suspicion(i + 1, "milli", large, f"if its torque is in {unit}, pass {cure}"))
-        elif info.gear_ratio > LEAST_TELLING_RATIO and _about(stated / fitted, info.gear_ratio):
-            found.append(
-                Suspicion(
-                    i + 1,
-                    "ratio",
-                    said,
-                    f"expected the motor's torque times the gear ratio of {info.gear_ratio:g}: multiply tau{i + 1}, or "
-                    "the joint's torque_constant, by it",
-                )
-            )
-    return found
-
-
-def _degrees(motion: Motion, joint: int, said: str) -> Suspicion:
-    return Suspicion(
-        joint + 1,
-        "degrees",
-        f"its position covers {_turns(motion, joint):.3g} turns, and {said}",
-        f"expected radians: if it is in degrees, pass {in_unit(motion.cells, f'q{joint + 1}', 'deg')}",
-    )
-
-
-def _about(ratio: float, factor: float) -> bool:
-    return abs(log(ratio / factor)) < log(FACTOR_OF_INERTIA)
-
-
-def _inertias(identification: Identification) -> list[tuple[float, float]]:
-    """D_ii as fitted and as the model file states it, kg m² (kg), of every joint at q = 0."""
-    model, rest = identification.model, np.zeros((identification.model.n, 1))
-    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    fitted, stated = (np.diagonal(model.inertia(rest, x)[:, :, 0]) for x in (lumps, model.lump_values))
-    return [(float(a), float(b)) for a, b in zip(fitted, stated, strict=True)]
+    def _pairs(self) -> Iterator[tuple[Reading, Sequence[int], float]]:
+        """Joints that are exchanged or in degrees, and degrees or another sign besides."""
+        wide = self._wide()
+        signs = {tuple(self.able), *((i,) for i in self.able)}
+        for reading, joints, _ in self._exchanged():
+            if wide:
+                both = {*joints, *wide}
+                yield reading.in_degrees(wide), sorted(both), EXCHANGED_FALLS_TO
+            for some in signs:
+                yield reading.turned(some), sorted({*joints, *some}), EXCHANGED_FALLS_TO
+        for reading, joints, _ in self._degrees():
+            for some in signs:
+                yield reading.turned(some), sorted({*joints, *some}), EXCHANGED_FALLS_TO

@@ -24,10 +24,11 @@ _UNITS: Sequence[tuple[str, str]] = (
     (r"ms|msec|milliseconds", "ms"),
     (r"us|usec", "us"),
     (r"ns|nsec|nanoseconds", "ns"),
-    (r"ma|milliamps", "mA"),
+    (r"m_?a|milliamps", "mA"),
+    (r"m_?nm", "mN m"),
     (r"a|amps|current|iq", "A"),
 )
-"""Words at a name's end -> the unit that they mean."""
+"""Words at the end of a name, with _ before its capitals -> the unit that they mean."""
 _NUMBERED = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 
 
@@ -46,7 +47,7 @@ def options(fields: Sequence[RecordedField]) -> list[str]:
         best = max(candidates, key=lambda f: _score(f.name))
         home = home or best.clock
         stem, several = _family(best, fields)
-        unit = _unit(best.name)
+        unit = unit_in_name(best.name)
         name = signal if several or signal == "t" else f"{signal}1"
         found.append(f'--map {name}="{stem if several else _bare(best.name)}{f" [{unit}]" if unit else ""}"')
     return found
@@ -81,7 +82,7 @@ def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, 
     return match[1], len(like) > 1
 
 
-def _unit(name: str) -> str | None:
+def unit_in_name(name: str) -> str | None:
     """The unit that a name ends in, where it states none in brackets."""
     if "[" in name and not re.search(r"\[\d+\]", name):
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
 from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import of_rates, without_model
+from runtime.inspection.suspected import by_signals, over_turns, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
+from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.contents import Contents
 from runtime.recordings.errors import RecordingError, Refusal, printable
 from runtime.recordings.recording import Recording, count_joints, read
@@ -43,16 +45,20 @@ class Inspection:
     fitted: Identification | None = None
     unfitted: str | None = None
 
-    @property
+    @cached_property
     def found(self) -> list[Suspicion]:
         """What looks wrong: by the model where there is one, as every verb says it, else by the signals alone."""
         if self.recording is None:
             return []
         if self.fitted is None:
-            told = without_model(self.recording)
+            told, unsure = without_model(self.recording), []
         else:
             told = list(suspicions(self.fitted) or doubts(self.fitted))
-        return [*told, *(s for s in of_rates(self.recording) if s.joint not in {t.joint for t in told})]
+            # Where no inertia is stated, no fit tells degrees from radians.
+            unsure = [] if self.fitted.model.lumps_known else over_turns(self.recording)
+        for further in (by_signals(self.recording), unsure):
+            told += [s for s in further if s.joint not in {t.joint for t in told}]
+        return told
 
     def to_json(self) -> dict[str, Any]:
         """Every figure."""
@@ -65,6 +71,7 @@ class Inspection:
             "suggested": [] if recording else self._suggested(),
             "notes": list(recording.notes) if recording else [],
             "clock": clock_json(recording) if recording else None,
+            "clocks": [_clock_json(clock) for clock in recording.clocks] if recording else [],
             "signals": signals_json(recording) if recording else [],
             "joints": joints_json(recording, self.names) if recording else [],
             "shifts": shifts_json(recording) if recording else [],
@@ -73,6 +80,7 @@ class Inspection:
             "parameters": [] if fitted is None else _parameters(fitted),
             "unfitted": self.unfitted,
             "suspicions": [{"joint": s.joint, "kind": s.kind, "found": s.found, "cure": s.cure} for s in self.found],
+            "cures": list(dict.fromkeys(option for s in self.found for option in s.maps)),
         }
 
     def _suggested(self) -> list[str]:
@@ -114,6 +122,18 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
         return replace(inspection, fitted=identify(model, [inspection.recording]))
     except RecordingError as error:
         return replace(inspection, unfitted=str(error))
+
+
+def _clock_json(clock: BroughtClock) -> dict[str, Any]:
+    """Signals of another clock than the positions', and by how much its stamps are later, s."""
+    shift = None if clock.shift is None else {"value": clock.shift.value, "error": clock.shift.error}
+    return {
+        "clock": clock.name,
+        "signals": clock.signals,
+        "rate_hz": clock.rate,
+        "shift": shift,
+        "corrected": clock.corrected,
+    }
 
 
 def _parameters(fitted: Identification) -> list[dict[str, Any]]:

@@ -14,13 +14,13 @@ from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.white_noise import SampleNoise
 from runtime.recordings import recording as recorded
 from runtime.recordings.recording import Recording
-from runtime.recordings.settings import GAP
+from runtime.recordings.settings import GAP, ROUNDING
 
 Array = NDArray[np.float64]
 
 
 def clock_json(recording: Recording) -> dict[str, Any]:
-    """Rate, jitter and gaps of the samples."""
+    """Rate, jitter and gaps of the samples. jitter: 0 where it is but rounding."""
     steps = np.concatenate([np.diff(recording.t[s]) for s in recording.segments])
     whole = np.diff(recording.t)[np.diff(recording.run) == 0]
     step = float(np.median(steps))
@@ -28,7 +28,7 @@ def clock_json(recording: Recording) -> dict[str, Any]:
         "samples": len(recording.t),
         "seconds": float(sum(recording.t[s.stop - 1] - recording.t[s.start] for s in recording.segments)),
         "rate_hz": 1 / step,
-        "jitter": float(np.std(steps)),
+        "jitter": jitter if (jitter := float(np.std(steps))) > ROUNDING * step else 0.0,
         "longest_step": float(steps.max()),
         "gaps": int(np.count_nonzero((whole > GAP * step) | (whole <= 0))),
         "runs": len(np.unique(recording.run)),

@@ -6,24 +6,57 @@ that comes back has taken up what its friction dissipates: the work of its torqu
 
 from __future__ import annotations
 
+import re
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.suspicions import Suspicion
+from runtime.inspection.guesses import unit_in_name
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF
 from runtime.inspection.shifts import integral, scale
-from runtime.recordings.cures import in_unit, read_from, turned_round
+from runtime.recordings.cures import in_unit, option, turned_round
 from runtime.recordings.recording import Recording
 from runtime.recordings.units import UNITS
+from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
+
+_JOINT_SIGNAL = re.compile(r"(q|qd|tau)(\d+)(?:_link|_desired)?", re.ASCII)
+_DIMENSIONS = {"q": ("angle",), "qd": ("angular rate",), "tau": ("torque", "current")}
+"""What a signal of a joint is, so that a word at the end of its name may be its unit."""
+
+
+_BRAKES = "its torque brakes the motion on the whole, as friction does and no motor"
+
+
+def by_signals(recording: Recording) -> list[Suspicion]:
+    """What is wrong whatever the arm is: fields whose names say another unit, and rates that are none."""
+    named = _by_names(recording)
+    return [*named, *(s for s in of_rates(recording) if s.joint not in {t.joint for t in named})]
 
 
 def without_model(recording: Recording) -> list[Suspicion]:
     """What looks wrong with positions and torques where no model tells it better."""
-    return [*_turns(recording), *_braking(recording)]
+    return [*over_turns(recording), *_braking(recording)]
+
+
+def _by_names(recording: Recording) -> list[Suspicion]:
+    """Fields that are read in SI although their names end in another unit."""
+    found = []
+    for signal, cell in recording.cells.items():
+        known = _JOINT_SIGNAL.fullmatch(signal)
+        unit = unit_in_name(cell) if known and signal not in recording.units else None
+        if known is None or unit is None:
+            continue
+        rotary = recording.types[int(known[2]) - 1] == "revolute"
+        if rotary and UNITS[unit][0] in _DIMENSIONS[known[1]]:
+            cure = _in_unit(recording, signal, unit)
+            said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
+            kind = "degrees" if unit == "deg" else "unit"
+            found.append(Suspicion(int(known[2]), kind, said, f"if so, pass {cure}", (cure,)))
+    return found
 
 
 def of_rates(recording: Recording) -> list[Suspicion]:
@@ -43,9 +76,9 @@ def of_rates(recording: Recording) -> list[Suspicion]:
         others = {j: scale(q[i], rates[j], t)[1] for j in moved if j != i}
         best = max(others, key=lambda j: others[j], default=None)
         if best is not None and others[best] > FOLLOWS:
-            cure = read_from(recording.cells, f"qd{i + 1}", f"qd{best + 1}")
+            cure = option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
             said = f"qd{best + 1} is the derivative of q{i + 1}, and qd{i + 1} is not"
-            found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}"))
+            found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}", (cure,)))
     return found
 
 
@@ -53,32 +86,41 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     """A rate that is a multiple of its position's derivative."""
     if abs(abs(factor) - 1) < SCALE_OFF and factor > 0:
         return []
-    q, qd, cells = f"q{joint + 1}", f"qd{joint + 1}", recording.cells
+    q, qd = f"q{joint + 1}", f"qd{joint + 1}"
     said = f"{qd} is {factor:.3g} times the derivative of {q}"
     if abs(abs(factor) - 1) < SCALE_OFF:
-        cure = f"expected the same sign: pass {turned_round(cells, qd)}, or {turned_round(cells, q)}"
-        return [Suspicion(joint + 1, "sign", said, cure)]
+        cure, other = (option(name, turned_round(_cell(recording, name))) for name in (qd, q))
+        return [Suspicion(joint + 1, "sign", said, f"expected the same sign: pass {cure}, or {other}", (cure,))]
     units = {
-        1 / UNITS["deg/s"][1]: in_unit(cells, qd, "deg/s"),
-        UNITS["deg"][1]: in_unit(cells, q, "deg"),
-        1 / UNITS["rpm"][1]: in_unit(cells, qd, "rpm"),
-        1 / UNITS["mrad/s"][1]: in_unit(cells, qd, "mrad/s"),
+        1 / UNITS["deg/s"][1]: _in_unit(recording, qd, "deg/s"),
+        UNITS["deg"][1]: _in_unit(recording, q, "deg"),
+        1 / UNITS["rpm"][1]: _in_unit(recording, qd, "rpm"),
+        1 / UNITS["mrad/s"][1]: _in_unit(recording, qd, "mrad/s"),
     }
     fitting = [c for size, c in units.items() if abs(abs(factor) / size - 1) < SCALE_OFF]
     if not fitting:
         return [Suspicion(joint + 1, "unit", said, f"is the unit of {qd}, of {q} or of t right? State it with --map")]
-    return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {fitting[0]}")]
+    return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {fitting[0]}", tuple(fitting[:1]))]
 
 
-def _turns(recording: Recording) -> list[Suspicion]:
+def _cell(recording: Recording, signal: str) -> str:
+    """What `--map` takes for the field of a signal."""
+    return recording.cells.get(signal, signal)
+
+
+def _in_unit(recording: Recording, signal: str, unit: str) -> str:
+    """The option that reads a signal in a unit."""
+    return option(signal, in_unit(_cell(recording, signal), unit))
+
+
+def over_turns(recording: Recording) -> list[Suspicion]:
     """Positions over many turns that no unit was stated of."""
     found = []
     for i, q in enumerate(recording.q):
         turns = float(np.ptp(q)) / (2 * pi)
-        cell = recording.cells.get(f"q{i + 1}", "")
-        if recording.types[i] == "revolute" and turns > MANY_TURNS and "[" not in cell:
-            cure = f"if it is in degrees, pass {in_unit(recording.cells, f'q{i + 1}', 'deg')}"
-            found.append(Suspicion(i + 1, "degrees", f"its position covers {turns:.3g} turns", cure))
+        if recording.types[i] == "revolute" and turns > MANY_TURNS and f"q{i + 1}" not in recording.units:
+            cure, said = _in_unit(recording, f"q{i + 1}", "deg"), f"its position covers {turns:.3g} turns"
+            found.append(Suspicion(i + 1, "degrees", said, f"if it is in degrees, pass {cure}", (cure,)))
     return found
 
 
@@ -96,8 +138,9 @@ def _braking(recording: Recording) -> list[Suspicion]:
     for i in np.flatnonzero(returned & (effort > 0)):
         part = float(work[i] / effort[i])
         if part < -AGAINST_MOTION:
-            cure = turned_round(recording.cells, f"tau{i + 1}")
-            said = f"its torque brakes the motion on the whole, as friction does and no motor (work of {work[i]:.3g} J)"
-            cure = f"expected positive where it drives towards positive positions: pass {cure}"
-            found.append(Suspicion(int(i) + 1, "sign", said, cure))
+            cure, said = option(f"tau{i + 1}", turned_round(_cell(recording, f"tau{i + 1}"))), _BRAKES
+            if f"tau{i + 1}" not in recording.currents:
+                said = f"{said} (work of {work[i]:.3g} J)"
+            expected = f"expected positive where it drives towards positive positions: pass {cure}"
+            found.append(Suspicion(int(i) + 1, "sign", said, expected, (cure,)))
     return found

@@ -191,7 +191,8 @@ class Motion:
 
     standstill (n,): rates below which a joint counts as at rest, infinite for one that is held.
     quiet (n,): torque noise in the band over what dry friction may come to at rest.
-    cells: of each signal, what `--map` takes for the field of the first recording from which it was read.
+    cells, units: of each signal, what `--map` takes for the field of the first recording from which it was read, and
+    in which unit, where one was stated.
     """
 
     band: Band
@@ -199,6 +200,7 @@ class Motion:
     standstill: Array
     quiet: Array
     cells: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -405,7 +407,7 @@ def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion
     # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
     held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
     standstill = np.where(held, np.inf, standstill)
-    motion = Motion(band, tuple(pieces), standstill, np.zeros(n), recordings[0].cells)
+    motion = Motion(band, tuple(pieces), standstill, np.zeros(n), recordings[0].cells, recordings[0].units)
     motion = motion.resting(standstill, np.zeros(n))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)

@@ -40,8 +40,8 @@ def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
 def enough(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
     """Refuses a recording that is too short for anything."""
     if len(t) < MIN_SAMPLES:
-        left = " are left" if allow_gaps else ""
-        refuse(f"only {len(t)} samples{left}; expected at least {MIN_SAMPLES}")
+        left = (" is left" if len(t) == 1 else " are left") if allow_gaps else ""
+        refuse(f"only {len(t)} sample{'s' if len(t) != 1 else ''}{left}; expected at least {MIN_SAMPLES}")
 
 
 def runs(table: Samples, refuse: Refusal) -> Numbers:

@@ -2,26 +2,63 @@
 
 Each clock's samples are checked as they stand in the file. What is asked for at instants that a clock does not cover,
 or that lie in one of its gaps, is not known: such samples are left out at both ends, and between refused as a gap is.
+Stamps of torques that are later or sooner than the motion which they answer are set right, and that is said.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from runtime.recordings import checks
+from runtime.recordings import checks, clock_shifts
+from runtime.recordings.clock_shifts import ClockShift
 from runtime.recordings.columns import Column
 from runtime.recordings.contents import Array, Contents, Samples
 from runtime.recordings.errors import Refusal
-from runtime.recordings.settings import GAP, MIN_SAMPLES, ROUNDING, SPLINE_DEGREE
+from runtime.recordings.settings import CLOCK_SHIFT_LEAST, GAP, MIN_SAMPLES, ROUNDING, SPLINE_DEGREE
+
+
+@dataclass(frozen=True)
+class BroughtClock:
+    """Signals of a clock that were brought to that of the positions, `home`.
+
+    rate, home_rate   Hz
+    shift             by how much its stamps are later than the motion, as far as that is told; of torques only
+    corrected         whether they were set right by it
+    """
+
+    name: str
+    home: str
+    signals: tuple[str, ...]
+    rate: float
+    home_rate: float
+    shift: ClockShift | None
+    corrected: bool
+
+    def __str__(self) -> str:
+        to = f"to the instants of the positions of {self.home} ({self.home_rate:.4g} Hz)"
+        return f"{', '.join(self.signals)} of {self.name} ({self.rate:.4g} Hz) brought {to}{self._shifted()}"
+
+    def _shifted(self) -> str:
+        if not any(signal.startswith("tau") for signal in self.signals):
+            return ""
+        if self.shift is None:
+            return "; by how much their clocks differ, the motion does not tell"
+        seconds, error = abs(self.shift.value), self.shift.error
+        if not self.corrected:
+            return f"; their clocks differ by {seconds + error:.2g} s at most, if at all"
+        said = f"{seconds:.3g} s (± {error:.1g} s) {'later' if self.shift.value > 0 else 'sooner'} than the motion"
+        if self.shift.value > 0:
+            return f" and set right: they are stamped {said} that they drive"
+        return f" and set right: they are stamped {said} that they drive, by another clock or before a drive's delay"
 
 
 def on_one(
     contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal
-) -> tuple[Samples, tuple[str, ...]]:
-    """The used columns in SI over the instants of the positions, and what was brought there, a line each clock."""
+) -> tuple[Samples, tuple[BroughtClock, ...]]:
+    """The used columns in SI over the instants of the positions, and what was brought there."""
     of_t = contents.fields[used["t"].index].clock
     groups: dict[str, dict[str, Column]] = {}
     for name, column in used.items():
@@ -35,15 +72,33 @@ def on_one(
         for clock, members in groups.items()
         if members
     }
-    table, notes = tables.pop(home), []
-    rate = _rate(table)
-    for clock, other in tables.items():
+    positions = table = tables.pop(home)
+    brought = []
+    for clock, found in tables.items():
+        other = _ascending(found, clock, allow_gaps, refuse)
+        shift = None if "run" in table.signals else _shift(positions, other)
+        apart = CLOCK_SHIFT_LEAST / min(_rate(positions), _rate(other))
+        corrected = shift is not None and shift.clear and abs(shift.value) > apart
+        if shift is not None and corrected:
+            other = replace(other, signals=other.signals | {"t": other.signals["t"] - shift.value})
         table = _joined(table, other, clock, allow_gaps, refuse)
-        notes.append(
-            f"{', '.join(groups[clock])} of {clock} ({_rate(other):.4g} Hz) brought to the instants of the positions "
-            f"of {home} ({rate:.4g} Hz)"
-        )
-    return table, tuple(notes)
+        rates = _rate(other), _rate(positions)
+        brought.append(BroughtClock(clock, home, tuple(groups[clock]), *rates, shift, corrected))
+    return table, tuple(brought)
+
+
+def _shift(positions: Samples, other: Samples) -> ClockShift | None:
+    """By how much the torques of another clock are stamped later than the motion; None where it has none."""
+    joints = [name.removeprefix("tau") for name in other.signals if name.removeprefix("tau").isdigit()]
+    both = [k for k in joints if f"q{k}" in positions.signals]
+    t = positions.signals["t"]
+    if not both or (np.diff(t) <= 0).any():
+        return None
+    # Joints whose torques are stamped so come first, each beside its position; the others' positions follow.
+    rest = [name for name in positions.signals if name[:1] == "q" and name[1:].isdigit() and name[1:] not in both]
+    q = np.array([positions.signals[name] for name in (*(f"q{k}" for k in both), *rest)])
+    tau = np.array([other.signals[f"tau{k}"] for k in both])
+    return clock_shifts.late(t, q, other.signals["t"], tau)
 
 
 def _rate(table: Samples) -> float:
@@ -73,20 +128,24 @@ def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, re
     return checks.finite(replace(raw, signals=signals), allow_gaps, refuse)
 
 
+def _ascending(other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:
+    """Samples of a clock that runs forwards."""
+    there = other.signals["t"]
+    if len(there) < MIN_SAMPLES:
+        refuse(f"only {len(there)} samples in {clock}; expected at least {MIN_SAMPLES}")
+    back = np.diff(there) <= 0
+    if not back.any():
+        return other
+    if not allow_gaps:
+        k = int(np.argmax(back)) + 1
+        refuse(f"time runs backwards, {there[k]:.9g} s after {there[k - 1]:.9g} s", other.at("t", k))
+    return other.kept(np.concatenate([[True], there[1:] > np.maximum.accumulate(there)[:-1]]))
+
+
 def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:
     """A table with the signals of another clock at its instants, where that has some."""
     t, there = table.signals["t"], other.signals["t"]
-    if len(there) < MIN_SAMPLES:
-        refuse(f"only {len(there)} samples in {clock}; expected at least {MIN_SAMPLES}")
     steps = np.diff(there)
-    if (back := steps <= 0).any():
-        if not allow_gaps:
-            k = int(np.argmax(back)) + 1
-            refuse(f"time runs backwards, {there[k]:.9g} s after {there[k - 1]:.9g} s", other.at("t", k))
-        ahead = np.concatenate([[True], there[1:] > np.maximum.accumulate(there)[:-1]])
-        other = other.kept(ahead)
-        there = other.signals["t"]
-        steps = np.diff(there)
     inside = (t >= there[0]) & (t <= there[-1])
     if np.count_nonzero(inside) < MIN_SAMPLES:
         refuse(

@@ -47,6 +47,7 @@ class Column:
     """A signal (`name`, e.g. "qd1") in field `index` of a file; SI value = factor * cell + offset.
 
     cell   what `--map` takes for the field, with the unit in which it is read and a minus where it is turned round
+    unit   in which it is read, where the file or `--map` states one
     """
 
     name: str
@@ -54,6 +55,7 @@ class Column:
     factor: float
     offset: float
     cell: str = ""
+    unit: str | None = None
 
     def in_si(self, values: Array) -> Array:
         """Values (N,) of the field in SI."""
@@ -90,7 +92,7 @@ def columns(
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped twice")
         column = _column(name, index, unit, joints, fail)
-        column = replace(column, cell=wanted.strip())
+        column = replace(column, cell=wanted.strip(), unit=unit or None)
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
             fail(f"--map {name}: {quote(wanted)} has a minus; expected one before positions, rates and torques only")
         found[name] = replace(column, factor=sign * column.factor)
@@ -104,11 +106,13 @@ def columns(
             fail(f"two columns are {name}: {quote(header[found[name].index])} and {quote(header[index])}; drop one")
         bare, stated = split[index]
         cell = bare if stated or not unit else f"{bare} [{unit}]"
-        found[name] = replace(_column(name, index, unit, joints, fail), cell=cell)
+        found[name] = replace(_column(name, index, unit, joints, fail), cell=cell, unit=unit or None)
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
         if name not in found:
-            fail(_missing(name, header, [cell for cell, _ in split], len(joints)))
+            taken = {column.index for column in found.values()}
+            free = [cell.strip() for i, cell in enumerate(header) if i not in taken]
+            fail(_missing(name, header, free, len(joints)))
     return found
 
 
@@ -217,16 +221,21 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
     return Column(name, index, factor, offset)
 
 
-def _missing(name: str, header: Sequence[str], cells: Sequence[str], n: int) -> str:
+def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
+    """That there is no such column, and what to type. free: the cells that nothing is read from."""
     if header[0] == NUMBERED.format(1):
         count = len(header)
-        return f"its first line is no header but {count} numbers; name its {count} columns with --columns t,q1,tau1"
+        plain = ["t", *(f"{signal}{i}" for signal in ("q", "tau") for i in range(1, n + 1))]
+        names = ",".join(plain) if count == len(plain) else "t,q1,tau1"
+        return f"its first line is no header but {count} numbers; name its {count} columns with --columns {names}"
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
-    close = difflib.get_close_matches(name, cells, n=1, cutoff=0.5)
-    close = [header[cells.index(close[0])].strip()] if close else []
-    example = close[0] if close else "Header [unit]"
+    by_name = {_split(cell)[0]: cell for cell in free}
+    close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)
+    example = by_name[close[0]] if close else "Header [unit]"
+    if not free:
+        return f"no column {name}{joints}; the file has {some(header)}, and all are read; use the model of this arm"
     return f"no column {name}{joints}; the file has {some(header)}; name it with --map {name}={quote(example)}"
 
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from runtime import files
 from runtime.recordings import checks, clocks, formats, names
+from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import IN_PLANE, IN_SPACE, columns
 from runtime.recordings.contents import Array, Samples
 from runtime.recordings.errors import RecordingError as RecordingError
 from runtime.recordings.errors import Refusal, printable
+from runtime.recordings.units import UNITS, normal
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,6 +37,9 @@ class Recording:
     segments      gap-free pieces of at least settings.MIN_SEGMENT samples, each within one run
     types         "revolute" or "prismatic" for each joint
     cells         of each signal, what `--map` takes for the field from which it was read
+    units         in which signals were read, of those of which the file or `--map` states one
+    currents      torques that are currents in A, since nothing is known of the motors
+    clocks        of signals that were sampled apart, by how much they differ from that of the positions
     notes         what a person should know of how the file was read, a line each
     """
 
@@ -53,6 +58,9 @@ class Recording:
     tau_rigid: Array | None = None
     force: Array | None = None
     cells: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    currents: frozenset[str] = frozenset()
+    clocks: tuple[BroughtClock, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -86,9 +94,9 @@ def read(
     allow_gaps  split at gaps and drop samples with a NaN, instead of refusing them
     Raises RecordingError.
     """
-    joints, space = (
-        ([{"type": "revolute"}] * model, True) if isinstance(model, int) else (model["joints"], model["space"])
-    )
+    # Of joints of which no more is known, currents stay what they are.
+    unknown = [{"type": "revolute", "torque_constant": 1.0}] * (model if isinstance(model, int) else 0)
+    joints, space = (unknown, True) if isinstance(model, int) else (model["joints"], model["space"])
     refuse = Refusal(printable(path))
     contents = formats.opened(Path(path), refuse)
     understood = names.understood(contents, joints, mapping or {}, lambda message: refuse(message, contents.header))
@@ -103,7 +111,15 @@ def read(
     table, apart = clocks.on_one(contents, used, allow_gaps, refuse)
     cells = {name: column.cell for name, column in used.items()}
     made = _recording(Path(path), table, cells, joints, space, allow_gaps, refuse)
-    return replace(made, notes=(*understood.notes, *apart))
+    units = {name: column.unit for name, column in used.items() if column.unit}
+    currents = _currents(units) if isinstance(model, int) else frozenset()
+    notes = (*understood.notes, *map(str, apart))
+    return replace(made, units=units, currents=currents, clocks=apart, notes=notes)
+
+
+def _currents(units: Mapping[str, str]) -> frozenset[str]:
+    """Signals that are read in a unit of currents."""
+    return frozenset(name for name, unit in units.items() if UNITS[normal(unit)][0] == "current")
 
 
 def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> int:
@@ -177,10 +193,11 @@ def measured(recording: Recording) -> Iterator[tuple[str, str, Array]]:
         ("tau{}_rigid", recording.tau_rigid, force),
     )
     listed = [
-        (name.format(i), unit, values[i - 1])
+        (signal, "A" if signal in recording.currents else unit, values[i - 1])
         for name, values, units in groups
         if values is not None
         for i, unit in enumerate(units, 1)
+        for signal in (name.format(i),)
     ]
     listed += [
         (f"temperature{i}", "degC", found) for i, found in enumerate(recording.temperature, 1) if found is not None

@@ -44,5 +44,30 @@ SPLINE_DEGREE: Final = 3
 """power of the polynomials by which signals of another clock are brought to the instants of the positions: below a
 tenth of the sampling rate exact to a part in a thousand; de Boor, A Practical Guide to Splines, 1978."""
 
+CLOCK_SHIFT_MOST: Final = 0.5
+"""s; a larger shift between two clocks is no drift or queue but another time of day, which the file shows; a choice."""
+
+CLOCK_SHIFT_SMOOTHING: Final = (0.005, 0.01, 0.02)
+"""s; standard deviations of the Gaussian kernels, for bands of 8 to 32 Hz, in which arms move and encoders tell an
+acceleration; development and real recordings."""
+
+CLOCK_SHIFT_SAMPLES: Final = 60_000
+"""samples; of so many, a minute at 1 kHz, a shift is told; time."""
+
+CLOCK_SHIFT_STANDS_OUT: Final = 0.5
+"""part of what other shifts leave of the torques; the right one leaves less; simulated and real recordings: a fifth at
+most where it is right, nine tenths where one axis of six is looked at."""
+
+CLOCK_SHIFT_TIED: Final = 1.2
+"""ratio of what two shifts leave of the torques; a motion that comes back after a while leaves as much one period
+later; a choice."""
+
+CLOCK_SHIFT_CLEAR: Final = 4.0
+"""ratio of a shift to what the kernels differ in; from there on it is one; simulated and real recordings."""
+
+CLOCK_SHIFT_LEAST: Final = 1.5
+"""samples of the slower clock; a smaller shift is left to the fit, which tells it from the hold of a controller; a
+choice, above the one sample that a hold explains."""
+
 LEAST_SIGNAL: Final = 20
 """samples; a variable with fewer is no signal but a setting of each joint, of which an arm has at most some ten."""

@@ -123,6 +123,70 @@ def test_a_missing_header(tmp_path, capsys):
     assert run(capsys, "compare", "drive", path, "--columns", "t,q1,tau1")[0] == 0
 
 
+def test_a_missing_header_and_more(tmp_path, capsys):
+    """Each cure is appended to what was typed before."""
+    m = motion()
+    columns = {"t": m["t"] * 1000, "q1": m["q1"] * DEGREES, "tau1": -m["tau1"]}
+    path = write(tmp_path / "run.csv", columns, header=False)
+    typed, said = ["--columns", "t,q1,tau1"], []
+    for _ in range(2):
+        out = run(capsys, "inspect", path, "drive", *typed)[1]
+        said.append(out.splitlines()[-1])
+        typed += shlex.split(said[-1].partition("All at once: ")[2] or said[-1].rpartition("pass ")[2])
+    assert said[0].endswith('if t is in ms, pass --map t="#1 [ms]"')
+    assert said[1] == 'All at once: --map tau1="-#3" --map q1="#2 [deg]"'
+    status, out, _ = run(capsys, "inspect", path, "drive", *typed)
+    assert (status, out.splitlines()[-1]) == (0, "Nothing looks wrong.")
+
+
+@pytest.mark.parametrize(
+    ("field", "unit"),
+    [("pos_act_deg", "deg"), ("axis.vel_deg_s", "deg/s"), ("arm/torque_mNm", "mN m"), ("Iq", "A"), ("i_mA", "mA")],
+)
+def test_a_name_that_says_another_unit(tmp_path, capsys, field, unit):
+    """Every verb says it; a unit that is stated is believed."""
+    signal = {"deg": "q1", "deg/s": "qd1", "mN m": "tau1", "A": "tau1", "mA": "tau1"}[unit]
+    path = write(tmp_path / "run.csv", {field if name == signal else name: x for name, x in motion().items()})
+    typed = ["--map", f"{signal}={field}"]
+    said = f'{signal} is read in SI, and the name of its field, "{field}", ends in the unit {unit}'
+    cure = f'pass --map {signal}="{field} [{unit}]"'
+    out = run(capsys, "inspect", path, "drive", *typed)[1]
+    assert said in out
+    assert cure in out
+    assert f"{path}: joint 1: {said}; if so, {cure}\n" in run(capsys, "compare", "drive", path, *typed)[2]
+    stated = {"deg": "rad", "deg/s": "rad/s"}.get(unit, "N m")
+    assert "ends in" not in run(capsys, "inspect", path, "drive", "--map", f"{signal}={field} [{stated}]")[1]
+
+
+def test_degrees_where_no_inertia_is_stated(tmp_path, capsys):
+    """Then no fit can tell; a joint that turns so far is asked about, unless its unit is stated."""
+    arm = tmp_path / "arm.toml"
+    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm --no-questions"
+    assert run(capsys, "init", *known.split(), "--out", arm)[0] == 0
+    path = write(tmp_path / "run.csv", changed(q1=motion()["q1"] * DEGREES, qd1=None))
+    assert 'turns; if it is in degrees, pass --map q1="q1 [deg]"' in run(capsys, "inspect", path, arm)[1]
+    for unit in ("rad", "deg"):
+        assert "Nothing looks wrong." in run(capsys, "inspect", path, arm, "--map", f"q1=q1 [{unit}]")[1]
+
+
+def test_currents_without_a_model(tmp_path, capsys):
+    path = write(tmp_path / "run.csv", {name.replace("tau1", "tau1 [mA]"): x for name, x in motion().items()})
+    status, out, _ = run(capsys, "inspect", path, "--json", "-")
+    torque = next(s for s in json.loads(out)["signals"] if s["signal"] == "tau1")
+    assert (status, torque["unit"]) == (0, "A")
+    assert torque["largest"] == pytest.approx(motion()["tau1"].max() / 1000)
+
+
+def test_even_steps_are_called_so(tmp_path, capsys):
+    m = motion()
+    assert (
+        "20000 samples, 20 s at 1000 Hz; even steps, 0 gaps" in run(capsys, "inspect", write(tmp_path / "a.csv", m))[1]
+    )
+    rng = np.random.default_rng(0)
+    late = m | {"t": m["t"] + 1e-4 * rng.uniform(size=len(m["t"]))}
+    assert "jitter 4.1·10⁻⁵ s" in run(capsys, "inspect", write(tmp_path / "b.csv", late))[1]
+
+
 def test_other_names_are_guessed_and_not_believed(tmp_path, capsys):
     m = motion()
     columns = {"time_ms": m["t"] * 1000, "ref_pos": m["q1"], "act_pos_deg": m["q1"] * DEGREES, "torque": m["tau1"]}

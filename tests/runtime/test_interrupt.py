@@ -34,6 +34,7 @@ PROGRAM = (
 )
 LONG = [
     ("simulate", "drive", "--out", "new.csv", "--seconds", "3000"),
+    ("inspect", "run.csv", "drive"),
     ("identify", "drive", "run.csv"),
     ("compare", "drive", "run.csv", "--report", "report"),
     ("diagnose", "drive", "run.csv", "--report", "report"),

@@ -280,6 +280,16 @@ def test_the_wrong_joint_count(write):
     two = write(text("t,q1,q2,tau1,tau2", rows(joints=2)))
     assert "has a column q2, but the model has 1 joint;" in said(two, 1)
     assert "no column q3 (the model has 3 joints)" in said(two, 3)
+    assert said(two, 3).endswith(", and all are read; use the model of this arm")
+
+
+def test_what_is_read_already_is_not_offered(write):
+    """And the columns of a file without a header are typed out for the arm's joints."""
+    two = [[*row, "0"] for row in rows(joints=2)]
+    assert said(write(text("t,q1,q_2,tau1,tau2,c", two)), 2).endswith('name it with --map q2="q_2"')
+    assert said(write(text("t,q1,pos2 [rad],tau1,tau2,c", two)), 2).endswith('name it with --map q2="Header [unit]"')
+    bare = write("\n".join(",".join(row) for row in rows(joints=2)))
+    assert said(bare, 2).endswith("no header but 5 numbers; name its 5 columns with --columns t,q1,q2,tau1,tau2")
 
 
 def test_a_current_needs_the_torque_constant(write):

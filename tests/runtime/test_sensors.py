@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from runtime.diagnosis import further_sensors, sensor_worth
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.diagnosis.further_sensors import FurtherSensors, echo
@@ -295,3 +298,25 @@ def test_no_gravity_is_in_the_inertia_of_a_rigid_torque() -> None:
     slow = replace(plain, t=t, run=np.zeros(len(t), dtype=np.int64), q=q, tau=0 * q, segments=(slice(0, len(t)),))
     inertia = rigid_inertia([replace(slow, tau_rigid=0.4 * qdd + 60 * np.sin(q + 0.3))])
     assert inertia == pytest.approx(0.4, rel=0.01)
+
+
+def test_what_sensors_were_worth() -> None:
+    """What a sensor alone rules out, what it speaks against beside the torque, and that it changed nothing."""
+
+    def weighed(effect: str, *failed: str) -> Any:
+        return SimpleNamespace(term=Term(effect, 1), failed=failed, twist=None)
+
+    measured = SimpleNamespace(n=2, has=lambda name, joint: (name, joint) in (("twist", 0), ("tau_link", 1)))
+    named = weighed("elasticity")
+    everything = [
+        named,
+        weighed("cable", f"{further_sensors.BY_LINK} shows that the transmission gives way instead"),
+        weighed("linear_spring", "it explains 3 % of what is left", f"{further_sensors.BY_LINK} shows"),
+        weighed("viscous_cubic", "it explains 3 % of what is left"),
+        weighed("friction_patch"),
+    ]
+    link, output = sensor_worth.of(measured, everything, [named])  # type: ignore[arg-type]
+    assert (link.columns, output.columns) == (("q1_link",), ("tau2_link",))
+    assert (link.decided, link.against) == ((Term("cable", 1),), (Term("linear_spring", 1),))
+    assert str(link) == "q1_link: alone rules out cable@1; speaks with the torque against linear_spring@1"
+    assert str(output) == "tau2_link: changed nothing: without it the same would have been found"

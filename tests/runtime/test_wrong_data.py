@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import judged
 from runtime.diagnosis.diagnose import diagnose
-from runtime.estimation.compare import compare
+from runtime.estimation.compare import compare, warnings
 from runtime.estimation.identify import identify
-from runtime.estimation.suspicions import suspicions
+from runtime.estimation.suspicions import doubts, suspicions
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording, RecordingError, read
@@ -23,6 +24,7 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from tests.plants import SIZES
 from tests.runtime.conftest import recorded
+from tests.runtime.formats import write_mcap
 
 Array = NDArray[np.float64]
 
@@ -107,6 +109,89 @@ def test_wrong_data_of_one_joint_among_four(model: Model, arm_recording: Recordi
     assert kinds(model, replace(r, q=scaled(r.q, 2, DEGREES))) == [("degrees", 2)]
 
 
+TWO_OF_ONE = {
+    "sign, degrees": (lambda r: replace(r, tau=-r.tau, q=r.q * DEGREES), ["sign", "degrees"]),
+    "sign, mN m": (lambda r: replace(r, tau=-1000 * r.tau), ["sign", "milli"]),
+    "sign, ratio": (lambda r: replace(r, tau=-r.tau / 100), ["sign", "ratio"]),
+    "degrees, ratio": (lambda r: replace(r, tau=r.tau / 100, q=r.q * DEGREES), ["degrees", "ratio"]),
+}
+ALL_MAPS = {"sign": '--map tau1="-tau1"', "degrees": '--map q1="q1 [deg]"', "milli": '--map tau1="-tau1 [mN m]"'}
+
+
+@pytest.mark.parametrize("name", TWO_OF_ONE)
+def test_two_mistakes_at_once(drive: Model, name: str) -> None:
+    """Both are named, and the options that put both right are the same wherever they are typed out."""
+    change, expected = TWO_OF_ONE[name]
+    found = suspicions(identify(drive, [change(analytic(1))]))
+    assert [s.kind for s in found] == expected
+    signal = ALL_MAPS["milli"] if "milli" in expected else ALL_MAPS["sign"]
+    maps = {"sign": (signal,), "milli": (signal,), "degrees": (ALL_MAPS["degrees"],), "ratio": ()}
+    assert [s.maps for s in found] == [maps[s.kind] for s in found]
+
+
+@pytest.mark.parametrize("wrong", [("milli", "ratio"), ("degrees", "milli")])
+def test_mistakes_that_make_up_for_each_other_are_doubts(drive: Model, wrong: tuple[str, str]) -> None:
+    """An inertia that is out by ten may as well be a bad guess: no verdict rests on it, and every verb says it."""
+    sizes = {"milli": (1000, 1), "ratio": (1 / 100, 1), "degrees": (1, DEGREES)}
+    r = analytic(1)
+    tau, q = np.prod([sizes[kind] for kind in wrong], axis=0)
+    fitted = identify(drive, [replace(r, tau=r.tau * tau, q=r.q * q)])
+    assert suspicions(fitted) == ()
+    assert {s.kind for s in doubts(fitted)} == set(wrong)
+    said = [w for w in warnings(fitted) if w.startswith("the data may be wrong: joint 1: ")]
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize(
+    ("stated", "scale", "cure"),
+    [("", 1000 / 7, "mA"), ("A", 1000, "mA"), ("", 1000, "mN m"), ("N m", 1000, "mN m")],
+)
+def test_currents_in_another_unit(drive: Model, stated: str, scale: float, cure: str) -> None:
+    """A torque constant of 7 N m/A at the joint: currents read as torques, and currents in mA read as in A."""
+    geared = copy(drive)
+    geared.joints = (replace(drive.joints[0], torque_constant=7.0),)
+    r = analytic(1)
+    units = {"tau1": stated} if stated else {}
+    found = suspicions(identify(geared, [replace(r, tau=r.tau * scale, units=units)]))
+    assert [s.maps for s in found] == [(f'--map tau1="tau1 [{cure}]"',)]
+    assert "current" in found[0].cure if cure == "mA" else "torque" in found[0].cure
+
+
+def swapped(values: Array) -> Array:
+    """Joints 1 and 2 in each other's place."""
+    return np.ascontiguousarray(values[[1, 0, 2, 3]])
+
+
+TWO_OF_FOUR = {
+    "two signs": (lambda r: replace(r, tau=r.tau * np.array([[-1.0], [-1], [1], [1]])), ["sign 1", "sign 2"]),
+    "degrees, exchanged torques": (
+        lambda r: replace(r, q=r.q * DEGREES, tau=swapped(r.tau)),
+        ["degrees 1", "degrees 2", "degrees 3", "degrees 4", "exchanged 1"],
+    ),
+    "a sign, exchanged positions": (
+        lambda r: replace(r, q=swapped(r.q), tau=r.tau * np.array([[-1.0], [1], [1], [1]])),
+        ["sign 1", "exchanged 1"],
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TWO_OF_FOUR)
+def test_two_mistakes_among_four_joints(model: Model, arm_recording: Recording, name: str) -> None:
+    change, expected = TWO_OF_FOUR[name]
+    found = suspicions(identify(model, [change(arm_recording)]))
+    assert [f"{s.kind} {s.joint}" for s in found] == expected
+
+
+@pytest.mark.slow
+def test_a_sign_and_a_ratio_leave_a_fit(model: Model, arm_recording: Recording) -> None:
+    """Torques so small that no column stands out of the encoders' noise: the fit ends, and the sign is told."""
+    ratios = np.array([joint.gear_ratio for joint in model.joints])[:, None]
+    wrong = arm_recording.tau / ratios * np.array([[-1.0], [1], [1], [1]])
+    found = suspicions(identify(model, [replace(arm_recording, tau=wrong)]))
+    assert ("sign", 1) in [(s.kind, s.joint) for s in found]
+
+
 @pytest.mark.parametrize("what", ["tau", "q"])
 def test_exchanged_joints(model: Model, arm_recording: Recording, what: str) -> None:
     order = [1, 0, 2, 3]
@@ -179,6 +264,18 @@ def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
     joint = document["joints"][0]
     assert joint["relative"] < 0.03
     assert joint["rms"] == pytest.approx(joint["floor"], rel=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.0253, -0.018])
+def test_the_verdict_of_torques_that_another_clock_stamps(drive: Model, tmp_path: Path, late: float) -> None:
+    """Set right to a part of a sample, it is that of torques that are stamped with the positions."""
+    whole = recorded("stribeck", 2)
+    efforts = {"t": whole.t[::2] + 1 + late, "tau": whole.tau[:, ::2]}
+    topics = [("/joint_states", ("axis",), {"t": whole.t + 1, "q": whole.q}), ("/efforts", ("axis",), efforts)]
+    apart = read(write_mcap(tmp_path / "run.mcap", topics), 1)
+    found = diagnose(drive, [apart])
+    assert (found.verdict, [f.term.effect for f in found.findings]) == ("effect", ["stribeck"])
 
 
 def test_one_speed_tells_no_parameters(drive: Model) -> None:

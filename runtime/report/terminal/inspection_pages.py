@@ -43,10 +43,11 @@ def _clock(document: Document) -> None:
     clock = document["clock"]
     gaps = f"{clock['gaps']} gap{'s' if clock['gaps'] != 1 else ''}"
     runs = f", {clock['runs']} runs" if clock["runs"] > 1 else ""
-    say(
-        f"{clock['samples']} samples, {quantity(clock['seconds'], 's')} at {quantity(clock['rate_hz'], 'Hz')}; jitter "
-        f"{quantity(clock['jitter'], 's', 2)}, longest step {quantity(clock['longest_step'], 's', 3)}, {gaps}{runs}"
-    )
+    steps = "even steps"
+    if clock["jitter"]:
+        steps = f"jitter {quantity(clock['jitter'], 's', 2)}, longest step {quantity(clock['longest_step'], 's', 3)}"
+    rate = f"{quantity(clock['seconds'], 's')} at {quantity(clock['rate_hz'], 'Hz')}"
+    say(f"{clock['samples']} samples, {rate}; {steps}, {gaps}{runs}")
 
 
 def _signals(document: Document) -> None:
@@ -104,5 +105,7 @@ def _wrong(document: Document) -> None:
         say(f"No fit: {document['unfitted']}")
     for s in document["suspicions"]:
         say(f"Joint {s['joint']}: {s['found']}; {s['cure']}")
+    if len(document["suspicions"]) > 1 and document["cures"]:
+        say(f"All at once: {' '.join(document['cures'])}")
     if not (document["problem"] or document["suspicions"] or document["unfitted"]):
         say("Nothing looks wrong." if document["parameters"] else "Nothing looks wrong; with MODEL more can be told.")

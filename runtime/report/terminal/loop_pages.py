@@ -82,11 +82,13 @@ def _peaks(document: Document) -> None:
 
 
 def _encoders(document: Document) -> None:
-    """By how long the link-side encoders are read later than the motors'."""
+    """By how long the link-side encoders are read later than the motors', and what further sensors were worth."""
     for e in document["encoder_skew"]:
         low, value, high = (f"{1e3 * x:.3g}" for x in (e["interval"][0], e["value"], e["interval"][1]))
         later = f"the link-side encoder is read {value} ms later than the motor's"
         say(f"Joint {e['joint']}: {later}, 95 % in [{low}, {high}] ms.")
+    for sensor in document["sensors"]:
+        say(f"What the sensors were worth: {sensor['said']}.")
 
 
 def _not_named(document: Document) -> None:

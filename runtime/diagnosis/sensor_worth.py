@@ -1,0 +1,64 @@
+"""What further sensors were worth in a diagnosis: what they rule out, alone or beside the torque, and what only they
+show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from runtime.diagnosis.further_sensors import BY_LINK, BY_OUTPUT
+from runtime.diagnosis.gates import Evidence
+from runtime.model.terms import Term
+from runtime.motion.motion import Motion
+
+
+@dataclass(frozen=True)
+class SensorWorth:
+    """Of the sensors of one kind.
+
+    columns   of the recordings
+    decided   effects that pass every gate but what this sensor says of them
+    against   other effects that it speaks against
+    shown     effects that it shows and the motor torque does not
+    """
+
+    columns: tuple[str, ...]
+    decided: tuple[Term, ...]
+    against: tuple[Term, ...]
+    shown: tuple[Term, ...]
+
+    def __str__(self) -> str:
+        said = [
+            (self.shown, "shows what the torque does not"),
+            (self.decided, "alone rules out"),
+            (self.against, "speaks against" if not self.decided else "speaks with the torque against"),
+        ]
+        parts = [f"{what} {', '.join(map(str, terms))}" for terms, what in said if terms]
+        found = "; ".join(parts) or "changed nothing: without it the same would have been found"
+        return f"{' and '.join(self.columns)}: {found}"
+
+    def to_json(self) -> dict[str, Any]:
+        groups = {"decided": self.decided, "against": self.against, "shown": self.shown}
+        named = {key: [{"effect": t.effect, "joint": t.joint} for t in terms] for key, terms in groups.items()}
+        return {"columns": list(self.columns), **named, "said": str(self)}
+
+
+def of(motion: Motion, weighed: Iterable[Evidence], named: Sequence[Evidence]) -> tuple[SensorWorth, ...]:
+    """Of every kind of further sensor that all recordings have, what it was worth.
+
+    weighed   all evidence of a diagnosis     named   that of its findings
+    """
+    names = {e.term for e in named}
+    found, everything = [], [e for e in weighed if e.term not in names]
+    for recorded, column, begins in (("twist", "q{}_link", BY_LINK), ("tau_link", "tau{}_link", BY_OUTPUT)):
+        joints = [i for i in range(motion.n) if motion.has(recorded, i)]
+        if not joints:
+            continue
+        said = {e.term: [why.startswith(begins) for why in e.failed] for e in everything}
+        decided = tuple(term for term, by in said.items() if by and all(by))
+        against = tuple(term for term, by in said.items() if any(by) and not all(by))
+        shown = tuple(e.term for e in named if e.twist is not None) if begins == BY_LINK else ()
+        columns = tuple(column.format(i + 1) for i in joints)
+        found.append(SensorWorth(columns, decided, against, shown))
+    return tuple(found)
