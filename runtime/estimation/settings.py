@@ -44,8 +44,8 @@ DELAY_ACCURACY: Final = 0.01
 """parts of such a step; finer, a delay changes no torque within the band; by construction."""
 
 CLEAR_DELAY: Final = 30.0
-"""twice a log-likelihood; a joint's torque is taken at another time where that is so much likelier, as much as an effect
-must be for its name; by construction."""
+"""natural logarithm of a likelihood, twice; a joint's torque is taken at another time where that is so much likelier, as
+much as an effect must be for its name; by construction."""
 
 SMALL_DELAY: Final = 1.0
 """parts of a radian at the cut-off; a delay that is shorter is taken to first order in the torque that is predicted; by
@@ -120,8 +120,8 @@ MOST_LAGS: Final = 12
 
 WHITE_LEAST: Final = 1e-2
 """part of a residual's variance that counts as white; rows end above the band, where its filter leaves less and less of
-noise and model alike, and smoothing takes some of the model: what is weaker than that is not made the most of. The
-correction by white noise of linear prediction, with the filter's attenuation where half of the band's edge is left."""
+noise and of what the model says, and smoothing takes some of that: what is weaker is not made the most of; the white
+noise correction of linear prediction, where the band's filter leaves a hundredth."""
 
 LEAST_UNKNOWN: Final = 1e-4
 """part of a row; an unknown combination of rows of which less is left counts for nothing; rounding."""

@@ -49,8 +49,7 @@ def eliminated(model: Model, motion: Motion, prediction: Prediction) -> Motion:
                 dry = _dry_friction(signals, term, name, i, rest)
                 samples[i] |= _rests(signals, term, name, i, rest) & (dry > floor[i])
                 most[i] = max(most[i], dry.max(where=samples[i], initial=0.0))
-    with np.errstate(divide="ignore"):
-        quiet = np.minimum(motion.quiet, floor / most)
+    quiet = np.minimum(motion.quiet, np.divide(floor, most, out=np.full(model.n, np.inf), where=most > 0))
     pieces = tuple(p.unknown_at(samples, quiet) for p, samples in zip(motion.pieces, unknown, strict=True))
     return replace(motion, pieces=pieces, quiet=quiet)
 

@@ -295,7 +295,7 @@ LINE_BLURRED: Final = 2.0
 by their correlation; by construction."""
 
 LINE_COLOUR: Final = 3
-"""number, the degree of the course of a spectrum's logarithm over the band: slow pushes at one end, an encoder's noise
+"""number, the degree of the course of a spectrum's logarithm over the band; slow pushes at one end, an encoder's noise
 at the other; a choice."""
 
 SLOW_PART: Final = 0.15
