@@ -219,10 +219,16 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
         common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
     solved = problem.solve(shapes, Skew(common.at, "each"))
     spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
-    seen = spread > 0
+    spread *= [problem.heard(i, common.at) for i in range(problem.model.n)]
+    effects = problem.model.library.effects
+    soft = {
+        joint for t in problem.layout.terms if effects[t.effect].gives_way for joint in joints_of(problem.model, t)[:1]
+    }
+    # What gives way delays, too: beside it a time cannot be measured by itself.
+    seen = (spread > 0) & ~np.isin(np.arange(problem.model.n), list(soft))
     own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]
     low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
-    if low - high < SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]:
+    if not seen.any() or (low - high < SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]):
         return replace(common, at=float(np.clip(common.at, *HOLD))), True
     nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
     held = problem.model.n > 1 and HOLD[0] <= nearest <= HOLD[1]
@@ -356,7 +362,7 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
     """
     if motion.rigid_given or not any(grid(r).wavers for r in recordings):
         return motion
-    held = prepare(recordings, replace(motion.band, held=True), model.library)
+    held = prepare(recordings, replace(motion.band, held=True), model)
     signal, command = (solve(model, m, structure(model), None)[1] for m in (motion, held))
     return held if _error(command.residual, signal.weights) < _error(signal.residual, signal.weights) else motion
 

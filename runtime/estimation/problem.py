@@ -281,6 +281,12 @@ class Problem:
             self._lateness[joint] = skew, -self.regressors.skew(joint, skew)[self.motion.moving(joint)]
         return self._lateness[joint][1]
 
+    def heard(self, joint: int, skew: float) -> float:
+        """By how much less sure a joint's shift is for the noise in the torque that is shifted: ratio of deviations."""
+        late = self._late(joint, skew)
+        square = self.regressors.skew_square(joint, late)
+        return float(np.sqrt(late @ late / square)) if square > 0 else 1.0
+
     def _of_joint(self, joint: int, shapes: Mapping[Term, Values]) -> JointEquations:
         """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are, and
         of its own joint's the others' columns."""

@@ -353,7 +353,5 @@ class Regressors:
 
     def skew_square(self, joint: int, skew: Array) -> float:
         """Of such a change (m,) the square without what the torque's white noise makes of it."""
-        band, piece = self.motion.band, self.motion.pieces[0]
-        own = (2 * np.pi * band.cutoff * piece.dt) ** 2 / 3 * band.torque_floor()[joint] ** 2 * len(skew)
         square = float(skew @ skew)
-        return square - min(float(own), MOST_COMPENSATED * square)
+        return square - min(self.motion.skew_noise(joint), MOST_COMPENSATED * square)

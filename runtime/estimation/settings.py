@@ -44,8 +44,8 @@ DELAY_ACCURACY: Final = 0.01
 """parts of such a step; finer, a delay changes no torque within the band; by construction."""
 
 CLEAR_DELAY: Final = 30.0
-"""natural logarithm of a likelihood, twice; a joint's torque is taken at another time where that is so much likelier, as
-much as an effect must be for its name; by construction."""
+"""natural logarithm of a likelihood, twice; a joint's torque is taken at another time where that is so much likelier,
+as much as an effect must be for its name; by construction."""
 
 SMALL_DELAY: Final = 1.0
 """parts of a radian at the cut-off; a delay that is shorter is taken to first order in the torque that is predicted; by
