@@ -22,6 +22,7 @@ from runtime.diagnosis.settings import (
     BIC_APART,
     FINALISTS,
     FINALISTS_OF_A_JOINT,
+    GAP_OVER_NOISE,
     LEAST_DELTA_BIC,
     LEAST_EFFECT,
     LEAST_ERROR_FALL,
@@ -229,7 +230,11 @@ class WhitenedGround:
         share = LEAST_SHARE_OF_ONE if several else LEAST_SHARE
         failed = tuple(text for ok, text in figures.gates(weighing.floor, candidate.at_edge, share) if not ok)
         theta = np.append(1.0, figures.after.coefficients[self.ground.size :])
-        failed += weighing.doubts(theta) + self.witness.doubts(weighing.plain, candidate, block, theta)
+        failed += (
+            self._too_narrow(candidate)
+            + weighing.doubts(theta)
+            + self.witness.doubts(weighing.plain, candidate, block, theta)
+        )
         return Evidence(
             candidate,
             figures.eff,
@@ -240,6 +245,22 @@ class WhitenedGround:
             failed,
             figures.white_after.rank + candidate.searched,
             weighing.residual(figures),
+        )
+
+    def _too_narrow(self, candidate: Candidate) -> tuple[str, ...]:
+        """What speaks against a gap that the encoder does not resolve: where it is crossed is then the encoder's noise,
+        to which the torque of the flanks does not answer in proportion, and which cannot be compensated for."""
+        play = self.field.model.library.effects[candidate.term.effect].of_kind("play")
+        if play is None or candidate.term.joint is None:
+            return ()
+        motion, own = self.field.motion, candidate.term.joint - 1
+        noise = np.sqrt(motion.band.position_density[own] / (2 * motion.pieces[0].dt))
+        least = GAP_OVER_NOISE * max(float(noise), float(motion.band.resolution[own]) / np.sqrt(12))
+        size = candidate.shape[play.name]
+        if size > least:
+            return ()
+        return (
+            f"its {play.name} of {size:.2g} {self.field.model.joints[own].position_unit} is no wider than the {least:.2g} that its encoder resolves",
         )
 
 

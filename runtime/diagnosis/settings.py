@@ -39,6 +39,10 @@ MOST_NOISE: Final = 0.4
 """part of its own torque, of the square; so much a second reading of the encoders may change before it is the encoder's
 torque and not the candidate's; development recordings with coarse encoders."""
 
+GAP_OVER_NOISE: Final = 10.0
+"""standard deviations of the encoder's noise; a gap that is no wider is crossed where the noise says: three of an
+encoder's steps; the rounding of a step is uniform, and either flank may be a step off."""
+
 LEAST_OWN: Final = 1e-4
 """part of a column's square; so much the base must leave of it for the column to count as the candidate's own: a
 hundredth of its size; development recordings."""

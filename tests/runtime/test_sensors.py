@@ -118,7 +118,7 @@ def test_a_gap_without_width_is_a_spring(arm: dict[int, Model]) -> None:
     """A spring, whose link on flanks a hundredth of a milliradian apart moves alike: another integration of the same
     law is no evidence of a gap."""
     made = recorded(Setting(excitation="one_cosine"), ("elasticity", 0, 2400.0), seed=2)
-    assert named(diagnose(arm[1], [made.plain])) == [("elasticity@1", ["backlash@1"])]
+    assert [name for name, _ in named(diagnose(arm[1], [made.plain]))] == ["elasticity@1"]
 
 
 def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap(arm: dict[int, Model]) -> None:
