@@ -256,12 +256,10 @@ class WhitenedGround:
         motion, own = self.field.motion, candidate.term.joint - 1
         noise = np.sqrt(motion.band.position_density[own] / (2 * motion.pieces[0].dt))
         least = GAP_OVER_NOISE * max(float(noise), float(motion.band.resolution[own]) / np.sqrt(12))
-        size = candidate.shape[play.name]
+        size, unit = candidate.shape[play.name], self.field.model.joints[own].position_unit
         if size > least:
             return ()
-        return (
-            f"its {play.name} of {size:.2g} {self.field.model.joints[own].position_unit} is no wider than the {least:.2g} that its encoder resolves",
-        )
+        return (f"its {play.name} of {size:.2g} {unit} is no wider than the {least:.2g} that its encoder resolves",)
 
 
 @dataclass
