@@ -138,8 +138,8 @@ def _error(problem: Problem, theta: Array, identification: Identification) -> fl
 
 
 def _against_numpy(name: str, model: Model, identification: Identification) -> None:
-    """One linear fit, shapes and skew given, by the tool and as one would write it in NumPy."""
-    fit, motion = identification.fit, identification.motion
+    """One linear fit of all rows, shapes and skew given, by the tool and as one would write it in NumPy."""
+    fit, motion = identification.fit, identification.motion.with_standstill
     terms = tuple(fit.shapes)
     reference = NumPyFit(reader.load(ARMS / f"{name}.toml"), terms)
     prediction = identification.problem.regressors.prediction
