@@ -125,25 +125,25 @@ class CandidateField:
                 base.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
                 index = np.append(index, size + k)
         if self.fit.skew_free:
-            base.append(-self.problem.regressors.skew(joint, self.fit.skew)[None])
+            base.append(-self.problem.regressors.skew(joint)[None])
             index = np.append(index, size + len(steps))
         if joint in smoothed:
             base.append(smoothed[joint][None])
             index = np.append(index, size + len(steps) + self.fit.skew_free)
         columns = np.vstack(base)
         silent = np.zeros((len(columns) - len(noise[0]), columns.shape[1]))
-        rms, eliminated = self.rms(joint), self.motion.eliminated(joint)
+        rms, use = self.rms(joint), self.motion.moving(joint)
         return Rows(
             y=self.motion.torque(joint, self.fit.skew) - fixed,
             base=columns,
             noise=np.vstack([*noise, silent, -fixed_noise[None]]),
             index=index,
-            use=self.motion.moving(joint),
+            use=use,
             piece=self.motion.row_piece,
             weight=1 / rms if rms else 0.0,
-            directions=eliminated,
+            directions=self.motion.eliminated(joint),
             clear=self.motion.untouched(joint),
-            dependent=eliminated.shape[1],
+            dependent=self.motion.dependent(joint, use),
         )
 
     def rms(self, joint: int) -> float:
@@ -175,7 +175,7 @@ class CandidateField:
                 piece=motion.row_piece,
                 directions=motion.eliminated(i),
                 clear=r.use[rows] & motion.untouched(i),
-                dependent=motion.eliminated(i).shape[1],
+                dependent=motion.dependent(i, r.use[rows] & motion.moving(i)),
             )
             for i, r in enumerate(self.ground.rows)
         )

@@ -20,6 +20,7 @@ from runtime.diagnosis.settings import (
     MOST_PAIRS,
     MOST_RIVALS,
     PAIR_WORTH_FITTING,
+    SHOWN_ALIKE,
 )
 from runtime.diagnosis.steps import Finding, Step, seconds_moving
 from runtime.diagnosis.trail import Trail, with_shown
@@ -151,7 +152,9 @@ class Search(Trail):
             return None
         (evidence,) = verdict.ranked
         after = self._with(before, evidence.candidate)
-        return Finding(evidence, (), verdict, before, after) if worth_its_name(before, after, one.term) else None
+        if not worth_its_name(before, after, one.term) or not _as_shown(after, one):
+            return None
+        return Finding(evidence, (), verdict, before, after)
 
     def _forward(self, step: Step) -> Finding | None:
         able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
@@ -343,6 +346,13 @@ class Search(Trail):
         alone = rank(self._field_of(last.before), [last.term], last.before.floors).best
         if alone is not None:
             self.findings[-1] = replace(last, evidence=alone)
+
+
+def _as_shown(after: Step, one: Witnessed) -> bool:
+    """Whether a fit to the torque has a transmission about as its encoders show it: what else the torque lacks would
+    bend it to anything."""
+    fitted = after.identification.inference.values[one.term]
+    return all(1 / SHOWN_ALIKE < fitted[name].value / e.value < SHOWN_ALIKE for name, e in one.values.items())
 
 
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:

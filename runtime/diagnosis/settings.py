@@ -39,6 +39,10 @@ MOST_NOISE: Final = 0.4
 """part of its own torque, of the square; so much a second reading of the encoders may change before it is the encoder's
 torque and not the candidate's; development recordings with coarse encoders."""
 
+SHOWN_ALIKE: Final = 2.0
+"""ratio; a transmission's value that a fit to the torque moves further from what its encoders show stands for something
+else there; a choice."""
+
 GAP_OVER_NOISE: Final = 10.0
 """standard deviations of the encoder's noise; a gap that is no wider is crossed where the noise says: three of an
 encoder's steps; the rounding of a step is uniform, and either flank may be a step off."""

@@ -186,7 +186,7 @@ def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
             rows[i] = np.vstack([rows[i], _difference(sides, fit, i)])
     if fit.skew_free:
         names.append("skew")
-        rows = [np.vstack([r, -problem.regressors.skew(i, fit.skew)]) for i, r in enumerate(rows)]
+        rows = [np.vstack([r, -problem.regressors.skew(i)]) for i, r in enumerate(rows)]
     return names, rows
 
 
@@ -260,10 +260,7 @@ def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[
     bread = np.zeros((size, size))
     for i, x in enumerate(jacobian):
         use, w = motion.moving(i), problem.weights[i]
-        part = x[:, use] @ x[:, use].T
-        if fit.skew_free:
-            part[-1, -1] = problem.regressors.skew_square(i, x[-1, use])
-        bread += w**2 * part
+        bread += w**2 * x[:, use] @ x[:, use].T
         contribution = x * (w**2 * fit.residual[i])
         for k in range(size):
             scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))

@@ -65,7 +65,7 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     found = minimize_scalar(
         left, bounds=(best - step, best + step), method="bounded", options={"xatol": DELAY_ACCURACY * step}
     )
-    rows = int(use.sum()) - problem.motion.eliminated(joint).shape[1]
+    rows = int(use.sum()) - problem.motion.dependent(joint, use)
     clear = rows * np.log(left(0.0) / max(float(found.fun), 1e-300)) > CLEAR_DELAY
     return float(found.x) if clear else 0.0
 

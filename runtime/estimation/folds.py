@@ -84,7 +84,7 @@ class NormalEquations:
     @cached_property
     def count(self) -> int:
         """Number of rows of all folds."""
-        return int(self.sizes.sum())
+        return round(float(self.sizes.sum()))
 
     @cached_property
     def bic(self) -> float:

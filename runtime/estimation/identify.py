@@ -38,6 +38,7 @@ from runtime.estimation.settings import (
     SKEW_RANGE,
     SKEW_SIGMAS,
     SKEWS_APART,
+    SOFT_SKEW_PASSES,
 )
 from runtime.estimation.torque_lines import motor_angle
 from runtime.model.loader import Model
@@ -213,17 +214,17 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     delays by half a sample: Åström & Wittenmark, Computer-Controlled Systems, 1997. That joints are sampled alike
     where the intervals of all their shifts meet is a union-intersection test, Roy 1953.
     """
-    common = skew
-    for _ in range(2):
-        shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
-        common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
-    solved = problem.solve(shapes, Skew(common.at, "each"))
-    spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
-    spread *= [problem.heard(i, common.at) for i in range(problem.model.n)]
     effects = problem.model.library.effects
     soft = {
         joint for t in problem.layout.terms if effects[t.effect].gives_way for joint in joints_of(problem.model, t)[:1]
     }
+    common = skew
+    # Noise in the torque that is shifted shortens the steps; beside what gives way they are no short ones.
+    for _ in range(SOFT_SKEW_PASSES if soft else 2):
+        shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
+        common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
+    solved = problem.solve(shapes, Skew(common.at, "each"))
+    spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
     # What gives way delays, too: beside it a time cannot be measured by itself.
     seen = (spread > 0) & ~np.isin(np.arange(problem.model.n), list(soft))
     own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]

@@ -194,7 +194,7 @@ class Problem:
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._equations: dict[tuple[Hashable, ...], JointEquations] = {}
         self._last: dict[int, JointEquations] = {}
-        self._lateness: dict[int, tuple[float, Array]] = {}
+        self._lateness: dict[int, Array] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
         """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
@@ -257,12 +257,12 @@ class Problem:
             here = equations.unknowns
             gram[here[:, None], here] += weight * equations.gram
             moment[here] += weight * (equations.moment(y) + equations.noise_moment)
-            late = self._late(i, skew.at) if columns.size else None
+            late = self._late(i) if columns.size else None
             if late is not None:
                 cross = weight * equations.moment(late)
                 gram[here, at] += cross
                 gram[at, here] += cross
-                gram[at, at] += weight * self.regressors.skew_square(i, late)
+                gram[at, at] += weight * (late @ late)
                 moment[at] += weight * (late @ y)
             parts.append((equations, y, late, at, use))
         free = np.full(columns.size, np.inf)
@@ -275,17 +275,11 @@ class Problem:
             residual.append(_spread(left if late is None else left - theta[at] * late, use))
         return Solved(theta[:size], theta[size:], gram, residual)
 
-    def _late(self, joint: int, skew: float) -> Array:
-        """(m,) what a joint's rows lose as its torque, taken `skew` samples late, is taken a sample later."""
-        if joint not in self._lateness or self._lateness[joint][0] != skew:
-            self._lateness[joint] = skew, -self.regressors.skew(joint, skew)[self.motion.moving(joint)]
-        return self._lateness[joint][1]
-
-    def heard(self, joint: int, skew: float) -> float:
-        """By how much less sure a joint's shift is for the noise in the torque that is shifted: ratio of deviations."""
-        late = self._late(joint, skew)
-        square = self.regressors.skew_square(joint, late)
-        return float(np.sqrt(late @ late / square)) if square > 0 else 1.0
+    def _late(self, joint: int) -> Array:
+        """(m,) what a joint's rows lose as its torque is taken a sample later."""
+        if joint not in self._lateness:
+            self._lateness[joint] = -self.regressors.skew(joint)[self.motion.moving(joint)]
+        return self._lateness[joint]
 
     def _of_joint(self, joint: int, shapes: Mapping[Term, Values]) -> JointEquations:
         """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are, and

@@ -63,7 +63,7 @@ def told(
 def _exchanges(reading: Reading) -> list[tuple[tuple[int, int], tuple[str, ...]]]:
     """Joints (0-based) in each other's place, and of what."""
     found: dict[tuple[int, int], tuple[str, ...]] = {}
-    for what, places in (("q", reading.positions), ("tau", reading.torques)):
+    for what, places in (("positions", reading.positions), ("torques", reading.torques)):
         for i, source in enumerate(places):
             if i < source:
                 found[i, source] = (*found.get((i, source), ()), what)
@@ -126,7 +126,7 @@ class _Voice:
         said = f"what is recorded as {columns} fits joint {b}, and that of joint {b} fits joint {a}"
         if len(what) == 1:
             said = f"tau{a} follows the motion of joint {b}, and tau{b} that of joint {a}"
-        option_of = {"q": self.position, "tau": self.torque}
+        option_of = {"positions": self.position, "torques": self.torque}
         maps = tuple(option_of[name](joint) for name in what for joint in (one, other))
         expected = "expected position and torque of a joint under its own number: pass"
         return Suspicion(a, "exchanged", said, f"{expected} {' '.join(maps)}", maps)

@@ -58,16 +58,16 @@ class Reading:
         return replace(self, degrees=self.degrees | set(joints))
 
     def exchanged(self, one: int, other: int, what: Sequence[str]) -> Reading:
-        """With positions ("q"), torques ("tau") or both of two joints in each other's place."""
+        """With positions ("positions"), torques ("torques") or both of two joints in each other's place."""
 
         def swapped(places: tuple[int, ...]) -> tuple[int, ...]:
             return tuple(places[{one: other, other: one}.get(i, i)] for i in range(len(places)))
 
         found = self
-        if "q" in what:
+        if "positions" in what:
             moved = frozenset({one: other, other: one}.get(i, i) for i in self.degrees)
             found = replace(found, positions=swapped(found.positions), degrees=moved)
-        if "tau" in what:
+        if "torques" in what:
             found = replace(found, torques=swapped(found.torques), signs=swapped(found.signs))
         return found
 

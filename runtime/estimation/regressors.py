@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.settings import MOST_COMPENSATED, SLOPE_STEP
+from runtime.estimation.settings import SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
 from runtime.model.terms import Prediction, Term, given, joints_of
@@ -344,14 +344,6 @@ class Regressors:
         later = motion.torque_ahead(joint, ahead.skew, time)
         return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
 
-    def skew(self, joint: int, at: float) -> Array:
-        """(M,) change of the in-band torque, taken `at` samples late, when it is taken one sample later.
-
-        A central difference there: beside the torque of any other place its noise would speak for a shift.
-        """
-        return self.motion.torque(joint, at + 0.5) - self.motion.torque(joint, at - 0.5)
-
-    def skew_square(self, joint: int, skew: Array) -> float:
-        """Of such a change (m,) the square without what the torque's white noise makes of it."""
-        square = float(skew @ skew)
-        return square - min(self.motion.skew_noise(joint), MOST_COMPENSATED * square)
+    def skew(self, joint: int) -> Array:
+        """(M,) change of the in-band torque when it is taken one sample later."""
+        return self.motion.torque(joint, 0.5) - self.motion.torque(joint, -0.5)

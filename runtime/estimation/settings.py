@@ -26,6 +26,10 @@ SKEWS_APART: Final = 0.25
 """samples; joints whose skews differ by more, beyond their errors, are not sampled alike, and something delays a
 torque; development recordings with delays."""
 
+SOFT_SKEW_PASSES: Final = 8
+"""number of steps in which a shift beside a transmission that gives way is sought; each is shortened by the noise of
+the torque, to a third at least on development recordings; a choice."""
+
 SKEW_SIGMAS: Final = 4.0
 """standard deviations of white rows; they are smaller than those of rows that hang together, for which so many stand
 in; development recordings with delays."""

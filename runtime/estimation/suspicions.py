@@ -34,7 +34,7 @@ from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
 
-_EXCHANGES = (("tau",), ("q",), ("q", "tau"))
+_EXCHANGES = (("torques",), ("positions",), ("positions", "torques"))
 """What two joints may have in each other's place: drivers log joints in the order of their names."""
 
 

@@ -211,7 +211,7 @@ def _joint(
     base = [row for row in x if np.any(row != 0)]
     if not any("torque_rate" in model.library.needs[r.term.effect] for r in bench.rivals):
         # The skew between torque and motion is estimated, unless a delay of the drive is in question itself.
-        base.append(problem.regressors.skew(joint, 0.0))
+        base.append(problem.regressors.skew(joint))
     rows = [*base, *(_torque(bench, motion, rival, joint) for rival in bench.rivals)]
     for rival, choices in zip(bench.rivals, shapes, strict=True):
         size = 1 + len(model.library.effects[rival.term.effect].coefficients)

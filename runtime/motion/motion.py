@@ -172,14 +172,6 @@ class Piece:
         denser = 1 / (2 * self.low_pass.cutoff * self.dt * self.low_pass.factor)
         return np.maximum(1 - denser * (1 - self.without[joint].left), 0.0)
 
-    def skew_noise(self, joint: int, density: float, seed: int) -> Array:
-        """(m,) rows that count of a joint (0-based): by how much white noise of its torque changes if it is taken one
-        sample later."""
-        noise = np.random.default_rng((joint, seed)).standard_normal(len(self.t)) * np.sqrt(density / (2 * self.dt))
-        change = self.equation(_late(self, noise, 0.5) - _late(self, noise, -0.5), joint)
-        found: Array = change[self.moving(joint)]
-        return found
-
     def resting(self, standstill: Array, quiet: Array) -> Piece:
         """The piece with joints at rest below these rates (n,); quiet (n,): torque noise in the band over what dry
         friction may come to there."""
@@ -283,6 +275,11 @@ class Motion:
         """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left."""
         return np.concatenate([p.noise_left(joint) for p in self.pieces])
 
+    def dependent(self, joint: int, use: Mask) -> int:
+        """How many of some of the joint's rows (0-based), use (M,), follow from the others by what was eliminated."""
+        left = [p.without[joint].left if p.without else np.ones(len(p.centres)) for p in self.pieces]
+        return round(float(np.sum(1 - np.concatenate(left)[use])))
+
     def eliminated(self, joint: int) -> sparse.csr_array:
         """(M, K) combinations of the joint's rows (0-based) that were eliminated."""
         return sparse.csr_array(sparse.block_diag([p.eliminated(joint) for p in self.pieces], format="csr"))
@@ -335,18 +332,6 @@ class Motion:
     def recorded(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded, whole."""
         return np.concatenate([_late(p, p.tau[joint], skew) for p in self.pieces])
-
-    def skew_noise(self, joint: int) -> float:
-        """The sum of squares, over rows that count, of what white noise in a joint's torque (0-based) changes there
-        when it is taken one sample later: of one realisation, as what is eliminated leaves no short rule."""
-        if joint not in self._skew_noises:
-            parts = (p.skew_noise(joint, self.band.torque_density[joint], k) for k, p in enumerate(self.pieces))
-            self._skew_noises[joint] = float(sum(x @ x for x in parts))
-        return self._skew_noises[joint]
-
-    @cached_property
-    def _skew_noises(self) -> dict[int, float]:
-        return {}
 
     @cached_property
     def _torques(self) -> dict[int, dict[float, Array]]:

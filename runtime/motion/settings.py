@@ -191,6 +191,10 @@ STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, and a clean encoder would else call it motion; development
 recordings."""
 
+FRICTION_SIGMAS: Final = 2.0
+"""standard deviations of white rows; so much more dry friction than was found may be unknown at rest; a normal variable
+is beyond it once in forty; too much of it costs a few rows, too little leaves a torque in them."""
+
 UNKNOWN_OVER_NOISE: Final = 0.3
 """ratio to the torque noise in the band; a combination of rows is eliminated if all that dry friction may hold at rest
 could come to more in it; what is left in is then small beside the noise, also where it comes back; by construction."""
@@ -198,6 +202,13 @@ could come to more in it; what is left in is then small beside the noise, also w
 DENSE_DIRECTIONS: Final = 40_000
 """number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
 time, it decides no result."""
+
+LET_IN: Final = (1.0, 3.0, 10.0, 30.0)
+"""ratios to that, one after another, where a joint rests so often that too little is left; a friction that changes its
+side from rest to rest mostly cancels; real recordings of a motor with magnets that hold it."""
+
+LEAST_LEFT: Final = 0.5
+"""part of the rows that no rest holds whole; with less left the unknown torques have taken over; a choice."""
 
 SAME_DIRECTION: Final = 1e-3
 """part of a row; combinations of rows that differ by less are one; rounding."""

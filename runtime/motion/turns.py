@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.motion.settings import RATE_BLUR
+from runtime.motion.settings import FRICTION_SIGMAS, RATE_BLUR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,12 +29,20 @@ def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
 
 
 def dry_friction(q: Array, qd: Array, qdd: Array, rigid: Array, tau: Array) -> float:
-    """N m (N), about: the jump of a torque where a joint turns, beside what is smooth in its own motion, (M,) each, and
-    what the arm's rigid bodies may ask of it, rigid (k, M): the other joints' motion asks more of a heavy one."""
+    """N m (N), as much as it may be: the jump of a torque where a joint turns, beside what is smooth in its own motion,
+    (M,) each, and what the arm's rigid bodies may ask of it, rigid (k, M): the other joints' motion asks more of a
+    heavy one.
+
+    A joint that hardly runs in one direction does not tell its friction from an offset; none would be the one wrong
+    answer, as its turns would then pass for known.
+    """
     if not len(q):
         return 0.0
     columns = np.vstack([np.sign(qd), qd, qdd, np.ones_like(q), np.sin(q), np.cos(q), rigid])
     size = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
     columns /= size[:, None]
-    found = np.linalg.lstsq(columns @ columns.T, columns @ tau, rcond=1e-9)[0]
-    return max(float(found[0] / size[0]), 0.0)
+    inverse = np.linalg.pinv(columns @ columns.T, rcond=1e-9, hermitian=True)
+    found = inverse @ (columns @ tau)
+    left = float(np.linalg.norm(tau - found @ columns)) / np.sqrt(len(q))
+    most = (float(found[0]) + FRICTION_SIGMAS * left * np.sqrt(max(float(inverse[0, 0]), 0.0))) / float(size[0])
+    return max(most, 0.0)

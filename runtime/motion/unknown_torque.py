@@ -13,7 +13,14 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import DENSE_DIRECTIONS, LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
+from runtime.motion.settings import (
+    DENSE_DIRECTIONS,
+    LEAST_LEFT,
+    LEAST_OF_ROW,
+    LET_IN,
+    SAME_DIRECTION,
+    UNKNOWN_OVER_NOISE,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,31 +48,17 @@ class UnknownTorque:
 
     @classmethod
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
-        """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to."""
-        rows, kernel = len(low_pass.centres(len(unknown))), 2 * low_pass.half
-        left, least = np.ones(rows), max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION)
-        alike: dict[tuple[int, int, int], Array] = {}
-        found: list[tuple[slice, Array]] = []
-        for run in _runs(unknown):
-            if run.stop - run.start > 2 * kernel:
-                # Deep inside no kernel reaches what is known.
-                ends = slice(run.start, run.start + kernel), slice(run.stop - kernel, run.stop)
-                inside = low_pass.rows(slice(run.start + low_pass.half, run.stop - low_pass.half), 0, rows)
-                left[inside] = 0.0
-                parts = [(ends[0], slice(0, inside.start)), (ends[1], slice(inside.stop, rows))]
-            else:
-                parts = [(run, slice(0, rows))]
-            for samples, among in parts:
-                reached = low_pass.rows(samples, low_pass.half, rows)
-                reached = slice(max(reached.start, among.start), min(reached.stop, among.stop))
-                # What a row has of a sample hangs on how far they are apart alone.
-                apart = samples.start - low_pass.factor * reached.start
-                key = (apart, samples.stop - samples.start, reached.stop - reached.start)
-                if key not in alike:
-                    alike[key] = _basis(low_pass.response(samples, reached), least)
-                left[reached] -= (alike[key] ** 2).sum(axis=1)
-                found.append((reached, alike[key]))
-        return cls(unknown, quiet, _side_by_side(found, rows), left, left > LEAST_OF_ROW)
+        """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to.
+
+        A joint that rests every few samples would have no rows left: there more of the torque is let in, as little as
+        leaves half of them.
+        """
+        for times in LET_IN:
+            left, found = _eliminated(low_pass, unknown, max(times * UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
+            if left.sum() >= LEAST_LEFT * np.count_nonzero(left):
+                break
+        left = np.maximum(left, 0.0)
+        return cls(unknown, quiet, _side_by_side(found, len(left)), left, left > LEAST_OF_ROW)
 
     def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
         """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
@@ -109,6 +102,38 @@ class UnknownTorque:
             flat = x.reshape(-1, x.shape[-1]).T
             left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ flat))
         return np.ascontiguousarray(left.T).reshape(x.shape)
+
+
+def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, list[tuple[slice, Array]]]:
+    """(M,) part of each row that is left without what a torque of at most 1 at samples (N,) puts more than `least`
+    into, exactly 0 deep inside a rest; and by runs of samples the rows that they reach and their combinations (m, k).
+
+    Combinations of runs that reach the same rows count twice in what is left, which may be less than nothing.
+    """
+    rows, kernel = len(low_pass.centres(len(unknown))), 2 * low_pass.half
+    left = np.ones(rows)
+    alike: dict[tuple[int, int, int], Array] = {}
+    found: list[tuple[slice, Array]] = []
+    for run in _runs(unknown):
+        if run.stop - run.start > 2 * kernel:
+            # Deep inside no kernel reaches what is known.
+            ends = slice(run.start, run.start + kernel), slice(run.stop - kernel, run.stop)
+            inside = low_pass.rows(slice(run.start + low_pass.half, run.stop - low_pass.half), 0, rows)
+            left[inside] = 0.0
+            parts = [(ends[0], slice(0, inside.start)), (ends[1], slice(inside.stop, rows))]
+        else:
+            parts = [(run, slice(0, rows))]
+        for samples, among in parts:
+            reached = low_pass.rows(samples, low_pass.half, rows)
+            reached = slice(max(reached.start, among.start), min(reached.stop, among.stop))
+            # What a row has of a sample hangs on how far they are apart alone.
+            apart = samples.start - low_pass.factor * reached.start
+            key = (apart, samples.stop - samples.start, reached.stop - reached.start)
+            if key not in alike:
+                alike[key] = _basis(low_pass.response(samples, reached), least)
+            left[reached] -= (alike[key] ** 2).sum(axis=1)
+            found.append((reached, alike[key]))
+    return left, found
 
 
 def _runs(there: Mask) -> Iterator[slice]:

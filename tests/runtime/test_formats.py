@@ -363,7 +363,8 @@ def test_without_a_header(tmp_path):
         np.savetxt(path, table, delimiter=delimiter, fmt="%.17g")
         if comma:
             path.write_text(path.read_text().replace(".", ","))
-        expected = "a.csv: its first line is no header but 5 numbers; name its 5 columns with --columns t,q1,tau1"
+        given = "a.csv: its first line is no header but 5 numbers"
+        expected = f"{given}; name its 5 columns with --columns t,q1,q2,tau1,tau2"
         assert said(path) == expected
         names = {name: f"#{k}" for k, name in enumerate(("t", "q1", "q2", "tau1", "tau2"), 1)}
         r = read(path, ARM, names)

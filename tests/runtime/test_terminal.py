@@ -169,7 +169,7 @@ def long_arm(n: int) -> dict[str, Any]:
         "verdict": "clean",
         "reason": "nothing is left",
         "would_have_seen": [{**seen, "joint": i, "above": 1.5 * i} for i in range(1, n)],
-        **dict.fromkeys(("ruled_out", "peaks", "encoder_skew", "delay"), ()),
+        **dict.fromkeys(("ruled_out", "peaks", "encoder_skew", "sensors", "delay"), ()),
     }
 
 
