@@ -20,6 +20,10 @@ from runtime.recordings.units import UNITS
 Array = NDArray[np.float64]
 
 
+RATIO = "ratio"
+"""The gear's, which is missing."""
+
+
 @dataclass(frozen=True)
 class ByFactor:
     """Mistakes, together, that explain a joint's inertia, and it as fitted and as stated, kg m² (kg).
@@ -34,9 +38,9 @@ class ByFactor:
 
 
 _TOGETHER = (
-    *(("degrees",), ("milli",), ("ratio",), ("current",), ("current", "milli")),
-    *(("degrees", "ratio"), ("degrees", "milli"), ("degrees", "current"), ("degrees", "current", "milli")),
-    ("milli", "ratio"),
+    *(("degrees",), ("milli",), (RATIO,), ("current",), ("current", "milli")),
+    *(("degrees", RATIO), ("degrees", "milli"), ("degrees", "current"), ("degrees", "current", "milli")),
+    ("milli", RATIO),
 )
 """What is made wrong alone or together, the likeliest first."""
 
@@ -71,7 +75,7 @@ def _sizes(identification: Identification, joint: int, reading: Reading) -> dict
     info, motion = identification.model.joints[joint], identification.motion
     sizes = {"milli": UNITS["mA"][1]}
     if info.gear_ratio > LEAST_TELLING_RATIO:
-        sizes["ratio"] = info.gear_ratio
+        sizes[RATIO] = info.gear_ratio
     if info.torque_constant is not None and f"tau{reading.torques[joint] + 1}" not in motion.units:
         sizes["current"] = info.torque_constant
     wide = turns(motion, reading.positions[joint]) > 1

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.factors import ByFactor
+from runtime.estimation.factors import RATIO, ByFactor
 from runtime.estimation.identify import Identification
-from runtime.estimation.readings import Reading, turns
+from runtime.estimation.readings import POSITION, TORQUE, Reading, turns
 from runtime.recordings.cures import in_unit, option, turned_round
 from runtime.recordings.units import UNITS, normal
 from runtime.wording import number
@@ -56,14 +56,14 @@ def told(
     found += [voice.degrees(i) for i in sorted(voice.in_degrees)]
     found += [voice.exchanged(*pair, what) for pair, what in _exchanges(reading)]
     found += [voice.unit_of(i) for i in sorted(voice.unit)]
-    found += [voice.ratio(i) for i, factor in sorted(by_factor.items()) if "ratio" in factor.kinds]
+    found += [voice.ratio(i) for i, factor in sorted(by_factor.items()) if RATIO in factor.kinds]
     return tuple(found)
 
 
 def _exchanges(reading: Reading) -> list[tuple[tuple[int, int], tuple[str, ...]]]:
     """Joints (0-based) in each other's place, and of what."""
     found: dict[tuple[int, int], tuple[str, ...]] = {}
-    for what, places in (("positions", reading.positions), ("torques", reading.torques)):
+    for what, places in ((POSITION, reading.positions), (TORQUE, reading.torques)):
         for i, source in enumerate(places):
             if i < source:
                 found[i, source] = (*found.get((i, source), ()), what)
@@ -126,7 +126,7 @@ class _Voice:
         said = f"what is recorded as {columns} fits joint {b}, and that of joint {b} fits joint {a}"
         if len(what) == 1:
             said = f"tau{a} follows the motion of joint {b}, and tau{b} that of joint {a}"
-        option_of = {"positions": self.position, "torques": self.torque}
+        option_of = {POSITION: self.position, TORQUE: self.torque}
         maps = tuple(option_of[name](joint) for name in what for joint in (one, other))
         expected = "expected position and torque of a joint under its own number: pass"
         return Suspicion(a, "exchanged", said, f"{expected} {' '.join(maps)}", maps)

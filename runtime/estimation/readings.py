@@ -28,6 +28,8 @@ from runtime.recordings.units import UNITS
 Array = NDArray[np.float64]
 
 DEGREE = UNITS["deg"][1]
+POSITION, TORQUE = "q", "tau"
+"""What a recording has of each joint, as its columns are called."""
 """rad."""
 
 
@@ -58,16 +60,16 @@ class Reading:
         return replace(self, degrees=self.degrees | set(joints))
 
     def exchanged(self, one: int, other: int, what: Sequence[str]) -> Reading:
-        """With positions ("positions"), torques ("torques") or both of two joints in each other's place."""
+        """With positions, torques or both of two joints in each other's place."""
 
         def swapped(places: tuple[int, ...]) -> tuple[int, ...]:
             return tuple(places[{one: other, other: one}.get(i, i)] for i in range(len(places)))
 
         found = self
-        if "positions" in what:
+        if POSITION in what:
             moved = frozenset({one: other, other: one}.get(i, i) for i in self.degrees)
             found = replace(found, positions=swapped(found.positions), degrees=moved)
-        if "torques" in what:
+        if TORQUE in what:
             found = replace(found, torques=swapped(found.torques), signs=swapped(found.signs))
         return found
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from runtime.estimation import factors, put_right
 from runtime.estimation.identify import Identification
 from runtime.estimation.put_right import Suspicion as Suspicion
-from runtime.estimation.readings import Reading, Readings, turns
+from runtime.estimation.readings import POSITION, TORQUE, Reading, Readings, turns
 from runtime.estimation.settings import (
     DOUBTED_RATIO,
     EXCHANGED_FALLS_TO,
@@ -34,7 +34,7 @@ from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
 
-_EXCHANGES = (("torques",), ("positions",), ("positions", "torques"))
+_EXCHANGES = ((TORQUE,), (POSITION,), (POSITION, TORQUE))
 """What two joints may have in each other's place: drivers log joints in the order of their names."""
 
 

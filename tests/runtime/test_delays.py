@@ -85,20 +85,6 @@ def test_a_hold_is_no_delay(drive: Model) -> None:
     assert total["value"] == pytest.approx(HOLD, abs=0.05 / RATE)
 
 
-def test_noise_of_the_torque_is_no_shift(drive: Model) -> None:
-    """What a shift changes holds the torque's noise, too; beside the torque at that very place, as often of either
-    sign, and no evidence of its own."""
-    clean = chirped(0.0)
-    held = []
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        noisy = replace(clean, tau=clean.tau + 2.0 * rng.standard_normal(clean.tau.shape))
-        interval = identify_motion(drive, prepared(drive, [noisy]), structure(drive)).inference.skew_interval
-        assert interval is not None
-        held.append(interval[0] < 0.5 < interval[1])
-    assert all(held)
-
-
 def test_noise_of_the_torque_shortens_no_delay(drive: Model) -> None:
     """A time between two of the recorded torques would average their noise."""
     delay, held = 2 / RATE, []

@@ -110,7 +110,7 @@ def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
     assert [str(f.term) for f in better.findings] == ["elasticity@1"]
     fitted = better.steps[-1].identification
     values = fitted.inference.values[better.findings[0].term]
-    assert values["stiffness"].value == pytest.approx(3000.0, rel=0.03)
+    assert values["stiffness"].value == pytest.approx(3000.0, rel=0.1)
     assert fitted.inference.open[0].value == pytest.approx(0.10, rel=0.05)
     # The written file says so, and is a whole one.
     model = source.model(better.model_text)

@@ -33,7 +33,7 @@ def named(found: Diagnosis) -> list[str]:
 @pytest.mark.parametrize("seed", [1, slow(2), slow(3), slow(4)])
 def test_gravity_that_is_left_out_belongs_to_the_load(seed: int, opened) -> None:
     found = diagnose(opened(), [record(Upright(gravity=9.81, by_load=0.1 + 0.05 * seed), seed)])
-    assert named(found) == ["gravity", "load_friction@1"]
+    assert sorted(named(found)) == ["gravity", "load_friction@1"]
     values = found.steps[-1].identification.inference.values
     # A weight that hardly turns is nearly an offset, which the friction of the two directions holds, too.
     assert values[Term("gravity")]["gy"].value == pytest.approx(-9.81, rel=0.1)
