@@ -115,7 +115,9 @@ def unknown(place: Place, what: str, key: str, known: tuple[str, ...]) -> NoRetu
 
 
 def did_you_mean(key: str, known: tuple[str, ...]) -> str:
-    """A half sentence with the known name that a mistyped one most likely means. known: at least one."""
+    """A half sentence with the known name that a mistyped one most likely means."""
+    if not known:
+        return "there is none to name"
     close = nearest(key, known)
     if close:
         return f'did you mean "{close}"?'
