@@ -33,6 +33,7 @@ from runtime.diagnosis.worth import (
     preferred,
     refuted,
     squared,
+    told,
     worth_its_name,
 )
 from runtime.estimation.suspicions import Suspicion
@@ -225,7 +226,8 @@ class Search(Trail):
         return other
 
     def _pair(self, step: Step, single: Finding | None) -> tuple[Finding, Finding] | None:
-        """Two effects that together explain clearly more than the best one with any second beside it."""
+        """Two effects that together explain clearly more than the best one with any second beside it; not in the place
+        of one whose values the data tell if they do not tell theirs."""
         if single is None and not any(e.delta_bic > LEAST_DELTA_BIC for e in self.last.ranked):
             return None
         ground = self._field_of(step)
@@ -243,6 +245,8 @@ class Search(Trail):
         plain, scores, alternatives = scores[0], scores[1 : 1 + len(steps)], scores[1 + len(steps) :]
         best = int(np.argmin(scores))
         if plain - scores[best] < LEAST_DELTA_BIC or any(b - scores[best] < BIC_APART for b in alternatives):
+            return None
+        if single and told(single.after, single.term) and not all(told(steps[best], t) for t in others[best].terms):
             return None
         near = [p for p, score in zip(others, scores, strict=True) if 0 < score - scores[best] < BIC_APART]
         return self._both(step, others[best], steps[best], near)

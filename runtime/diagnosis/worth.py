@@ -26,7 +26,7 @@ from runtime.estimation.covariance import Estimate
 from runtime.estimation.settings import INTERVAL_SIGMAS
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.model.terms import Term, joints_of
+from runtime.model.terms import Term, joints_of, structure
 from symbolic.described import DescribedParameter
 
 
@@ -64,10 +64,13 @@ def worse_elsewhere(before: Step, after: Step) -> bool:
 
 def foretold(before: Step, after: Step) -> bool:
     """Whether recordings that were not fitted are explained so much better that the values must be near the truth,
-    however wide their intervals: several of them may do for each other."""
+    however wide their intervals: several of them may do for each other. What was found before and told shall stay so.
+    """
     if before.held_out is None or after.held_out is None:
         return False
-    return squared(after.held_out) < FORETOLD * squared(before.held_out)
+    given = structure(before.identification.model)
+    found = [t for t in before.values if t not in given and t in after.values and told(before, t)]
+    return squared(after.held_out) < FORETOLD * squared(before.held_out) and all(told(after, t) for t in found)
 
 
 def squared(errors: Errors) -> float:

@@ -203,9 +203,8 @@ DENSE_DIRECTIONS: Final = 40_000
 """number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
 time, it decides no result."""
 
-LET_IN: Final = (1.0, 3.0, 10.0, 30.0)
-"""ratios to that, one after another, where a joint rests so often that too little is left; a friction that changes its
-side from rest to rest mostly cancels; real recordings of a motor with magnets that hold it."""
+RESOLVED_REST: Final = 1.0
+"""periods of the cut-off; the band does not resolve a rest that is shorter; by construction."""
 
 LEAST_LEFT: Final = 0.5
 """part of the rows that no rest holds whole; with less left the unknown torques have taken over; a choice."""

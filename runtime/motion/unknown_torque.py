@@ -17,7 +17,7 @@ from runtime.motion.settings import (
     DENSE_DIRECTIONS,
     LEAST_LEFT,
     LEAST_OF_ROW,
-    LET_IN,
+    RESOLVED_REST,
     SAME_DIRECTION,
     UNKNOWN_OVER_NOISE,
 )
@@ -50,13 +50,16 @@ class UnknownTorque:
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
         """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to.
 
-        A joint that rests every few samples would have no rows left: there more of the torque is let in, as little as
-        leaves half of them.
+        A joint that is stopped again and again would have no rows left. There its torque counts as known in rests that
+        the band does not resolve, in which friction comes and goes within a period of the cut-off.
         """
-        for times in LET_IN:
-            left, found = _eliminated(low_pass, unknown, max(times * UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
-            if left.sum() >= LEAST_LEFT * np.count_nonzero(left):
-                break
+        least = max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION)
+        left, found = _eliminated(low_pass, unknown, least)
+        if left.sum() < LEAST_LEFT * np.count_nonzero(left):
+            lasting = np.zeros(len(unknown), dtype=bool)
+            for run in _runs(unknown):
+                lasting[run] = run.stop - run.start > RESOLVED_REST * low_pass.rate / low_pass.cutoff
+            left, found = _eliminated(low_pass, lasting, least)
         left = np.maximum(left, 0.0)
         return cls(unknown, quiet, _side_by_side(found, len(left)), left, left > LEAST_OF_ROW)
 
