@@ -22,7 +22,8 @@ OnSearchStep = Callable[[Step], None]
 
 
 def complete(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
-    """The search at its end: the best of those that follow the first finding that has rivals, or one of these."""
+    """The search at its end: the best of those that follow the first finding that has rivals, or one of these; without
+    what the data do not tell beside the rest."""
     _follow(search, on_step)
     number = next((k for k, f in enumerate(search.findings) if f.rivals), None)
     if number is not None and _undecided(search, number):
@@ -32,6 +33,7 @@ def complete(search: Search, on_step: OnSearchStep = lambda _: None) -> Search:
             if branch is not None:
                 branches.append(_follow(branch))
         search = _best(branches, number)
+    search.take_back_untold()
     search.findings = [replace(f, rivals=_left(f)) for f in search.findings]
     return search
 

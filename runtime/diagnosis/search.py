@@ -292,8 +292,7 @@ class Search(Trail):
                 continue  # several of one effect are there because each has what the others have not
             if finding.evidence.twist is not None:
                 continue
-            rest = [(t, shape) for t, shape in self._so_far() if t != finding.term]
-            without = self._step(None, self._structure(rest), self.steps[-1])
+            without = self._without(finding.term)
             verdict = self._in_place(without, finding.term)
             own = next((e.delta_bic for e in verdict.ranked if e.passes and e.term == finding.term), -np.inf)
             best, others = verdict.best, [f for f in self.findings if f is not finding]
@@ -309,6 +308,23 @@ class Search(Trail):
             self._rebuild(kept, shapes)
             return True
         return False
+
+    def take_back_untold(self) -> None:
+        """Take back findings, the least likely first, whose size the data no longer tell beside all others."""
+        while True:
+            last = self.steps[-1]
+            open_ones = [f for f in self.findings if f.evidence.twist is None and not told(last, f.term)]
+            open_ones.sort(key=lambda f: f.evidence.delta_bic)
+            gone = next((f for f in open_ones if not worth_its_name(self._without(f.term), last, f.term)), None)
+            if gone is None:
+                return
+            self._taken_back.add(gone.term)
+            self._rebuild([f for f in self.findings if f is not gone], {})
+
+    def _without(self, term: Term) -> Step:
+        """The last step without one of its findings, refitted."""
+        rest = [(t, shape) for t, shape in self._so_far() if t != term]
+        return self._step(None, self._structure(rest), self.steps[-1])
 
     def _taken_over(self, finding: Finding, without: Step) -> bool:
         """Whether later findings do without an earlier one, or that one is only what a later one's law lacks."""

@@ -117,8 +117,9 @@ def residuals_elsewhere(identification: Identification, motion: Motion) -> list[
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
     found = []
     for i in range(model.n):
-        x, fixed = problem.rows(i, fit.shapes)
-        left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is simulated along another motion may have no end
+            x, fixed = problem.rows(i, fit.shapes)
+            left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
         found.append(np.where(motion.moving(i), left, 0.0))
     return found
 

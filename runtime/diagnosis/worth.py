@@ -7,7 +7,7 @@ the rest of an effect that was found before, in another form than that one's law
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import floor
 
 from runtime.diagnosis.settings import (
@@ -22,7 +22,8 @@ from runtime.diagnosis.settings import (
     UNRESOLVED_ORDER,
 )
 from runtime.diagnosis.steps import Errors, Step
-from runtime.estimation.covariance import Estimate
+from runtime.estimation.covariance import given_shape
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.settings import INTERVAL_SIGMAS
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
@@ -34,7 +35,7 @@ def worth_its_name(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that the data tell."""
     own = own_joints(after.identification.model, term)
     fallen = any(falls(before, after, i) for i in own) and not worse_elsewhere(before, after)
-    sure = told(after, term) or foretold(before, after)
+    sure = told(after, term) or foretold(before, after, term)
     return fallen and sure and not stopped(after, term) and comes_back(after, term)
 
 
@@ -62,26 +63,33 @@ def worse_elsewhere(before: Step, after: Step) -> bool:
     return squared(after.held_out) >= HELD_OUT_FALLS_TO * squared(before.held_out)
 
 
-def foretold(before: Step, after: Step) -> bool:
-    """Whether recordings that were not fitted are explained so much better that the values must be near the truth,
-    however wide their intervals: several of them may do for each other. What was found before and told shall stay so.
-    """
+def foretold(before: Step, after: Step, term: Term) -> bool:
+    """Whether recordings that were not fitted are explained so much better that a term's size must be near the truth,
+    though it hangs on a shape that nobody knows; what was found before and told shall stay so."""
     if before.held_out is None or after.held_out is None:
         return False
-    given = structure(before.identification.model)
+    given, fitted = structure(before.identification.model), after.identification
     found = [t for t in before.values if t not in given and t in after.values and told(before, t)]
-    return squared(after.held_out) < FORETOLD * squared(before.held_out) and all(told(after, t) for t in found)
+    return (
+        squared(after.held_out) < FORETOLD * squared(before.held_out)
+        and all(told(after, t) for t in found)
+        and _sized(after, term, given_shape(fitted.problem, fitted.fit, term))
+    )
 
 
 def squared(errors: Errors) -> float:
     """Sum over the joints of the relative errors' squares."""
-    return sum(r**2 for r in errors.relative)
+    return sum(r * r for r in errors.relative)  # a power of what has no end would be an error
 
 
 def told(step: Step, term: Term) -> bool:
-    """Whether the data tell how large a term is: one of the parameters that size it lies away from where the effect
-    vanishes, whatever the rest of the model is."""
-    values, sizes = step.identification.inference.values[term], _sizes(step, term)
+    """Whether the data tell how large a term is, whatever the rest of the model is."""
+    return _sized(step, term, step.identification.inference.values[term])
+
+
+def _sized(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:
+    """Whether one of the parameters that size a term lies away from where the effect vanishes."""
+    sizes = _sizes(step, term)
     return not sizes or any(_away(values[p.name], p.neutral) for p in sizes)
 
 
