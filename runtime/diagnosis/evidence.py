@@ -186,12 +186,21 @@ class Rows:
         ar = autoregression(residual, self.use if self.clear is None else self.clear, self.piece)
         return Whitening.of(ar, self.use, self.piece, self.directions)
 
-    def whitened(self, by: Whitening) -> Rows:
-        """The same equations with white noise; all rows count, and as many are independent as before."""
+    def whitened(self, by: Whitening, residual: Array) -> Rows:
+        """The same equations with white noise of variance 1, where that is what a residual (M,) leaves; all rows count,
+        and as many are independent as before."""
         use = np.ones_like(self.use)
         dependent = len(use) - self.independent
+        left = float(np.linalg.norm(by(residual))) / np.sqrt(self.independent)
         return replace(
-            self, y=by(self.y), base=by(self.base), noise=by(self.noise), use=use, directions=None, dependent=dependent
+            self,
+            y=by(self.y),
+            base=by(self.base),
+            noise=by(self.noise),
+            use=use,
+            weight=1 / left if left else self.weight,
+            directions=None,
+            dependent=dependent,
         )
 
 
@@ -325,9 +334,10 @@ class Ground:
             found.append(np.where(row.use, r, 0.0))
         return tuple(found)
 
-    def whitened(self, by: Sequence[Whitening]) -> Ground:
-        """The same ground, every joint's rows whitened."""
-        rows = tuple(r.whitened(white) for r, white in zip(self.rows, by, strict=True))
+    def whitened(self, by: Sequence[Whitening], residual: Sequence[Array]) -> Ground:
+        """The same ground, every joint's rows whitened and weighed by what they leave of its residual (M,): a joint
+        whose error is slow would otherwise count for little among others."""
+        rows = tuple(r.whitened(white, left) for r, white, left in zip(self.rows, by, residual, strict=True))
         return Ground.levelled(rows, self.lower, self.upper)
 
     def without(self, unknowns: Sequence[int]) -> Ground:

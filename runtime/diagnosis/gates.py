@@ -213,14 +213,18 @@ class WhitenedGround:
         return FurtherSensors(self.field)
 
     @cached_property
+    def _residual(self) -> tuple[Array, ...]:
+        """Per joint (M,) what the best candidate leaves."""
+        return self.ground.solve(self.best).residual
+
+    @cached_property
     def whitening(self) -> list[Whitening]:
         """Of each joint, by what makes the best candidate's residual white."""
-        residual = self.ground.solve(self.best).residual
-        return [row.whitening(r) for row, r in zip(self.ground.rows, residual, strict=True)]
+        return [row.whitening(r) for row, r in zip(self.ground.rows, self._residual, strict=True)]
 
     @cached_property
     def white(self) -> Ground:
-        return self.ground.whitened(self.whitening)
+        return self.ground.whitened(self.whitening, self._residual)
 
     def weigh(self, candidate: Candidate, block: CandidateBlock) -> Evidence:
         """All evidence for a candidate with its columns on the bench's ground."""

@@ -116,11 +116,12 @@ def _weighed(
 
 def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) -> tuple[Figures, Array]:
     row = ground.rows[0]
-    by = [row.whitening(ground.solve(block).residual[0])]
+    left = ground.solve(block).residual
+    by = [row.whitening(left[0])]
     # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
     heard = Ground.levelled((replace(row, noise=np.zeros_like(row.noise)),), ground.lower, ground.upper)
     own = replace(block, parts={0: CandidateRows(block.parts[0].columns)})
-    white, whitened = heard.whitened(by), own.whitened(by)
+    white, whitened = heard.whitened(by, left), own.whitened(by)
     figures = Figures(
         ground.equations(),
         ground.equations(block),
