@@ -204,7 +204,7 @@ DENSE_DIRECTIONS: Final = 40_000
 time, it decides no result."""
 
 RESOLVED_REST: Final = 1.0
-"""periods of the cut-off; the band does not resolve a rest that is shorter; by construction."""
+"""ratio to a period of the cut-off; the band does not resolve a rest that is shorter; by construction."""
 
 LEAST_LEFT: Final = 0.5
 """part of the rows that no rest holds whole; with less left the unknown torques have taken over; a choice."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -99,6 +101,29 @@ def test_autoregression_is_recovered() -> None:
     assert np.allclose(ar, expected, atol=0.05)
     left = np.sqrt(expected @ toeplitz(covariance) @ expected)
     assert np.isclose(np.std(found.whitening(r)(r)), left, rtol=0.02)
+
+
+def bic_fall(joints: Ground, candidate: CandidateBlock) -> float:
+    """Of whitened rows, by what makes the candidate's residual white."""
+    left = joints.solve(candidate).residual
+    by = [row.whitening(r) for row, r in zip(joints.rows, left, strict=True)]
+    white = joints.whitened(by, left)
+    return white.equations().bic - white.equations(candidate.whitened(by)).bic
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_evidence_at_a_joint_does_not_hang_on_what_other_joints_leave(seed: int) -> None:
+    """An error that is slow leaves little once it is white; beside joints whose errors are white it counts in full."""
+    rng = np.random.default_rng(seed)
+    slow = lfilter([1.0], [1.0, -0.98], rng.standard_normal(2000))
+    column = lfilter([1.0], [1.0, -0.95], rng.standard_normal(2000))
+    base = rng.standard_normal((1, 2000))
+    alone = rows(slow + 0.3 * column, base)
+    alone = replace(alone, weight=1 / float(np.std(alone.y)))
+    others = [replace(rows(rng.standard_normal(2000), base), index=np.array([k])) for k in (1, 2, 3)]
+    expected = bic_fall(ground(alone), block(column))
+    assert expected > 100
+    assert bic_fall(ground(alone, *others), block(column)) == pytest.approx(expected, rel=0.2)
 
 
 @pytest.mark.parametrize("missing", ["none", "rows", "stretch"])

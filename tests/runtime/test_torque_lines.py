@@ -86,6 +86,21 @@ def test_ripples_of_high_order_are_found_each_by_itself(tmp_path: Path) -> None:
     assert "at 72 per turn" in found.reason
 
 
+def test_a_motor_that_its_magnets_stop_again_and_again_lacks_ripples_alone(tmp_path: Path) -> None:
+    """It rests for a few milliseconds at hundreds of angles, where what it lacks is strongest: no friction is to be
+    named for that."""
+    motor = Motor(inertia=6e-6, coulomb=2e-3, viscous=1e-4, noise=1e-4, counts=20_000)
+    waves = ((72.0, 1.4e-2, 0.5), (186.0, 2e-3, 0.3), (18.0, 1e-3, 0.2))
+    arm, path = source(tmp_path, motor), record(tmp_path / "run.csv", motor, steps((6.0, 5.7), 8.0), waves)
+    recordings = arm.recordings([path])
+    rate = prepared(arm.model(), recordings).pieces[0].qd[0]
+    assert np.count_nonzero(np.diff(np.sign(rate))) > 200
+    found = diagnose(arm.model(), recordings)
+    assert {f.term.effect for f in found.findings} == {"torque_ripple"}
+    assert found.findings[0].term.number == 1
+    assert_same(found_waves(found)[:3], waves)
+
+
 def test_ripples_of_a_geared_joint_are_found_and_said_in_both_counts(tmp_path: Path) -> None:
     arm, waves = source(tmp_path, GEARED), ((4.0, 0.6, 0.5), (2.0, 0.3, 0.1))
     path = record(tmp_path / "run.csv", GEARED, sines(0.35, 16.0, 0), waves)
