@@ -43,8 +43,8 @@ SHOWN_ALIKE: Final = 2.0
 """ratio; a transmission's value that a fit to the torque moves further from what its encoders show stands for something
 else there; a choice."""
 
-GAP_OVER_NOISE: Final = 10.0
-"""standard deviations of the encoder's noise; a gap that is no wider is crossed where the noise says: three of an
+GAP_OVER_NOISE: Final = 7.0
+"""standard deviations of the encoder's noise; a gap that is no wider is crossed where the noise says: two of an
 encoder's steps; the rounding of a step is uniform, and either flank may be a step off."""
 
 LEAST_OWN: Final = 1e-4

@@ -18,6 +18,7 @@ from runtime.motion.filters import Differentiator, LowPass, Smoother, differenti
 from runtime.motion.rates import MeasuredRate
 from runtime.motion.sensors import NOTHING, Sensors
 from runtime.motion.settings import (
+    CLEAR_RATE,
     EXCERPT_WINDOW_KERNELS,
     EXCERPT_WINDOWS,
     HELD_RANGE,
@@ -174,9 +175,13 @@ class Piece:
 
     def resting(self, standstill: Array, quiet: Array) -> Piece:
         """The piece with joints at rest below these rates (n,); quiet (n,): torque noise in the band over what dry
-        friction may come to there."""
+        friction may come to there, 0 where that is not known."""
         rests = [turns.at_rest(qd, self.dt, self.low_pass.cutoff, x) for qd, x in zip(self.qd, standstill, strict=True)]
-        return replace(self, without=()).unknown_at(np.array(rests), quiet)
+        whole = replace(self, without=()).unknown_at(np.array(rests), quiet)
+        # A joint that is stopped again and again would have no rows left.
+        clear = (quiet > 0) & (standstill < CLEAR_RATE * np.max(np.abs(self.qd), axis=1, initial=0.0))
+        found = zip(whole.without, clear, strict=True)
+        return replace(self, without=tuple(x.resolved(self.low_pass) if c and x.too_much else x for x, c in found))
 
     def unknown_at(self, samples: Mask, quiet: Array) -> Piece:
         """The piece with the joints' torques unknown at more samples (n, N)."""

@@ -206,6 +206,9 @@ time, it decides no result."""
 RESOLVED_REST: Final = 1.0
 """ratio to a period of the cut-off; the band does not resolve a rest that is shorter; by construction."""
 
+CLEAR_RATE: Final = 0.1
+"""part of the fastest rate; where what counts as rest is more of it, slow motion passes for rests; a choice."""
+
 LEAST_LEFT: Final = 0.5
 """part of the rows that no rest holds whole; with less left the unknown torques have taken over; a choice."""
 

@@ -48,20 +48,24 @@ class UnknownTorque:
 
     @classmethod
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
-        """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to.
-
-        A joint that is stopped again and again would have no rows left. There its torque counts as known in rests that
-        the band does not resolve, in which friction comes and goes within a period of the cut-off.
-        """
-        least = max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION)
-        left, found = _eliminated(low_pass, unknown, least)
-        if left.sum() < LEAST_LEFT * np.count_nonzero(left):
-            lasting = np.zeros(len(unknown), dtype=bool)
-            for run in _runs(unknown):
-                lasting[run] = run.stop - run.start > RESOLVED_REST * low_pass.rate / low_pass.cutoff
-            left, found = _eliminated(low_pass, lasting, least)
+        """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to, 0 where it
+        may come to anything."""
+        left, found = _eliminated(low_pass, unknown, max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
         left = np.maximum(left, 0.0)
         return cls(unknown, quiet, _side_by_side(found, len(left)), left, left > LEAST_OF_ROW)
+
+    @property
+    def too_much(self) -> bool:
+        """Whether too little is left of the rows that no rest holds whole."""
+        return bool(self.left.sum() < LEAST_LEFT * np.count_nonzero(self.left))
+
+    def resolved(self, low_pass: LowPass) -> UnknownTorque:
+        """The same with the torque known in rests that the band does not resolve, in which friction comes and goes
+        within a period of the cut-off."""
+        lasting = np.zeros(len(self.samples), dtype=bool)
+        for run in _runs(self.samples):
+            lasting[run] = run.stop - run.start > RESOLVED_REST * low_pass.rate / low_pass.cutoff
+        return self.of(low_pass, lasting, self.quiet)
 
     def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
         """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
