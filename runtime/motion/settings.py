@@ -372,7 +372,7 @@ construction."""
 MOST_ANGLES: Final = 250_000
 """number of steps of the angle's grid; of a longer way only lower orders are looked at; memory."""
 
-LEAST_PERIODS: Final = 6.0
+LEAST_PERIODS: Final = 4.0
 """number of periods over the motion; with fewer a wave is no line, but one of many shapes over the position; a
 choice."""
 
