@@ -382,7 +382,7 @@ exponential distribution asks (Scargle 1982), as their level is only estimated; 
 
 NEAR_SURROUNDINGS: Final = 8
 """number of resolved orders to either side; a line is compared with as many at low orders, and others so near to a
-stronger one may be its shadows; about the least number of periods."""
+stronger one may be its shadows; twice the least number of periods."""
 
 WIDE_SURROUNDINGS: Final = 40
 """number of resolved orders to either side; with so many at most a line is compared: noise is even over them; a
