@@ -124,20 +124,18 @@ def _away(e: Estimate, neutral: float) -> bool:
 
 def comes_back(step: Step, term: Term) -> bool:
     """Whether a line over the motor's angle can come back after a turn of the motor or of the joint: its order counts
-    whole periods of one of them, as far as the data tell. Any other line is one over time, or chance. As where values
-    contradict each other, a whole number must lie well outside the interval to be ruled out."""
+    whole periods of one of them, as far as the data tell one order from the next. Any other line is one over time, or
+    chance. As where values contradict each other, a whole number must lie well outside the interval to be ruled out."""
     model = step.identification.model
     line = model.library.effects[term.effect].line
     if line is None or term.joint is None:
         return True
     order, ratio = step.identification.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
-    if order.interval is None or order.interval[1] - order.interval[0] > UNRESOLVED_ORDER:
+    if order.interval is None or max(1.0, ratio) * (order.interval[1] - order.interval[0]) > UNRESOLVED_ORDER:
         return True
     middle, half = (order.interval[1] + order.interval[0]) / 2, (order.interval[1] - order.interval[0]) / 2
     beyond = half * CONTRADICTS / INTERVAL_SIGMAS
-    return any(
-        2 * half * n <= UNRESOLVED_ORDER and floor((middle + beyond) * n) >= (middle - beyond) * n for n in (1.0, ratio)
-    )
+    return any(floor((middle + beyond) * n) >= (middle - beyond) * n for n in (1.0, ratio))
 
 
 def same_signals(one: EffectInfo, other: EffectInfo) -> bool:

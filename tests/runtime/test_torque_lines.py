@@ -116,6 +116,7 @@ def test_ripples_of_a_geared_joint_are_found_and_said_in_both_counts(tmp_path: P
         (replace(GEARED, ratio=160.0), 1.0, 0.4),
         (GEARED, 0.5, 0.4),
         (replace(GEARED, ratio=101.0), 25 / 101, 0.4),
+        (replace(GEARED, ratio=30.0), 20 / 3, 0.3),
         (Motor(), 200.0, 0.05),
     ],
 )
