@@ -74,9 +74,9 @@ def test_from_nothing_to_the_verdict(tmp_path: Path, name: str) -> None:
         named[kind] = [step["added"] for step in found["history"] if step["added"]]
         wall, processor = (sum(column) for column in zip(*spent, strict=True))
         errors = falls(found, "relative"), falls(found, "held_out_relative")
-        effects = ", ".join(named[kind]) or "nothing"
-        rows.append((kind, str(len(spent)), f"{wall:.0f}", f"{processor:.1f}", effects, found["verdict"], *errors))
-    head = ("format", "commands", "s", "of processor time", "named", "the rest", "error", "held out")
-    harness.show(f"From nothing to the verdict: {name}", head, rows, [*machine.commands(machine.fitted, None, "")[:1]])
+        rows.append((kind, str(len(spent)), f"{wall:.0f}", f"{processor:.1f}", *errors, found["verdict"]))
+    head = ("format", "commands", "s", "of processor time", "error", "held out", "the rest")
+    notes = [f"named: {', '.join(named['CSV']) or 'nothing'}", machine.commands(machine.fitted, None, "")[0]]
+    harness.show(f"From nothing to the verdict: {name}", head, rows, notes)
     assert named["MCAP"] == named["CSV"]
     assert named[".mat"] == named["CSV"]
