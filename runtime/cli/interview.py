@@ -63,7 +63,7 @@ def new_arm(said: Answered, called: str, effects: tuple[str, ...], schema: str |
         field: for_each(f"--{field.replace('_', '-')}", getattr(said, field), len(types))
         for field in ("gear_ratio", "torque_constant", "rotor_inertia", "length", "mass")
     }
-    joints = tuple(_joint(said.questions, k, kind, space, sides) for k, kind in enumerate(types, 1))
+    joints = tuple(_joint(said.questions, k, kind, space, k == len(types), sides) for k, kind in enumerate(types, 1))
     tip: tuple[float, ...] = (0.0, 0.0, 0.0)
     if space:
         tip = (
@@ -104,7 +104,7 @@ def _gravity(said: Answered, space: bool) -> tuple[float, ...]:
     return said.questions.ask(f"Gravity {where}, m/s^2", numbers(count), shown, default) or default
 
 
-def _joint(questions: Questions, k: int, kind: JointType, space: bool, sides: Sides) -> NewJoint:
+def _joint(questions: Questions, k: int, kind: JointType, space: bool, last: bool, sides: Sides) -> NewJoint:
     at = f"Joint {k}"
     position, rate, force = ("rad", "rad/s", "N m") if kind == "revolute" else ("m", "m/s", "N")
 
@@ -118,9 +118,7 @@ def _joint(questions: Questions, k: int, kind: JointType, space: bool, sides: Si
         place["rpy"] = of("and turned by roll, pitch, yaw in rad", numbers(3), "0, 0, 0", zero) or zero
         place["axis"] = of("its axis in its own frame", numbers(3), "0, 0, 1", z) or z
     else:
-        place["length"] = _given(sides, "length", k, lambda: of("length of its link, m", number, "", needed="--length"))
-        if place["length"] is None:
-            raise UsageError(f"{at}: the length of a planar link cannot be left out; expected m to the next joint")
+        place["length"] = _length(sides, k, last, of)
     return NewJoint(
         type=kind,
         motor=_motor(questions, at, k, kind, sides, 1.0),
@@ -140,6 +138,17 @@ def _joint(questions: Questions, k: int, kind: JointType, space: bool, sides: Si
         torque=of(f"largest torque at its output, {force}", number),
         **place,
     )
+
+
+def _length(sides: Sides, k: int, last: bool, of: Callable[..., Any]) -> float:
+    """m, of a planar link: without those between joints there are no equations; the last places the tip alone."""
+    if last:
+        length = _given(sides, "length", k, lambda: of("length of its link, to the tip, m", number, "0", 0.0))
+        return length or 0.0
+    length = _given(sides, "length", k, lambda: of("length of its link, m", number, "", needed="--length"))
+    if length is None:
+        raise UsageError(f"Joint {k}: the length of a planar link cannot be left out; expected m to the next joint")
+    return length
 
 
 def _motor(questions: Questions, at: str, k: int, kind: JointType, sides: Sides, stated: float) -> Motor:

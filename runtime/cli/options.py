@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from runtime.cli.places import READ, WRITTEN, Role, check_writable
+from runtime.recordings.cures import bare
 from runtime.recordings.nameless import in_order
 from runtime.report import page
 from runtime.workspace import UsageError, is_name
@@ -74,7 +75,7 @@ def nearby(path: Path) -> Path:
 
 def mapping(entries: Sequence[str] | None) -> dict[str, str]:
     """`--map name=column`, several times, and `--columns name,name` as a dictionary; what is mapped by itself stands
-    before what a list of columns says of it.
+    before what a list of columns says of it, and a later sign or unit of a field before an earlier one.
     """
     given = entries or ()
     lists = [entry for entry in given if "=" not in entry and "," in entry]
@@ -88,7 +89,12 @@ def _named(entries: Iterable[str]) -> dict[str, str]:
         name, equals, column = entry.partition("=")
         if not equals or not name.strip() or not column.strip():
             raise UsageError(f'--map {entry}: expected NAME=COLUMN, for example --map q1="Position1 [deg]"')
-        if name.strip() in result:
+        if _field(result.get(name.strip(), column)) != _field(column):
             raise UsageError(f"--map {name.strip()}: given twice")
         result[name.strip()] = column.strip()
     return result
+
+
+def _field(column: str) -> str:
+    """A field without sign and unit: who types a cure behind what was typed before corrects it."""
+    return bare(column.strip().removeprefix("-"))

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from runtime.recordings.contents import RecordedField
+from runtime.recordings.units import UNITS, normal
 
 _WORDS: Mapping[str, str] = {
     "t": r"t|time|times|timestamp|stamp|sec|seconds|zeit",
@@ -26,9 +27,9 @@ _UNITS: Sequence[tuple[str, str]] = (
     (r"ns|nsec|nanoseconds", "ns"),
     (r"m_?a|milliamps", "mA"),
     (r"m_?nm", "mN m"),
-    (r"a|amps|current|iq", "A"),
+    (r"amps|current|iq|(?:current|strom|iq?)(?:_\w+)?_a", "A"),
 )
-"""Words at the end of a name, with _ before its capitals -> the unit that they mean."""
+"""Words at the end of a name, with _ before its capitals -> the unit that they mean. A joint may be called a."""
 _NUMBERED = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 
 
@@ -48,8 +49,11 @@ def options(fields: Sequence[RecordedField]) -> list[str]:
         home = home or best.clock
         stem, several = _family(best, fields)
         unit = unit_in_name(best.name)
-        name = signal if several or signal == "t" else f"{signal}1"
-        found.append(f'--map {name}="{stem if several else _bare(best.name)}{f" [{unit}]" if unit else ""}"')
+        if several or signal == "t":
+            named = {signal: stem if several else _bare(best.name)}
+        else:
+            named = {f"{signal}{k}": _bare(name) for k, name in enumerate(_alike(best.name, fields), 1)}
+        found += [f'--map {name}="{field}{f" [{unit}]" if unit else ""}"' for name, field in named.items()]
     return found
 
 
@@ -82,9 +86,21 @@ def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, 
     return match[1], len(like) > 1
 
 
+def _alike(best: str, fields: Sequence[RecordedField]) -> list[str]:
+    """The names that differ from one in one number alone, in the order of that number; itself alone if none do."""
+    for number in re.finditer(r"\d+", best):
+        like = re.compile(re.escape(best[: number.start()]) + r"(\d{1,3})" + re.escape(best[number.end() :]))
+        found = {int(m[1]): f.name for f in fields if (m := like.fullmatch(f.name))}
+        if len(found) > 1:
+            return [found[k] for k in sorted(found)]
+    return [best]
+
+
 def unit_in_name(name: str) -> str | None:
     """The unit that a name ends in, where it states none in brackets."""
     if "[" in name and not re.search(r"\[\d+\]", name):
+        return None
+    if (bracket := re.search(r"\(([^()]*)\)\s*$", name)) and normal(bracket[1]) in UNITS:
         return None
     ending = "_".join(_parts(name))
     return next((unit for words, unit in _UNITS if re.search(rf"(?:^|_)(?:{words})$", ending)), None)

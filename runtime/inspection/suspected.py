@@ -91,16 +91,28 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     if abs(abs(factor) - 1) < SCALE_OFF:
         cure, other = (option(name, turned_round(_cell(recording, name))) for name in (qd, q))
         return [Suspicion(joint + 1, "sign", said, f"expected the same sign: pass {cure}, or {other}", (cure,))]
-    units = {
-        1 / UNITS["deg/s"][1]: _in_unit(recording, qd, "deg/s"),
-        UNITS["deg"][1]: _in_unit(recording, q, "deg"),
-        1 / UNITS["rpm"][1]: _in_unit(recording, qd, "rpm"),
-        1 / UNITS["mrad/s"][1]: _in_unit(recording, qd, "mrad/s"),
-    }
-    fitting = [c for size, c in units.items() if abs(abs(factor) / size - 1) < SCALE_OFF]
-    if not fitting:
+    units = _units_of(abs(factor))
+    if units is None:
         return [Suspicion(joint + 1, "unit", said, f"is the unit of {qd}, of {q} or of t right? State it with --map")]
-    return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {fitting[0]}", tuple(fitting[:1]))]
+    cures = tuple(_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
+    return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {' '.join(cures)}", cures)]
+
+
+def _units_of(factor: float) -> tuple[str, str] | None:
+    """In which units a position and its rate are, "" for SI, if the rate is `factor` times the derivative.
+
+    Of several that fit, as degrees a second for radians and rpm for turns, the nearest; of equal ones those with SI.
+    None: nobody knows.
+    """
+    positions, rates = ("", "deg", "rev", "mrad"), ("", "deg/s", "rpm", "rev/s", "mrad/s")
+    off = {(q, qd): abs(float(np.log(factor * _size(qd) / _size(q)))) for q in positions for qd in rates if q or qd}
+    q, qd = min(off, key=lambda pair: (round(off[pair], 9), sum(map(bool, pair))))
+    return (q, qd) if off[q, qd] < np.log1p(SCALE_OFF) else None
+
+
+def _size(unit: str) -> float:
+    """Of a unit in SI."""
+    return UNITS[unit][1] if unit else 1.0
 
 
 def _cell(recording: Recording, signal: str) -> str:

@@ -49,6 +49,7 @@ class Improvement:
         first, last = self.steps[0].identification, self.steps[-1].identification
         return {
             **self.left.to_json(),
+            "sensors": [worth.to_json() for worth in self.found.sensors],
             "history": history,
             "identification": {"before": first.to_json(), "after": last.to_json()},
         }

@@ -1,4 +1,4 @@
-"""What a recording measures beside motor angles and torques: link-side encoders, torque sensors, forces."""
+"""What a recording has beside motor angles and torques: link-side encoders, torque sensors, forces, demanded angles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from runtime.recordings.recording import Recording
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_NAMES = ("q_link", "tau_link", "tau_rigid", "force")
+_NAMES = ("q_link", "q_desired", "tau_link", "tau_rigid", "force")
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class Sensors:
     tau_rigid     (n, N) N m, the rigid-body torque of the user's own model
     force         (2, N) N on the end-effector along base x and y, in space (6, N) N and N m along and about x, y and z;
                   a component that is not measured is zero
+    q_desired     (n, N) rad (m) that were demanded; NaN for a joint of which it is not known
     """
 
     twist: Array | None = None
@@ -35,6 +36,7 @@ class Sensors:
     tau_link: Array | None = None
     tau_rigid: Array | None = None
     force: Array | None = None
+    q_desired: Array | None = None
 
     def has(self, name: str, joint: int) -> bool:
         """Whether twist, tau_link or tau_rigid is measured at a joint (0-based)."""
@@ -90,7 +92,7 @@ def read(recording: Recording, stretch: Stretch, derive: Differentiator, common:
         return np.where(common[name][:, None], rows, absent)
 
     rigid = raw("tau_rigid") if common["tau_rigid"].all() else None
-    found = Sensors(None, None, raw("tau_link"), rigid, raw("force", 0.0))
+    found = Sensors(None, None, raw("tau_link"), rigid, raw("force", 0.0), raw("q_desired"))
     if recording.q_link is None or not common["q_link"].any():
         return found
     between = (recording.q - recording.q_link)[common["q_link"], stretch.samples]

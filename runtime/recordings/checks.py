@@ -19,7 +19,10 @@ def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
     drop = np.zeros(len(table.numbers), dtype=bool)
     for name, values in list(table.signals.items()):
         absent = np.isnan(values)
-        large = np.abs(values, where=~absent, out=np.zeros_like(values)) > LARGEST
+        # A time since 1970 in ns is no reading that is out; what its steps say tells its unit.
+        largest = np.inf if name == "t" else LARGEST
+        large = np.abs(values, where=~absent, out=np.zeros_like(values)) > largest
+        large |= np.isinf(values)
         if large.any():
             k = int(np.argmax(large))
             what = "infinite" if np.isinf(values[k]) else f"{values[k]:.3g}, too large for a reading"
@@ -60,6 +63,13 @@ def segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: 
     """Gap-free pieces, each within one run. cell: the field of the time."""
     t = table.signals["t"]
     steps, same = np.diff(t), np.diff(run) == 0
+    step = median_step(t, run)
+    if not step > 0:
+        stuck = int(np.count_nonzero(same & (steps <= 0)))
+        refuse(
+            f"t does not advance in {stuck} of {np.count_nonzero(same)} steps; expected seconds that grow from sample "
+            "to sample, with enough digits to tell them apart"
+        )
     back = same & (steps <= 0)
     if back.any() and not allow_gaps:
         k = int(np.argmax(back)) + 1
@@ -68,9 +78,6 @@ def segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: 
             f"time {how}, {t[k]:.9g} s after {t[k - 1]:.9g} s; number the runs in a column run, or pass --allow-gaps",
             table.at("t", k),
         )
-    step = median_step(t, run)
-    if not step > 0:
-        refuse("time never advances by as much as it goes back; expected seconds in t")
     if wrong := plausible.slow_clock(step, cell):
         refuse(wrong)
     gap = same & (steps > GAP * step * (1 + ROUNDING))

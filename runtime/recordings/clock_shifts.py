@@ -4,7 +4,7 @@ What stamps one topic may be another machine, or the same one a queue later. A t
 instant: it is a combination of accelerations, rates, signs of rates and functions of the positions, whatever the arm.
 Over trial shifts that combination is fitted anew; where it explains the torques best, the clocks meet. All are smoothed
 by one kernel. What it leaves out, the arm's coupling and much of its friction, pulls kernels of different widths to
-different shifts: by how much they differ, so much is the answer worth.
+different shifts: by how much they differ, and by a part of a sample, so much is the answer worth.
 
 Source: separable least squares in the delay, Ljung, System Identification, 1999; derivatives of a Gaussian as filters,
 Lindeberg, Scale-Space Theory, 1994.
@@ -21,6 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from runtime.recordings.settings import (
     CLOCK_SHIFT_CLEAR,
+    CLOCK_SHIFT_FINEST,
     CLOCK_SHIFT_MOST,
     CLOCK_SHIFT_SAMPLES,
     CLOCK_SHIFT_SMOOTHING,
@@ -72,7 +73,7 @@ def late(t: Array, q: Array, there: Array, tau: Array) -> ClockShift | None:
     shifts = [shift for shift in found if shift is not None]
     if len(shifts) < len(found):
         return None
-    return ClockShift(float(np.median(shifts)), float(np.ptp(shifts)))
+    return ClockShift(float(np.median(shifts)), float(np.hypot(np.ptp(shifts), CLOCK_SHIFT_FINEST * step)))
 
 
 def _features(positions: list[Array], width: float) -> Array:

@@ -76,6 +76,10 @@ def on_one(
     brought = []
     for clock, found in tables.items():
         other = _ascending(found, clock, allow_gaps, refuse)
+        if np.array_equal(other.signals["t"], positions.signals["t"]):
+            # Topics of one node, each with the same stamps.
+            table = _joined(table, other, clock, allow_gaps, refuse)
+            continue
         shift = None if "run" in table.signals else _shift(positions, other)
         apart = CLOCK_SHIFT_LEAST / min(_rate(positions), _rate(other))
         corrected = shift is not None and shift.clear and abs(shift.value) > apart
@@ -169,8 +173,9 @@ def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse
 def _covered(t: Array, there: Array, steps: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """(N,) whether an instant lies in no gap of another clock."""
     after = np.clip(np.searchsorted(there, t), 1, len(steps))
-    covered: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = steps[after - 1] <= GAP * np.median(steps) * (
-        1 + ROUNDING
+    sampled = (there[after] == t) | (there[after - 1] == t)
+    covered: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = sampled | (
+        steps[after - 1] <= GAP * np.median(steps) * (1 + ROUNDING)
     )
     return covered
 

@@ -225,8 +225,9 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> s
     """That there is no such column, and what to type. free: the cells that nothing is read from."""
     if header[0] == NUMBERED.format(1):
         count = len(header)
-        plain = ["t", *(f"{signal}{i}" for signal in ("q", "tau") for i in range(1, n + 1))]
-        names = ",".join(plain) if count == len(plain) else "t,q1,tau1"
+        signals = ("q", "qd", "tau") if count == 1 + 3 * n else ("q", "tau")
+        plain = ["t", *(f"{signal}{i}" for signal in signals for i in range(1, n + 1))]
+        names = ",".join([*plain, *"-" * (count - len(plain))])
         return f"its first line is no header but {count} numbers; name its {count} columns with --columns {names}"
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:

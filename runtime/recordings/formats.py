@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -39,9 +40,9 @@ _REFUSED: Mapping[bytes, str] = {
 
 def opened(path: Path, refuse: Refusal) -> Contents:
     """The contents of a recording, its format recognised. Raises RecordingError."""
+    if os.path.isdir(path):
+        return _folder(path, refuse)
     try:
-        if path.is_dir():
-            return _folder(path, refuse)
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError:

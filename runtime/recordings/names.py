@@ -101,7 +101,7 @@ def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> 
     log = _known_log(contents.fields)
     known = _translated(contents.fields, log) if log else _last_parts(contents.fields)
     named = {cell.split("[")[0].strip().lower() for cell in known} | set(mapping)
-    numbers = itertools.takewhile(lambda k: f"q{k}" in named, itertools.count(1))
+    numbers = itertools.takewhile(lambda k: {f"q{k}", f"tau{k}"} & named, itertools.count(1))
     return max(1, sum(1 for _ in numbers))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import gzip
 import io
@@ -10,6 +11,7 @@ import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 
@@ -20,12 +22,14 @@ from runtime.recordings.contents import Array, RecordedField, Samples
 from runtime.recordings.errors import RecordingError, Refusal
 from runtime.recordings.nameless import NUMBERED
 from runtime.recordings.settings import MAX_BYTES
+from runtime.recordings.units import UNITS, normal
 from symbolic.model_file.checks import quote
 
 GZIP = b"\x1f\x8b"
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
 _REMARK = re.compile(r"\s*[#%]+\s*")
 _BLANK = " "
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,8 @@ class TextContents:
         try:
             return _float(cell.replace(",", ".") if self.decimal_comma and "." not in cell else cell)
         except ValueError:
+            if name == "t" and (stamp := _stamp(cell)) is not None:
+                return stamp
             hint = " with a decimal point" if "," in cell else ""
             self.refuse(f"{name} is {quote(cell)}; expected a number{hint}", f"line {line}")
 
@@ -136,6 +142,12 @@ def _contents(header: str, body: str, line: int, refuse: Refusal) -> TextContent
     first = header if nameless else body.lstrip("\n").partition("\n")[0]
     delimiter = _delimiter(header, first)
     cells = _cells(header, delimiter)
+    if not nameless and (units := _units(_cells(first, delimiter), cells)):
+        after = body.lstrip("\n")
+        cells, line, body = units, line + len(body) - len(after) + 1, after.partition("\n")[2]
+        first = body.lstrip("\n").partition("\n")[0]
+    if cells[-1].strip() == "" and len(_cells(first, delimiter)) == len(cells) - 1:
+        cells = cells[:-1]  # a delimiter behind the last name
     comma = delimiter != "," and any("," in cell and _is_number(cell) for cell in _cells(first, delimiter))
     kind = "text" if delimiter == _BLANK else "CSV"
     if nameless:
@@ -167,6 +179,23 @@ def _delimiter(header: str, first: str) -> str:
 def _between_blanks(line: str) -> bool:
     """Whether the commas of a sample are decimal ones: blanks stand where none does."""
     return bool(re.search(r"[^,\s]\s+[^,\s]", line))
+
+
+def _units(second: list[str], header: list[str]) -> list[str] | None:
+    """The cells of a header with the units that stand in the line below it; None where no units stand there."""
+    units = [normal(cell.strip().strip("[]()")) for cell in second]
+    if len(units) != len(header) or not any(units) or any(unit not in UNITS for unit in units if unit.strip("-")):
+        return None
+    return [f"{cell} [{unit}]" if unit.strip("-") else cell for cell, unit in zip(header, units, strict=True)]
+
+
+def _stamp(cell: str) -> float | None:
+    """s since 1970 of a date and time, of UTC where it names no zone; None of anything else."""
+    try:
+        stamp = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
 
 
 def _fits(header: str, first: str) -> bool:
@@ -229,7 +258,7 @@ def _is_text(unpacked: gzip.GzipFile, refuse: Refusal) -> bool:
 
 def _decoded(data: bytes, refuse: Refusal) -> str:
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-16" if data.startswith(_UTF_16) else "utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         refuse(f"byte 0x{data[error.start]:02x} is not UTF-8; save the recording as UTF-8", f"line {line}")

@@ -8,14 +8,17 @@ from math import pi
 
 _DEGREE = pi / 180
 _FACTORS = {
-    "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": {
         "rad": 1.0,
+        "radians": 1.0,
         "mrad": 1e-3,
         "urad": 1e-6,
         "rev": 2 * pi,
         "turn": 2 * pi,
         "deg": _DEGREE,
+        "degrees": _DEGREE,
+        "Grad": _DEGREE,
         "°": _DEGREE,
         "mdeg": _DEGREE / 1e3,
         "arcmin": _DEGREE / 60,
@@ -26,8 +29,10 @@ _FACTORS = {
         "rad/s": 1.0,
         "mrad/s": 1e-3,
         "deg/s": _DEGREE,
+        "Grad/s": _DEGREE,
         "°/s": _DEGREE,
         "rpm": pi / 30,
+        "U/min": pi / 30,
         "rev/min": pi / 30,
         "1/min": pi / 30,
         "rev/s": 2 * pi,

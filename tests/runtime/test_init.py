@@ -89,6 +89,17 @@ def test_without_questions_nothing_is_read(init: Init) -> None:
     assert "an answer is needed" in err
 
 
+def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> None:
+    """It places the tip alone; what moves the next joint is needed."""
+    assert init("--joints", "r", "--plane", "--no-questions", "--out", "motor.toml")[0] == 0
+    assert init("--joints", "r,r", "--plane", "--length", "0.3,?", "--no-questions", "--out", "two.toml")[0] == 0
+    assert [j.link.length for j in reader.load(Path("two.toml")).joints] == [0.3, 0.0]
+    assert [j.link.length for j in reader.load(Path("motor.toml")).joints] == [0.0]
+    status, _, err = init("--joints", "r,r", "--plane", "--length", "?,0.2", "--no-questions", "--out", "no.toml")
+    assert status == 2
+    assert err.startswith("Joint 1: the length of a planar link cannot be left out")
+
+
 def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
     motor = ("101", "0.1", "6e-5")
     status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motor * 2)
@@ -121,7 +132,7 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
     [
         ((), (), "Joints from the base outwards"),
         (("--joints", "r,x"), (), "expected 1 to 7 letters r or p"),
-        (("--joints", "r", "--plane"), (), "length of its link, m: nothing: an answer is needed"),
+        (("--joints", "r,r", "--plane"), (), "length of its link, m: nothing: an answer is needed"),
         (("--joints", "rr", "--gear-ratio", "1,2,3"), (), "3 numbers; expected one for all joints, or 2, one each"),
         (("--joints", "r", "--gear-ratio", "fast"), (), "--gear-ratio fast: expected a number"),
         (("--joints", "r", "--space", "--gravity", "0,0"), (), "--gravity 0,0: expected 3 numbers"),

@@ -22,9 +22,10 @@ from runtime.diagnosis import detection_limits
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.gates import Evidence, Verdict
+from runtime.diagnosis.sensor_worth import SensorWorth
 from runtime.diagnosis.steps import Errors, Finding, Step
 from runtime.estimation import covariance
-from runtime.estimation.compare import Comparison, as_written, series, structure_shares
+from runtime.estimation.compare import Comparison, as_written, compare, series, structure_shares
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import identify_motion, prepared
 from runtime.loop import held_out
@@ -32,7 +33,7 @@ from runtime.loop.improve import Improvement
 from runtime.model.terms import Term, structure
 from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
-from runtime.report import reasons
+from runtime.report import reasons, sensors_said
 from runtime.report.follow_up import Invocation, about
 from runtime.report.page import html_page, page_figures, page_findings
 from runtime.report.plots import joint_plots, style, time_plots
@@ -272,6 +273,47 @@ def test_moving_picture_turns_as_the_recording_did(page, one):
     seen = before >= 0
     assert seen.mean() > 0.5
     assert np.sqrt(np.mean(before[seen] ** 2)) > 2 * np.sqrt(np.mean(after[seen] ** 2))
+
+
+def test_torques_are_read_beside_the_moving_picture(page, improvement):
+    """Measured and predicted, at every frame at which the joint moves; those of the last step's rows."""
+    data = json.loads(Reader(page).scripts[0])
+    (measured,), (predicted,) = data["readings"]
+    assert (measured["unit"], predicted["unit"]) == ("N m", "N m")
+    moving = [x is not None for x in measured["values"]]
+    assert 0.5 < np.mean(moving) <= 1
+    assert moving == [x is not None for x in predicted["values"]]
+    last = improvement.steps[-1].joints[0]
+    t = data["begins"] + np.array(data["t"])[moving] / 1000
+    rows = np.abs(last.t[:, None] - t).argmin(axis=0)
+    for read, expected in ((measured, last.tau), (predicted, last.predicted)):
+        shown = np.array([x for x in read["values"] if x is not None]) / 10 ** read["digits"]
+        np.testing.assert_allclose(shown, expected[rows], atol=0.51 * 10 ** -read["digits"])
+
+
+def test_what_was_demanded_is_drawn_under_what_was_measured(drive, one):
+    """In recordings that have it; the table says how far the joint was off."""
+    asked = replace(one, q_desired=one.q + 0.1)
+    page = html_page.render(compare(drive, [asked]))
+    data = json.loads(Reader(page).scripts[0])
+    assert "The arm as demanded, dashed, and as it was measured" in page
+    assert page.count('<polyline class="arm') == 2
+    demanded, measured = (np.array(body, dtype=float).reshape(len(body), -1, 2) for body in data["bodies"])
+    turned = [np.arctan2(-(b[:, -1, 1] - b[:, 0, 1]), b[:, -1, 0] - b[:, 0, 0]) for b in (demanded, measured)]
+    np.testing.assert_allclose(np.angle(np.exp(1j * (turned[0] - turned[1]))), 0.1, atol=0.02)
+    off = data["readings"][-1][0]
+    np.testing.assert_allclose(np.array(off["values"]) / 10 ** off["digits"], -0.1, atol=1e-3)
+    assert off["unit"] == "rad"
+
+
+def test_what_sensors_were_worth_is_on_the_page(improvement, page):
+    assert "What the sensors were worth" not in page
+    worth = SensorWorth(("q1_link",), (ELASTICITY,), (), ())
+    document = {"encoder_skew": [], "sensors": [worth.to_json()]}
+    assert sensors_said.sentences(document) == ["What the sensors were worth: q1_link: alone rules out elasticity@1."]
+    summary = ResultSummary(improvement)
+    summary.document["sensors"] = [worth.to_json()]
+    assert sensors_said.sentences(document)[0] in Reader(html_page.render(summary)).text
 
 
 def test_commands_can_be_copied(summary, story_text):

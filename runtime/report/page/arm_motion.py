@@ -6,6 +6,7 @@ What a page needs of it is worked out here, in whole numbers on a drawing; the s
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,6 +30,8 @@ _POINTER = 0.3
 """Part of the arm's reach; length that stands for a last link without any, so that it is seen to turn."""
 _TURNED = 80
 """Per cent of a turn; how far the arc of a spring reaches at the largest torque of spring or motor."""
+_DIGITS, _MOST_DECIMALS = 4, 6
+"""Of a figure beside the picture: digits of its largest value; decimals at most."""
 _AXES = 0.18
 """Part of how far the arm is seen to reach; length of the base's axes, and by how much a plate is longer than what is
 pressed of it."""
@@ -54,6 +57,18 @@ class JointMarks:
 
 
 @dataclass(frozen=True)
+class JointReadings:
+    """A figure of every joint at the frames, to be read beside the picture (n, F), with its unit of each joint.
+
+    NaN where there is none.
+    """
+
+    name: str
+    values: Array
+    units: Sequence[str]
+
+
+@dataclass(frozen=True)
 class SpringTorque:
     """What a spring pushes its joint (1-based) forward with, at the frames (F,).
 
@@ -72,6 +87,7 @@ class ArmMotion:
     t         (F,) s, of the frames
     courses   one or two: a second is drawn over the first, which is then dashed
     marks     none, one or two: the first is a joint's ring, the second or the same its disc
+    readings  figures of the joints, beside the picture
     surface   base y of a plate that is not touched, m; the last course's tip presses it down. None: there is none
     goes_on   its end is its beginning
     """
@@ -81,6 +97,7 @@ class ArmMotion:
     courses: tuple[Course, ...]
     marks: tuple[JointMarks, ...] = ()
     springs: tuple[SpringTorque, ...] = ()
+    readings: tuple[JointReadings, ...] = ()
     surface: float | None = None
     goes_on: bool = False
 
@@ -181,6 +198,7 @@ class _Picture:
             ],
             "joints": [self._joint(j) for j in range(motion.model.n)],
             "marks": [m.name for m in motion.marks],
+            "readings": [r.name for r in motion.readings],
             "rests": any(bool(np.isnan(m.ratio).any()) for m in motion.marks),
             "limits": [f"{level:g}" for level in LEVELS],
             "springs": [self._spring(s) for s in motion.springs],
@@ -203,6 +221,7 @@ class _Picture:
             "joints": self.joints,
             "marks": [_tenths(m.ratio) for m in motion.marks],
             "levels": [_levels(m.ratio) for m in motion.marks],
+            "readings": [[_column(r, j) for j in range(motion.model.n)] for r in motion.readings],
             "springs": [_arcs(s) for s in motion.springs],
             "plate": self._plate_heights(),
             "feet": self.feet.tolist(),
@@ -287,6 +306,15 @@ def _levels(ratio: Array) -> list[str]:
     """A digit for every joint, a text for every frame: 0 nothing is said, 1 noise, 2 and 3 more."""
     level = np.where(np.isnan(ratio), 0, 1 + sum((ratio > limit).astype(int) for limit in LEVELS))
     return ["".join(map(str, row)) for row in level.T]
+
+
+def _column(readings: JointReadings, joint: int) -> dict[str, Any]:
+    """Of one joint its values (F,) as whole numbers of the last digit that is shown, null where there is none."""
+    values = readings.values[joint]
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    digits = int(np.clip(_DIGITS - 1 - np.floor(np.log10(largest)), 0, _MOST_DECIMALS)) if largest else 0
+    shown = [None if np.isnan(x) else round(float(x) * 10**digits) for x in values]
+    return {"unit": readings.units[joint], "digits": digits, "values": shown}
 
 
 def _arcs(spring: SpringTorque) -> list[int]:

@@ -10,6 +10,7 @@ import numpy as np
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
+from runtime.report import sensors_said
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
@@ -57,6 +58,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "about": summary.invocation.about,
         "recorded": [_recorded(summary, i) for i in joints],
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
+        "sensors": [] if summary.diagnosis is None else sensors_said.sentences(summary.document),
         "skew": parameters.skew(last.identification.inference),
         "warnings": summary.document["warnings"],
         "document": embedded(summary.document),

@@ -128,8 +128,14 @@ def _row(joint: Document) -> list[str]:
     ]
 
 
+_AT_ZERO = 1e-6
+"""Part of a range below which an end of it is 0, as far as a solver tells."""
+
+
 def _span(span: Sequence[float], unit: str) -> str:
-    return f"{number(span[0])} … {quantity(span[1], unit)}"
+    far = max(map(abs, span))
+    low, high = (0.0 if abs(end) < _AT_ZERO * far else end for end in span)
+    return f"{number(low)} … {quantity(high, unit)}"
 
 
 def _stated(limit: float | None, unit: str) -> str:

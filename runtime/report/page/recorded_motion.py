@@ -1,4 +1,5 @@
-"""What the arm did in the seconds of a recording that say most about its model, as a moving picture."""
+"""What the arm did in the seconds of a recording that say most about its model, as a moving picture: beside what it
+was to do where that was recorded, and with the torques that were measured and those that the model predicts."""
 
 from __future__ import annotations
 
@@ -10,8 +11,17 @@ from numpy.typing import NDArray
 from runtime.diagnosis.steps import Step
 from runtime.estimation.regressors import Signals
 from runtime.model.terms import SURFACE, given
+from runtime.motion.motion import Motion, Piece
 from runtime.planning.springs import is_spring
-from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks, SpringTorque, frames, picture
+from runtime.report.page.arm_motion import (
+    ArmMotion,
+    Course,
+    JointMarks,
+    JointReadings,
+    SpringTorque,
+    frames,
+    picture,
+)
 from runtime.report.summary import ResultSummary
 
 Array = NDArray[np.float64]
@@ -35,35 +45,70 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
     if summary.first is not summary.last:
         steps = {"residual before": summary.first, "after": summary.last}
     marks = tuple(JointMarks(name, _floors(step, summary.last, window, shown)) for name, step in steps.items())
+    moving = _motion(summary.last, shown, t, marks)
     where = f"{t[0]:.1f} s to {t[-1]:.1f} s{_of_which(summary, int(shown[0]))}"
-    what = f"The arm as it was measured, from {where}: the {t[-1] - t[0]:.0f} s with the largest residual"
+    as_seen = "as demanded, dashed, and as it was measured" if len(moving.courses) > 1 else "as it was measured"
+    what = f"The arm {as_seen}, from {where}: the {t[-1] - t[0]:.0f} s with the largest residual"
     if len(marks) > 1:
         what += "; the rings at its joints are the residual before, the discs after"
     else:
         what += "; the discs at its joints are the residual"
-    return picture(_motion(summary.last, shown, t, marks), f"{what}, by colour and size in noise floors.")
+    return picture(moving, f"{what}, by colour and size in noise floors.")
 
 
 def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) -> ArmMotion:
     motion, model = step.identification.motion, step.identification.model
     known = step.identification.fit.prediction.values
+    courses = [Course("measured", motion.rows("q")[:, shown])]
+    readings = _torques(step, shown)
+    demanded = _demanded(step, shown)
+    if demanded is not None:
+        courses.insert(0, Course("demanded", np.where(np.isnan(demanded), courses[0].q, demanded)))
+        units = [joint.position_unit for joint in model.joints]
+        readings = (*readings, JointReadings("off what was demanded", courses[-1].q - demanded, units))
     return ArmMotion(
         model=model,
         t=t,
-        courses=(Course("measured", motion.rows("q")[:, shown]),),
+        courses=tuple(courses),
         marks=marks,
         springs=_springs(step, shown),
+        readings=readings,
         surface=None if model.spatial else given(model.library, known, SURFACE),
     )
+
+
+def _demanded(step: Step, shown: Rows) -> Array | None:
+    """(n, F) positions that were demanded, NaN where they are not known; None without any."""
+    piece, samples = _samples(step.identification.motion, shown)
+    rows = piece.sensors.q_desired
+    return None if rows is None else rows[:, samples]
+
+
+def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
+    """Measured in the band and predicted; NaN where a joint rests, and nobody knows what its friction holds."""
+    found = step.identification
+    measured = np.full((found.motion.n, len(shown)), np.nan)
+    predicted = measured.copy()
+    for i in range(found.motion.n):
+        use = found.motion.moving(i)[shown]
+        measured[i, use] = found.motion.recorded(i, found.fit.skew)[shown][use]
+        predicted[i, use] = measured[i, use] - found.fit.residual[i][shown][use]
+    units = [joint.force_unit for joint in found.model.joints]
+    return JointReadings("torque measured", measured, units), JointReadings("torque predicted", predicted, units)
+
+
+def _samples(motion: Motion, shown: Rows) -> tuple[Piece, Rows]:
+    """The piece in which rows stand, and its samples there."""
+    number = int(motion.row_piece[shown[0]])
+    piece = motion.pieces[number]
+    return piece, piece.centres[shown - int(np.argmax(motion.row_piece == number))]
 
 
 def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
     """Torques of the springs beside the joints, as fitted."""
     found = step.identification
-    motion, model = found.motion, found.model
-    number = int(motion.row_piece[shown[0]])
-    piece = motion.pieces[number]
-    samples = piece.centres[shown - int(np.argmax(motion.row_piece == number))]
+    model = found.model
+    piece, samples = _samples(found.motion, shown)
     signals = Signals(model, piece, found.fit.prediction)
     springs = [t for t in found.fit.prediction.values if t.joint is not None and is_spring(model.library[t.effect])]
     return tuple(

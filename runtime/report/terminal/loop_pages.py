@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from runtime.report import sensors_said
 from runtime.report.terminal.cells import (
     Document,
     Names,
@@ -60,7 +61,7 @@ def diagnosis(document: Document) -> None:
     if document["verdict"] != "effect":
         _not_named(document)
     _peaks(document)
-    _encoders(document)
+    say(*sensors_said.sentences(document))
     delay_lines(document)
     say("Base inertial parameters:")
     fit_table({"inertial": document["parameters"], "rotors": document["rotors"], "effects": []}, names_of(document))
@@ -79,16 +80,6 @@ def _peaks(document: Document) -> None:
         frequencies = ", ".join(f"{f:.2f} Hz" for f in peak["frequencies_hz"])
         found.append(f"joint {numbered(peak['joint'], names.get(peak['joint']))} at {frequencies}")
     say(f"Peaks in the spectrum of what is left, which hold little of it: {'; '.join(found)}.")
-
-
-def _encoders(document: Document) -> None:
-    """By how long the link-side encoders are read later than the motors', and what further sensors were worth."""
-    for e in document["encoder_skew"]:
-        low, value, high = (f"{1e3 * x:.3g}" for x in (e["interval"][0], e["value"], e["interval"][1]))
-        later = f"the link-side encoder is read {value} ms later than the motor's"
-        say(f"Joint {e['joint']}: {later}, 95 % in [{low}, {high}] ms.")
-    for sensor in document["sensors"]:
-        say(f"What the sensors were worth: {sensor['said']}.")
 
 
 def _not_named(document: Document) -> None:
@@ -275,7 +266,7 @@ def improvement(document: Document) -> None:
     say("")
     for finding in _found(document):
         _finding(finding, document)
-    _encoders(document)
+    say(*sensors_said.sentences(document))
     delay_lines(document)
     _refit(document["identification"]["before"], document["identification"]["after"], names_of(document))
     say(f"What is left: {document['verdict'].upper()}: {document['reason']}", "")
