@@ -17,8 +17,8 @@ from runtime.plain_json import plain
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 _ALLOCATED, _YOUNGER = 100_000, 50
-"""New objects, and collections of younger ones, between two searches for circles of objects: Python's 700 and 10 are for
-programs that run for days. A verb derives equations out of a million small objects, nearly all of which stay."""
+"""New objects, and collections of younger ones, between two searches for circles of objects: Python's 700 and 10 are
+for programs that run for days. A verb derives equations out of a million small objects, nearly all of which stay."""
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:

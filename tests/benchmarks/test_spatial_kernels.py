@@ -16,7 +16,8 @@ from codegen import render
 from codegen.toolchain import build
 from symbolic.model import ArmModel, derive
 
-SAMPLES = 1024
+SAMPLES = 1000
+"""No power of two, with which the elements of a sample, count apart, would fall on the same places of the cache."""
 ROUNDS, REPETITIONS = sized((5, 60), (1, 2))
 EQUAL = 1e-9
 """Of the largest torque."""
@@ -64,7 +65,7 @@ def _library(model: ArmModel, pinocchio: Reference) -> ctypes.CDLL:
     sources["pinocchio_rnea.c"] = pinocchio.c_code()
     loops = OURS.format(name=name, n=n) + THEIRS.format(n=n)
     sources["loops.c"] = f'#include <stddef.h>\n#include "{name}_f64.h"\n{loops}'
-    return ctypes.CDLL(str(build.shared_library(sources, f"kernels_{name}")))
+    return ctypes.CDLL(str(build.shared_library(sources, f"kernels_{name}", build.STRAIGHT)))
 
 
 def _called(kernel: Callable[..., None], arrays: list[Array]) -> Callable[[], None]:
