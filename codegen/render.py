@@ -13,9 +13,11 @@ from codegen.c.controller import Controller
 from codegen.c.language import identifier
 from codegen.casadi import casadi_code, tables
 from codegen.pages import BANNER, page
+from codegen.tape.balanced import balanced
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import Effect
 from symbolic.functions import SymbolicFunction
+from symbolic.model_file.arm import SpatialArm
 
 if TYPE_CHECKING:
     from symbolic.model import ArmModel
@@ -54,20 +56,26 @@ def _c_files(
 
 
 def arm_files(model: ArmModel) -> dict[str, str]:
-    """C (float, double), the CasADi module and metadata.json of an arm; relative path -> text."""
+    """C (float, double), the CasADi module and metadata.json of an arm; relative path -> text.
+
+    Processors that compute in double precision do several operations at once: in space, where the chains of operations
+    are long, sums are in the order that waits least for them.
+    """
     name = model.arm.name
     if not identifier(name):
         raise ValueError(f'the arm\'s name "{name}" cannot be used in C; use letters, digits and _')
     origin = f"Arm {name}."
     tapes = {f.name: Tape.of(f) for f in model.functions}
+    wide = {n: balanced(t) for n, t in tapes.items()} if isinstance(model.arm, SpatialArm) else tapes
     begun = {f.continues.function for f in model.functions if f.continues is not None}
     files: dict[str, str] = {}
     for precision in (F32, F64):
         routines = [c_code.defaults(name, model.struct, precision)]
         for function in model.functions:
-            routines.append(_call(name, function, tapes[function.name], precision))
+            tape = tapes[function.name] if precision is F32 else wide[function.name]
+            routines.append(_call(name, function, tape, precision))
             if precision is F64:
-                routines += _batches(name, function, tapes[function.name], function.name in begun)
+                routines += _batches(name, function, tape, function.name in begun)
         types = [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)]
         files |= _c_files(name, origin, precision, types, routines, lanes=precision is F64)
     files["tendon_lanes_f64.h"] = page("c/lanes_f64.h.j2", banner=f"/* {BANNER} */")

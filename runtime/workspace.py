@@ -253,7 +253,7 @@ class Source:
         import numpy as np
 
         from runtime.exchange.full_regressor import ChainGeometry, base_map
-        from runtime.exchange.physical import project
+        from runtime.exchange.physical import project, rotors_asked
         from symbolic.model_file.exchange import exporting
         from symbolic.model_file.frames import rotation
 
@@ -267,7 +267,10 @@ class Source:
             np.array(arm.gravity),
         )
         near = np.array([exporting.parameters(body) for body in bodies])
-        found = project(*base_map(chain, model.regressor), model.lump_values, near, np.array(rotors))
+        B, W = base_map(chain, model.regressor)
+        guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
+        asked = rotors_asked(B, W, model.lump_values, near, np.array(rotors), guessed)
+        found = project(B, W, model.lump_values, near, asked)
         return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
 
     def replace(self, text: str) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 
 import sympy as sp
 
+from codegen.tape.balanced import balanced
 from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ASSUMED_SHARE, ArmModel
@@ -77,7 +78,8 @@ def prove_model(model: ArmModel, seed: int) -> tuple[FunctionProof, ...]:
 
 
 def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed: int = 0) -> list[FunctionProof]:
-    """All functions of an arm in space, and first its frames. `tapes`: by name of the function."""
+    """All functions of an arm in space, and first its frames. `tapes`: by name; each also with its sums in
+    the order in which double precision has them."""
     assert isinstance(model.arm, SpatialArm)
     frames = geometry(model.arm)
     chain = rounding.exact_file_chain(frames)
@@ -86,7 +88,8 @@ def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed
     rng = random.Random(seed)
     states = [_State.drawn(rng, model, frames, ExactChain.of(chain)) for _ in range(points)]
     for function in model.functions:
-        found = (_differs(function, tapes[function.name], state) for state in states)
+        orders = (tapes[function.name], balanced(tapes[function.name]))
+        found = (_differs(function, tape, state) for state in states for tape in orders)
         proofs.append(FunctionProof(function.name, points, next((name for name in found if name), None)))
     return proofs
 

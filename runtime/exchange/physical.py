@@ -65,6 +65,19 @@ def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> Ph
     return PhysicalBodies(full.reshape(-1, PER_BODY), turning, float(np.linalg.norm(problem.missing(x))))
 
 
+def rotors_asked(B: Array, W: Array, base: Array, bodies: Array, likely: Array, guessed: NDArray[np.bool_]) -> Array:
+    """(n,) rotors beside which bodies (n, 10) come nearest to the base parameters, where the model file states none; at
+    least the likely ones (n,), which stand where it does.
+
+    From a rotor that is far too small the search bends bodies out of their shape instead, and ends at a flat one.
+    """
+    at = B.shape[1] - len(likely) + np.flatnonzero(guessed)
+    left = W @ (base - B @ np.concatenate([bodies.ravel(), likely]))
+    rotors = likely.copy()
+    rotors[guessed] += np.maximum(np.linalg.lstsq(W @ B[:, at], left, rcond=None)[0], 0.0)
+    return rotors
+
+
 def _between(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
     """From x on to the least sum of what is missing and of the way from `start` in units of `reach`, squared."""
     found = least_squares(

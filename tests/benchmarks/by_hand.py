@@ -7,6 +7,7 @@ compiled batch kernels for the arm, NumPy over all nodes at once for the rest, o
 from __future__ import annotations
 
 import time
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -293,9 +294,12 @@ def scipy_solution(
         options = {"maxiter": 3000, "gtol": 1e-5, "xtol": 1e-8}
     start = np.clip(x, *bounds)
     try:
-        found = minimize(
-            cost, start, method=method, bounds=Bounds(*bounds), constraints=constraints, callback=note, options=options
-        )
+        with warnings.catch_warnings():  # trust-constr says so where two gradients are equal
+            warnings.filterwarnings("ignore", "delta_grad == 0.0", UserWarning)
+            limits = Bounds(*bounds)
+            found = minimize(
+                cost, start, method=method, bounds=limits, constraints=constraints, callback=note, options=options
+            )
         last, says, stopped = found.x, str(found.message), False
     except _Over:
         says, stopped = f"stopped after {cap:g} s", True

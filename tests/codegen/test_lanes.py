@@ -38,7 +38,7 @@ def derived(name: str) -> ArmModel:
 
 def library(model: ArmModel) -> ctypes.CDLL:
     files = {path: text for path, text in render.arm_files(model).items() if path.endswith(("f64.c", "f64.h"))}
-    return ctypes.CDLL(str(build.shared_library(files, model.arm.name)))
+    return ctypes.CDLL(str(build.shared_library(files, model.arm.name, build.STRAIGHT)))
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
@@ -61,7 +61,7 @@ def test_every_sample_has_the_bits_of_its_own_call(
     name: str, flags: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if flags is not None:
-        monkeypatch.setattr(build, "vector_flags", lambda: flags)
+        monkeypatch.setattr(build, "vector_flags", lambda _=None: flags)
     model = derived(name)
     compiled, rng = library(model), np.random.default_rng(1)
     parameters = np.array(model.struct.defaults)
@@ -108,10 +108,10 @@ def test_angles_taken_together_have_the_bits_of_one_alone(
     flags: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if flags is not None:
-        monkeypatch.setattr(build, "vector_flags", lambda: flags)
+        monkeypatch.setattr(build, "vector_flags", lambda _=None: flags)
     arm = render.arm_files(derived("rx90"))
-    headers = {path: arm[path] for path in ("tendon_lanes_f64.h", "tendon_math_f64.h")}
-    compiled, rng = ctypes.CDLL(str(build.shared_library(headers | {"each.c": EACH}, "each"))), np.random.default_rng(2)
+    files = {path: arm[path] for path in ("tendon_lanes_f64.h", "tendon_math_f64.h")} | {"each.c": EACH}
+    compiled, rng = ctypes.CDLL(str(build.shared_library(files, "each", build.STRAIGHT))), np.random.default_rng(2)
     for count in range(1, 17):
         x = np.zeros(16)
         x[:count] = rng.uniform(-4000, 4000, count)

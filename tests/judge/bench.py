@@ -144,16 +144,21 @@ def _bandwidth(coarse: float) -> float:
 
 
 def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool, rows: Rows) -> Bench:
-    """A bench for one recording of the motion wanted (3, n, N); rows: the plant's parameters without its controller."""
+    """A bench for one recording of the motion wanted (3, n, N); rows: the plant's parameters without its controller.
+
+    Gains are for the inertia at rest in the middle; in space, where a joint feels a tenth of it in another posture, for
+    the least along the motion: with larger ones the controller oscillates there, as none is let.
+    """
     bodies = ARMS[setting.joints]
     n, count = wanted.shape[1:]
     coarse = 1.0 if setting.fine_control else setting.coarse
     bandwidth = _bandwidth(coarse)
     controlled = []
+    places = wanted[0, :, ::100] if in_space(bodies) else np.zeros((n, 1))
     for i, row in enumerate(rows):
-        push = np.zeros((3, n, 1))
-        push[2, i] = 1.0
-        inertia = float(torque(bodies, push)[i, 0])
+        push = np.zeros((3, *places.shape))
+        push[0], push[2, i] = places, 1.0
+        inertia = float(torque(bodies, push)[i].min())
         gains = {"KP": inertia * bandwidth**2, "KD": 1.6 * inertia * bandwidth}
         controlled.append({**row, **gains, "OBSERVER": bandwidth * (6.0 if coarse == 1.0 else 3.5)})
     forward = torque(bodies, wanted, setting.gravity)

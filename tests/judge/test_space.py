@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from . import space
+from .bench import Setting, _bandwidth, bench
 from .bodies import inertial_columns, joint_rows, torque
+from .motion import desired
 from .plant import PERIOD, simulate
 from .space import DOWN, HOME, SPATIAL, TIP, SpatialBody, chain, tip
 from .test_plant import FRICTIONLESS
@@ -133,3 +135,18 @@ def test_the_model_file_says_where_the_joints_are(n: int) -> None:
         np.testing.assert_allclose(point, body.point, atol=1e-12)
         np.testing.assert_allclose(axes @ np.array(joint.link.com) + point, body.centre, atol=1e-12)
     np.testing.assert_allclose(point + axes @ np.array([0, 0, TIP]), tip(SPATIAL[n]), atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [6, 7])
+def test_no_posture_of_a_motion_is_lighter_than_its_controller_takes_it(n: int) -> None:
+    """Else it oscillates there: the inertia before the first joint falls to a tenth as the arm folds."""
+    setting, rng = Setting(joints=n, coarse=10.0, gravity=DOWN), np.random.default_rng(1)
+    wanted = desired(rng, n, "brief")
+    wanted[0] += np.array(HOME[n])[:, None]
+    rows = [body.parameters() for body in SPATIAL[n]]
+    made = bench(setting, wanted, rng, False, rows)
+    places = wanted[0, :, ::700]
+    for i, row in enumerate(made.rows):
+        push = np.zeros((3, *places.shape))
+        push[0], push[2, i] = places, 1.0
+        assert row["KP"] < 1.1 * torque(SPATIAL[n], push)[i].min() * _bandwidth(10.0) ** 2

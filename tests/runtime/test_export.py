@@ -24,6 +24,7 @@ from runtime.exchange.physical import (
     pseudo_inertia,
     pseudo_parameters,
     pseudo_slopes,
+    rotors_asked,
 )
 from runtime.notebook import verbs
 from runtime.notebook.arm import load
@@ -241,6 +242,18 @@ def test_where_no_body_has_them_the_nearest_in_torque_is_taken(seven: SimpleName
     assert all(is_possible(body) for body in found.bodies)
     assert found.mismatch > 0.01
     assert (found.rotors > 0).all()
+
+
+def test_a_rotor_that_nobody_states_is_what_the_bodies_leave(seven: SimpleNamespace) -> None:
+    """Those that are stated stay; from a guess that is far too small the true ones are found."""
+    base = seven.B @ np.concatenate([seven.bodies.ravel(), seven.rotors])
+    guessed = np.arange(7) > 2
+    likely = np.where(guessed, 1e-3, seven.rotors)
+    asked = rotors_asked(seven.B, seven.W, base, seven.bodies, likely, guessed)
+    assert asked == pytest.approx(seven.rotors)
+    assert (asked[~guessed] == seven.rotors[~guessed]).all()
+    larger = rotors_asked(seven.B, seven.W, base, seven.bodies, np.full(7, 2.0), guessed)
+    assert (larger == 2.0).all()
 
 
 def test_a_rotor_of_nothing_stays_so(seven: SimpleNamespace) -> None:
