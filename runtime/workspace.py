@@ -6,7 +6,8 @@ The one place where equations and recordings meet: command line, notebooks and p
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -271,13 +272,21 @@ class Source:
         return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
 
     def replace(self, text: str) -> None:
-        """Write the model file anew, unless someone else has changed it since it was read."""
+        """Write the model file anew, unless someone else has changed it since it was read. Raises UsageError."""
+        with self.replaced(text):
+            pass
+
+    @contextmanager
+    def replaced(self, text: str) -> Iterator[None]:
+        """As `replace`; nobody else replaces the file before what belongs to it is written, too, inside the `with`."""
         from runtime import files
         from symbolic.model_file import reader
 
-        if reader.read_text(self.path) != self.text:
-            raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
-        files.replace(self.path, text.encode())
+        with files.alone(self.path):
+            if reader.read_text(self.path) != self.text:
+                raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
+            files.replace(self.path, text.encode())
+            yield
 
 
 def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
