@@ -291,10 +291,26 @@ class Source:
 
 def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
     """The effects by name, as a planar arm or one in space has them: the library, and the user's own after it."""
-    from symbolic.effects import load_user_effects, shipped
+    from symbolic.effects import shipped
 
-    own = load_user_effects(effects_file, space) if effects_file else ()
+    own = _own_effects(effects_file, space) if effects_file else ()
     return {**shipped(space), **{effect.name: effect for effect in own}}
+
+
+def _own_effects(path: Path, space: bool) -> tuple[Effect, ...]:
+    """Those of a user's file, as far as code can be made of them: that is found out before anything else is done."""
+    from codegen.render import effect_files
+    from symbolic.effects import EffectsError, load_user_effects, said
+
+    effects = load_user_effects(path, space)
+    for effect in effects:
+        try:
+            effect_files((effect,))
+        except ValueError as error:
+            raise EffectsError(f"{path}: {error}") from error
+        except Exception as error:
+            raise EffectsError(f'{path}: effect "{effect.name}" cannot be generated: {said(error)}') from error
+    return effects
 
 
 def effects_described(effects_file: Path | None, space: bool) -> Mapping[str, AnyEffect]:

@@ -71,7 +71,7 @@ def segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: 
     step = median_step(t, run)
     if not step > 0:
         refuse("time never advances by as much as it goes back; expected seconds in t")
-    if wrong := plausible.slow_clock(step, cell):
+    if wrong := plausible.wrong_clock(step, cell):
         refuse(wrong)
     gap = same & (steps > GAP * step * (1 + ROUNDING))
     if gap.any() and not allow_gaps:
@@ -102,4 +102,6 @@ def moving(q: Array, tau: Array, refuse: Refusal) -> None:
         refuse(f"{which} constant; nothing moves, so nothing can be learned from this recording")
     if not (~still & ~plausible.unpowered(tau)).any():
         i = int(np.flatnonzero(~still)[0])
-        refuse(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is the right column recorded?")
+        usual = float(np.median(tau[i]))
+        what = f"constant ({usual:g})" if np.ptp(tau[i]) == 0 else f"{usual:g} at all but a few samples"
+        refuse(f"tau{i + 1} is {what} while q{i + 1} moves; is the right column recorded?")

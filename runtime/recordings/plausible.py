@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.settings import SLOWEST_STEP
+from runtime.recordings.settings import FASTEST_STEP, LEAST_CHANGES, SLOWEST_STEP, SMALLEST
 
 Array = NDArray[np.float64]
 
@@ -16,8 +16,13 @@ _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of a clock and their length in s, the coarsest first."""
 
 
-def slow_clock(step: float, cell: str) -> str | None:
+def wrong_clock(step: float, cell: str) -> str | None:
     """What is wrong with a time, read from `cell`, of which the median step is `step` s, and the cure, if any."""
+    if step < FASTEST_STEP:
+        return (
+            f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
+            f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
+        )
     if not step > SLOWEST_STEP:
         return None
     unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
@@ -26,8 +31,10 @@ def slow_clock(step: float, cell: str) -> str | None:
 
 
 def unpowered(tau: Array) -> NDArray[np.bool_]:
-    """(n,) joints whose torque never changes: passive ones, or those of which no torque is recorded. tau (n, N)."""
-    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) == 0
+    """(n,) joints whose torque never changes, but at a few samples or by less than a sensor tells: passive ones, or
+    those of which no torque is recorded. tau (n, N)."""
+    apart = np.abs(tau - np.median(tau, axis=1, keepdims=True)) > SMALLEST
+    quiet: NDArray[np.bool_] = np.count_nonzero(apart, axis=1) < LEAST_CHANGES
     return quiet
 
 

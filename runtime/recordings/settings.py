@@ -8,6 +8,10 @@ SLOWEST_STEP: Final = 0.2
 """s; a median step above it is no log of a moving joint but a time in another unit: field buses and loggers of motion
 run from some Hz to some kHz, and a clock in milliseconds reads 0.2 at 5 kHz; a choice between the two."""
 
+FASTEST_STEP: Final = 1e-5
+"""s; a shorter median step is a time in another unit: the fastest current loops of drives run at some 40 kHz, and are
+logged no faster; a choice."""
+
 MIN_SAMPLES: Final = 200
 """samples; fewer hold no motion from which inertia and friction could be told; a choice."""
 
@@ -22,6 +26,13 @@ ROUNDING: Final = 1e-6
 
 LARGEST: Final = 1e12
 """SI unit; no reading of a joint is larger, and its square must not overflow; a choice."""
+
+SMALLEST: Final = 1e-12
+"""SI unit; a torque that changes by less at a sample does not change there: the smallest drives have some 1e-6 N m, and
+no sensor tells a millionth of that; a choice."""
+
+LEAST_CHANGES: Final = 20
+"""samples; a torque that is another at fewer is a fault in the recording and no drive's; as LEAST_SIGNAL."""
 
 MAX_BYTES: Final = 2_000_000_000
 """length in bytes; of a file, of what it unpacks to and of what is kept of it, so that a false length in it cannot fill
