@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.settings import FASTEST_STEP, LEAST_CHANGES, SLOWEST_STEP, SMALLEST
+from runtime.recordings.settings import FASTEST_STEP, SLOWEST_STEP, SMALLEST
 
 Array = NDArray[np.float64]
 
@@ -31,10 +31,9 @@ def wrong_clock(step: float, cell: str) -> str | None:
 
 
 def unpowered(tau: Array) -> NDArray[np.bool_]:
-    """(n,) joints whose torque never changes, but at a few samples or by less than a sensor tells: passive ones, or
-    those of which no torque is recorded. tau (n, N)."""
-    apart = np.abs(tau - np.median(tau, axis=1, keepdims=True)) > SMALLEST
-    quiet: NDArray[np.bool_] = np.count_nonzero(apart, axis=1) < LEAST_CHANGES
+    """(n,) joints whose torque never changes by as much as a sensor tells: passive ones, or those of which no torque is
+    recorded. tau (n, N)."""
+    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
     return quiet
 
 

@@ -28,15 +28,25 @@ LARGEST: Final = 1e12
 """SI unit; no reading of a joint is larger, and its square must not overflow; a choice."""
 
 SMALLEST: Final = 1e-12
-"""SI unit; a torque that changes by less at a sample does not change there: the smallest drives have some 1e-6 N m, and
+"""SI unit; a torque that changes by less does not change: the smallest drives have some 1e-6 N m, and
 no sensor tells a millionth of that; a choice."""
-
-LEAST_CHANGES: Final = 20
-"""samples; a torque that is another at fewer is a fault in the recording and no drive's; as LEAST_SIGNAL."""
 
 MAX_BYTES: Final = 2_000_000_000
 """length in bytes; of a file, of what it unpacks to and of what is kept of it, so that a false length in it cannot fill
 the memory; a choice: an hour of seven joints at 1 kHz in CSV is 1 GB."""
+
+BLOCK: Final = 1 << 23
+"""length in bytes; of a text so much is read and understood at once, some tenths of a second; a choice."""
+
+HEAD: Final = 1 << 16
+"""length in bytes; of a text so much is read at once until its header and first sample are found; a choice."""
+
+LONGEST_LINE: Final = 1_000_000
+"""length in bytes; MOST_FIELDS names or numbers of a hundred letters each; a choice."""
+
+MOST_SAMPLES: Final = 5_000_000
+"""samples; of a recording, eighty minutes at 1 kHz: filters, regressors and fits keep some hundred numbers of each, so
+that seven joints fit into the memory of a laptop; a choice."""
 
 LARGEST_MATRIX: Final = 128
 """number of columns; a variable with more in its shorter direction holds no joints' signals but pictures or tables."""
