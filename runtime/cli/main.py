@@ -89,4 +89,5 @@ def of_all_verbs(
 
 def main() -> None:
     """Entry point of the `tendon` command."""
+    output.open_streams()
     output.leave(output.run(app, sys.argv[1:]))
