@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -42,6 +43,9 @@ def opened(path: Path, refuse: Refusal) -> Contents:
     try:
         if path.is_dir():
             return _folder(path, refuse)
+        # It is opened several times, and a pipe gives what it has but once.
+        if not stat.S_ISREG(path.stat().st_mode):
+            refuse("is no file but a pipe or a device; save it to a file first")
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError:

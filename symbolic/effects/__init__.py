@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import stat
 from pathlib import Path
 
 from symbolic.effects import contact, drive, friction, loads, springs, transmission
@@ -37,7 +38,11 @@ def load_user_effects(path: Path, space: bool = True) -> tuple[Effect, ...]:
     fails, has no EFFECTS, contradicts itself or takes a name that is already in use.
     """
     try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise EffectsError(f"{path}: is no file; expected Python that defines EFFECTS")
         found = runpy.run_path(str(path)).get("EFFECTS")
+    except EffectsError:
+        raise
     except OSError as error:
         raise EffectsError(f"{path}: cannot read the file of effects: {error.strerror}") from error
     except KeyboardInterrupt:
