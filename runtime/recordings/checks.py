@@ -78,7 +78,7 @@ def segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: 
     step = median_step(t, run)
     if not step > 0:
         refuse("time never advances by as much as it goes back; expected seconds in t")
-    if wrong := plausible.wrong_clock(step, cell):
+    if wrong := plausible.slow_clock(step, cell):
         refuse(wrong)
     gap = same & (steps > GAP * step * (1 + ROUNDING))
     if gap.any() and not allow_gaps:

@@ -16,18 +16,23 @@ _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of a clock and their length in s, the coarsest first."""
 
 
-def wrong_clock(step: float, cell: str) -> str | None:
+def slow_clock(step: float, cell: str) -> str | None:
     """What is wrong with a time, read from `cell`, of which the median step is `step` s, and the cure, if any."""
-    if step < FASTEST_STEP:
-        return (
-            f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
-            f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
-        )
     if not step > SLOWEST_STEP:
         return None
     unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
     cure = f'if t is in {unit}, pass --map t="{cell} [{unit}]"' if unit else "write t in seconds"
     return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
+
+
+def fast_clock(step: float, cell: str) -> str | None:
+    """The same of one that is too short to be filtered: its filters would be longer than any recording."""
+    if not step < FASTEST_STEP:
+        return None
+    return (
+        f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
+        f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
+    )
 
 
 def unpowered(tau: Array) -> NDArray[np.bool_]:

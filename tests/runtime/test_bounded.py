@@ -133,3 +133,13 @@ def test_a_long_reading_is_ended_within_a_second(tmp_path: Path, number: signal.
             return time.monotonic() - began
 
     assert any(took() < 1.0 for _ in range(3))
+
+
+@pytest.mark.parametrize("step", [1e-9, 1e-6])
+def test_a_clock_in_another_unit_is_refused_before_anything_is_filtered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], step: float
+) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,q1,tau1\n" + "".join(f"{k * step!r},{(k * k) % 1000 / 1000},{k % 7}\n" for k in range(6000)))
+    assert output.run(app, ["compare", "drive", str(path)]) == 2
+    assert f"the median step of t is {step:.4g} s; expected at least 1e-05 s" in capsys.readouterr().err
