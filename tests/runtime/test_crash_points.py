@@ -27,8 +27,8 @@ def seen(folder: Path) -> dict[str, bytes]:
 
 
 def part(content: dict[str, bytes], name: str) -> dict[str, bytes]:
-    """What stands in a folder, without what says where it comes from."""
-    return {path: data for path, data in content.items() if path.startswith(name) and not path.endswith("/.model")}
+    """What stands in a folder, without what says where it comes from, whole or on its way."""
+    return {path: data for path, data in content.items() if path.startswith(name) and "/." not in path}
 
 
 def points(work: Callable[[], object], folder: Path, prepare: Callable[[], None], every: int) -> Iterator[int]:
