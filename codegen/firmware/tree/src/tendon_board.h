@@ -15,7 +15,7 @@
  * model file has limits, gains or a rate, those make the ceilings, in tendon_arm.h; these stand for what it leaves out,
  * and for the errors and times that it does not know. Set them to what your arm may do at most: without its first line,
  * this file is yours and is not replaced. */
-#define TENDON_MOST_TORQUE 1000.0f /* N m, at a revolute joint */
+#define TENDON_MOST_TORQUE 10000.0f /* N m, at a revolute joint */
 #define TENDON_MOST_FORCE 10000.0f /* N, at a prismatic one */
 #define TENDON_MOST_SPEED 100.0f /* rad/s, as measured and filtered */
 #define TENDON_MOST_LINEAR_SPEED 10.0f /* m/s */
