@@ -34,8 +34,7 @@ from runtime.motion.settings import (
     STEP_SINGLE,
 )
 from runtime.motion.white_noise import SampleNoise
-from runtime.recordings.plausible import fast_clock
-from runtime.recordings.recording import Recording, RecordingError
+from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -132,12 +131,8 @@ def beyond_posture(q: Array, x: Array) -> Array:
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     """Cut-off for all joints of all recordings together.
 
-    inertia (n,): D_ii of the model, kg m² (kg). Raises RecordingError where a clock cannot be meant in seconds.
+    inertia (n,): D_ii of the model, kg m² (kg).
     """
-    for recording in recordings:
-        cell = recording.cells.get("t", "t").split(" [")[0]
-        if wrong := fast_clock(recording.dt, cell):
-            raise RecordingError(f"{recording.path}: {wrong}")
     grids = [grid(r) for r in recordings]
     rate = min(1 / g.spacing for g in grids)
     n = len(inertia)
