@@ -163,7 +163,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
 def _drivers(part: Array, joint: int) -> list[int]:
     """Joints (0-based) with which one may have exchanged its torque: each then drives the other's motion."""
     drives = part > AGAINST_MOTION
-    return [j for j in np.flatnonzero(drives[:, joint] & drives[joint]) if j != joint]
+    return [int(j) for j in np.flatnonzero(drives[:, joint] & drives[joint]) if j != joint]
 
 
 def _exchange(recording: Recording, one: int, other: int) -> str:
