@@ -48,6 +48,12 @@ def whole(value: float) -> str:
     return f"{round(value):d}".replace("-", "−") if math.isfinite(value) else "–"
 
 
+def whole_apart(value: float, other: float) -> str:
+    """To the nearest whole number; where that is the other's, as few digits as show on which side of it it lies."""
+    near = math.isfinite(value) and round(value) == round(other)
+    return told_apart(value, other) if near else whole(value)
+
+
 def _raised(exponent: int | str) -> str:
     return str(exponent).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
 

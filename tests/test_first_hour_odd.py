@@ -104,8 +104,8 @@ def test_what_is_said_cures(tmp_path, capsys, name):
     for _ in range(MOST_ROUNDS + 1):
         status, said = inspected(capsys, path, *typed)
         text = next((s for s in said if s.startswith(("All at once", "Perhaps"))), said[-1])
-        # Without a model nobody knows how many joints the columns are of; a user does.
-        cure = _CURE.findall(text.replace("t,q1,tau1,-,-,-,-", "t,q1,q2,qd1,qd2,tau1,tau2"))
+        # Where two numbers of joints are said, or a sign and an order of torques, a user knows which is right.
+        cure = [option for option in _CURE.findall(text.partition("; if torques stand")[0]) if "q3" not in option]
         if not cure:
             break
         typed += [word for option in cure for word in shlex.split(option)]
@@ -114,9 +114,23 @@ def test_what_is_said_cures(tmp_path, capsys, name):
     r = read(path, 2, mapping(cells))
     np.testing.assert_allclose(np.diff(r.t), np.diff(m["t"]), atol=1e-6)
     np.testing.assert_allclose(r.q, m["q"], rtol=1e-9)
-    np.testing.assert_allclose(np.abs(r.tau), np.abs(m["tau"]), rtol=1e-9)
+    np.testing.assert_allclose(r.tau, m["tau"], rtol=1e-9)
     if r.qd is not None:
         np.testing.assert_allclose(r.qd, m["qd"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_exchanged_torques_without_a_model(tmp_path, capsys, seed):
+    """They may look like a wrong sign, and are then said beside it; what is said of them, typed, cures them."""
+    m, path = motion(seed), tmp_path / "a.csv"
+    named("t,q1,q2,tau1,tau2", "t", "q", "tau")(path, {**m, "tau": m["tau"][::-1]})
+    said = inspected(capsys, path)[1][-1]
+    if said == "Nothing looks wrong; with MODEL more can be told.":
+        return
+    assert "if its sign is wrong, pass " in said
+    typed = _CURE.findall(said.partition("; if torques stand in each other's place, ")[2])
+    r = read(path, 2, mapping([cell for option in typed for cell in shlex.split(option)[1::2]]))
+    np.testing.assert_allclose(r.tau, m["tau"], rtol=1e-9)
 
 
 def test_stamps_that_are_rounded_too_coarsely(tmp_path, capsys):

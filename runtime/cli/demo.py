@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from runtime.cli.loop import draw_page, improved_model, invocation_of
-from runtime.cli.options import Json, nearby
+from runtime.cli.options import Json
 from runtime.cli.output import emit
 from runtime.cli.places import FILLED
 from runtime.workspace import Source
@@ -35,7 +35,7 @@ def demo(
     source = Source(out / "drive.toml", shipped.text)
     data = source.recordings(paths)
     fitted, held_out = paths[:1], tuple(paths[1:])
-    invocation = invocation_of(source, nearby(shipped.path), fitted, None, None, False, held_out, source.path)
+    invocation = invocation_of(source, Path("drive"), fitted, None, None, False, held_out, source.path)
     result, summary = improved_model(source, data[:1], data[1:], invocation)
     files.replace(source.path, result.model_text.encode())
     emit(json, summary.document, loop_pages.improvement)

@@ -40,7 +40,7 @@ from runtime.estimation.whitening import Whitening
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
-from runtime.wording import told_apart, whole
+from runtime.wording import told_apart, whole_apart
 
 Array = NDArray[np.float64]
 
@@ -183,15 +183,18 @@ class Figures:
     def gates(self, floor: float, at_edge: bool, least_share: float = LEAST_SHARE) -> Iterator[tuple[bool, str]]:
         """Whether each is open and what is to be said if not, those first that cost least to know."""
         delta, size = self.delta_bic, self.eff / floor
-        yield delta > LEAST_DELTA_BIC, f"whitened BIC falls by {whole(delta)}, not by {LEAST_DELTA_BIC:g}"
+        yield (
+            delta > LEAST_DELTA_BIC,
+            f"whitened BIC falls by {whole_apart(delta, LEAST_DELTA_BIC)}, not by {LEAST_DELTA_BIC:g}",
+        )
         own = told_apart(size, LEAST_EFFECT)
         yield size > LEAST_EFFECT, f"its own torque is {own} of the noise floor, not more than {LEAST_EFFECT:g}"
-        part = 100 * self.share
-        yield part > 100 * least_share, f"{_EXPLAINS} {part:.0f} % of what is left, not {100 * least_share:.0f} %"
+        part, enough = 100 * self.share, 100 * least_share
+        yield part > enough, f"{_EXPLAINS} {whole_apart(part, enough)} % of what is left, not {enough:.0f} %"
         yield not at_edge, "its shape lies at the edge of what was searched"
         gain = self.likelihood_gain
         least = LEAST_LIKELIHOOD_GAIN
-        yield gain > least, f"held-out log-likelihood gains {whole(gain)}, not {least:g}"
+        yield gain > least, f"held-out log-likelihood gains {whole_apart(gain, least)}, not {least:g}"
         fall = 1 - np.sqrt(max(1 - self.cv_gain, 0.0))
         yield bool(fall > LEAST_ERROR_FALL), f"held-out error does not fall by {100 * LEAST_ERROR_FALL:g} %"
 

@@ -5,7 +5,7 @@ An inertia, and a friction, that are all too small by one factor fit as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, log, prod
 
@@ -15,32 +15,38 @@ from numpy.typing import NDArray
 from runtime.estimation.identify import Identification
 from runtime.estimation.readings import DEGREE, Reading, turns
 from runtime.estimation.settings import FACTOR_OF_INERTIA, LEAST_TELLING_RATIO
-from runtime.recordings.units import UNITS
+from runtime.recordings.units import UNITS, normal
 
 Array = NDArray[np.float64]
 
 
 RATIO = "ratio"
-"""The gear's, which is missing."""
+"""The gear's, by which the motor's torque was not multiplied."""
+DEGREES, MOTOR = "degrees", "motor"
+"""What a position may be that covers many turns: in degrees, or the motor's before the gear."""
 
 
 @dataclass(frozen=True)
 class ByFactor:
     """Mistakes, together, that explain a joint's inertia, and it as fitted and as stated, kg m² (kg).
 
-    kinds   any of "degrees"; "milli", a torque or a current in thousandths; "current", which was read as a torque; and
-            "ratio", of the gear, which is missing
+    kinds   any of "degrees"; "motor", the position before the gear; "milli", a torque or a current in thousandths;
+            "current", which was read as a torque; and "ratio", of the gear, which is missing from the torque
+    others  what explains it, too, in place of the first of the kinds
     """
 
     kinds: tuple[str, ...]
     fitted: float
     stated: float
+    others: tuple[str, ...] = ()
 
 
+_INSTEAD = (DEGREES, MOTOR, RATIO)
+"""What alike makes an inertia too small, the likeliest first."""
 _TOGETHER = (
-    *(("degrees",), ("milli",), (RATIO,), ("current",), ("current", "milli")),
-    *(("degrees", RATIO), ("degrees", "milli"), ("degrees", "current"), ("degrees", "current", "milli")),
-    ("milli", RATIO),
+    *((DEGREES,), (MOTOR,), ("milli",), (RATIO,), ("current",), ("current", "milli")),
+    *((DEGREES, RATIO), (MOTOR, RATIO), (DEGREES, "milli"), (DEGREES, "current"), (MOTOR, "current")),
+    *((DEGREES, "current", "milli"), (MOTOR, "current", "milli"), ("milli", RATIO), (DEGREES, MOTOR, RATIO)),
 )
 """What is made wrong alone or together, the likeliest first."""
 
@@ -62,12 +68,25 @@ def found(
         if not (isfinite(stated[i]) and fitted[i] > 0 and stated[i] > 0):
             continue
         sizes = _sizes(identification, i, reading)
-        for kinds in (kinds for kinds in _TOGETHER if sizes.keys() >= set(kinds)):
-            factor = prod(sizes[kind] for kind in kinds)
-            if abs(log(factor)) > log(least) and _about(float(stated[i] / fitted[i]), factor):
-                result[i] = ByFactor(kinds, float(fitted[i]), float(stated[i]))
-                break
+        ratio = float(stated[i] / fitted[i])
+        kinds, others = _explained(ratio, sizes, least)
+        if kinds:
+            result[i] = ByFactor(kinds, float(fitted[i]), float(stated[i]), others)
     return result
+
+
+def _explained(ratio: float, sizes: Mapping[str, float], least: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Kinds of mistakes of these sizes that explain a ratio, and what may stand in the first one's place."""
+
+    factors = {k: prod(sizes[kind] for kind in k) for k in _TOGETHER if sizes.keys() >= set(k)}
+    off = {k: abs(log(ratio / factor)) for k, factor in factors.items() if abs(log(factor)) > log(least)}
+    able = [k for k, distance in off.items() if distance < log(FACTOR_OF_INERTIA)]
+    if not able or able[0][0] not in _INSTEAD:
+        return (able[0] if able else ()), ()
+    rest = able[0][1:]
+    alike = [kinds for kinds in able if kinds[0] in _INSTEAD and kinds[1:] == rest]
+    best = min(alike, key=lambda kinds: off[kinds])
+    return best, tuple(kinds[0] for kinds in alike if kinds != best)
 
 
 def _sizes(identification: Identification, joint: int, reading: Reading) -> dict[str, float]:
@@ -78,11 +97,10 @@ def _sizes(identification: Identification, joint: int, reading: Reading) -> dict
         sizes[RATIO] = info.gear_ratio
     if info.torque_constant is not None and f"tau{reading.torques[joint] + 1}" not in motion.units:
         sizes["current"] = info.torque_constant
-    wide = turns(motion, reading.positions[joint]) > 1
-    if wide and info.type == "revolute" and joint not in reading.degrees:
-        sizes["degrees"] = 1 / DEGREE
+    if turns(motion, reading.positions[joint]) > 1 and info.type == "revolute":
+        stated = normal(motion.units.get(f"q{reading.positions[joint] + 1}", ""))
+        if joint not in reading.degrees and stated != "deg":
+            sizes[DEGREES] = 1 / DEGREE
+        if joint not in reading.motors and RATIO in sizes:
+            sizes[MOTOR] = info.gear_ratio
     return sizes
-
-
-def _about(ratio: float, factor: float) -> bool:
-    return abs(log(ratio / factor)) < log(FACTOR_OF_INERTIA)

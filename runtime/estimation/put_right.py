@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.factors import RATIO, ByFactor
+from runtime.estimation.factors import DEGREES, MOTOR, RATIO, ByFactor
 from runtime.estimation.identify import Identification
 from runtime.estimation.readings import POSITION, TORQUE, Reading, turns
 from runtime.recordings.cures import in_unit, option, turned_round
@@ -54,6 +54,7 @@ def told(
         return ()
     found = [voice.sign(i) for i, sign in enumerate(reading.signs) if sign < 0]
     found += [voice.degrees(i) for i in sorted(voice.in_degrees)]
+    found += [voice.motor(i) for i in sorted(voice.at_motors)]
     found += [voice.exchanged(*pair, what) for pair, what in _exchanges(reading)]
     found += [voice.unit_of(i) for i in sorted(voice.unit)]
     found += [voice.ratio(i) for i, factor in sorted(by_factor.items()) if RATIO in factor.kinds]
@@ -82,9 +83,12 @@ class _Voice:
     ) -> None:
         self.motion, self.joints, self.reading = identification.motion, identification.model.joints, reading
         self.errors, self.by_factor = errors, by_factor
-        self.in_degrees = reading.degrees | {i for i, factor in by_factor.items() if "degrees" in factor.kinds}
+        self.in_degrees = reading.degrees | {i for i, factor in by_factor.items() if DEGREES in factor.kinds}
+        self.at_motors = reading.motors | {i for i, factor in by_factor.items() if MOTOR in factor.kinds}
         self.unit = {i: self._unit(i) for i, factor in by_factor.items() if {"milli", "current"} & set(factor.kinds)}
-        self.alone = sum(map(bool, (min(reading.signs) < 0, reading.degrees, _exchanges(reading)))) == 1
+        self.alone = (
+            sum(map(bool, (min(reading.signs) < 0, reading.degrees or reading.motors, _exchanges(reading)))) == 1
+        )
 
     def position(self, joint: int) -> str:
         """What to type for a joint's position (0-based)."""
@@ -110,15 +114,40 @@ class _Voice:
         return Suspicion(joint + 1, "sign", said, expected, (cure,))
 
     def degrees(self, joint: int) -> Suspicion:
+        cure = self.position(joint)
+        also = "".join(f"; if {self._instead(kind, joint)}" for kind in self._others(joint, DEGREES))
+        said = f"expected radians: if it is in degrees, pass {cure}{also}"
+        return Suspicion(joint + 1, "degrees", self._far(joint), said, (cure,))
+
+    def motor(self, joint: int) -> Suspicion:
+        kinds = (MOTOR, *self._others(joint, MOTOR))
+        said = "; ".join(f"if {self._instead(kind, joint)}" for kind in kinds)
+        return Suspicion(joint + 1, "motor", self._far(joint), f"expected the joint's position: {said}")
+
+    def _others(self, joint: int, kind: str) -> tuple[str, ...]:
+        """What else may be wrong in the place of a mistake with a joint's position (0-based)."""
+        factor = self.by_factor.get(joint)
+        return factor.others if factor is not None and factor.kinds[0] == kind else ()
+
+    def _instead(self, kind: str, joint: int) -> str:
+        """A mistake that explains a joint's inertia (0-based), and its cure."""
+        k, ratio = joint + 1, f"the gear ratio of {self.joints[joint].gear_ratio:g}"
+        if kind == MOTOR:
+            return f"it is the motor's, divide q{k}, and qd{k} if it is recorded, by {ratio}"
+        if kind == RATIO:
+            return f"only the torque is the motor's, multiply tau{k}, or the joint's torque_constant, by {ratio}"
+        source = f"q{self.reading.positions[joint] + 1}"
+        return f"it is in degrees, pass {option(f'q{k}', in_unit(self.motion.cells.get(source, source), 'deg'))}"
+
+    def _far(self, joint: int) -> str:
+        """Over how many turns a joint (0-based) is said to move, and what a fit says of that."""
         if joint in self.by_factor:
             said = self._inertia(joint)
         else:
             before, after = self._errors(joint)
-            how = "with positions in degrees" if self.alone else "with all that is said here put right"
+            how = "with positions put right" if self.alone else "with all that is said here put right"
             said = f"the best fit misses {before} % of its torque, {how} {after} %"
-        far, cure = turns(self.motion, self.reading.positions[joint]), self.position(joint)
-        found = f"its position covers {far:.3g} turns, and {said}"
-        return Suspicion(joint + 1, "degrees", found, f"expected radians: if it is in degrees, pass {cure}", (cure,))
+        return f"its position covers {turns(self.motion, self.reading.positions[joint]):.3g} turns, and {said}"
 
     def exchanged(self, one: int, other: int, what: tuple[str, ...]) -> Suspicion:
         a, b = one + 1, other + 1

@@ -22,6 +22,7 @@ from runtime.estimation.identify import Identification
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem, least_inertia
 from runtime.estimation.settings import SUSPICION_SAMPLES
+from runtime.model.catalogue import JointInfo
 from runtime.motion.motion import Motion, Piece
 from runtime.recordings.units import UNITS
 
@@ -39,12 +40,14 @@ class Reading:
 
     signs     of the torques, +1 or −1
     degrees   joints whose positions are
+    motors    joints whose positions are the motor's, before the gear
     """
 
     positions: tuple[int, ...]
     torques: tuple[int, ...]
     signs: tuple[int, ...]
     degrees: frozenset[int] = frozenset()
+    motors: frozenset[int] = frozenset()
 
     @classmethod
     def given(cls, n: int) -> Reading:
@@ -59,6 +62,10 @@ class Reading:
         """With positions of these joints in degrees."""
         return replace(self, degrees=self.degrees | set(joints))
 
+    def at_motors(self, joints: Sequence[int]) -> Reading:
+        """With positions of these joints' motors."""
+        return replace(self, motors=self.motors | set(joints))
+
     def exchanged(self, one: int, other: int, what: Sequence[str]) -> Reading:
         """With positions, torques or both of two joints in each other's place."""
 
@@ -67,8 +74,10 @@ class Reading:
 
         found = self
         if POSITION in what:
-            moved = frozenset({one: other, other: one}.get(i, i) for i in self.degrees)
-            found = replace(found, positions=swapped(found.positions), degrees=moved)
+            degrees, motors = (
+                frozenset({one: other, other: one}.get(i, i) for i in joints) for joints in (self.degrees, self.motors)
+            )
+            found = replace(found, positions=swapped(found.positions), degrees=degrees, motors=motors)
         if TORQUE in what:
             found = replace(found, torques=swapped(found.torques), signs=swapped(found.signs))
         return found
@@ -103,7 +112,7 @@ class Readings:
         self._terms = identification.problem.layout.terms
         self._prediction = identification.problem.regressors.prediction
         self._layout = identification.problem.layout
-        self._tables: dict[tuple[tuple[int, ...], frozenset[int]], dict[int, _Equations]] = {}
+        self._tables: dict[tuple[tuple[int, ...], frozenset[int], frozenset[int]], dict[int, _Equations]] = {}
         self._errors: dict[Reading, Array] = {}
         self._coefficients: dict[Reading, Array] = {}
 
@@ -144,14 +153,14 @@ class Readings:
 
     def _possible(self, reading: Reading, lumps: Array) -> bool:
         """Whether an arm can have such an inertia."""
-        mix = _mix(reading)
+        mix = _mix(reading, self.model.joints)
         there = _changed(self.motion, lambda p: replace(p, q=mix @ p.q))
         return least_inertia(self.model, there, lumps)[0] > 0
 
     def _table(self, reading: Reading) -> dict[int, _Equations]:
-        key = reading.positions, reading.degrees
+        key = reading.positions, reading.degrees, reading.motors
         if key not in self._tables:
-            motion = _moved(self.motion, reading)
+            motion = _moved(self.motion, _mix(reading, self.model.joints))
             self._tables[key] = self._equations(Problem(self.model, motion, self._terms, self._prediction))
         return self._tables[key]
 
@@ -174,16 +183,17 @@ def turns(motion: Motion, joint: int) -> float:
     return (max(float(p.q[joint].max()) for p in motion.pieces) - low) / (2 * pi)
 
 
-def _mix(reading: Reading) -> Array:
+def _mix(reading: Reading, joints: Sequence[JointInfo]) -> Array:
     """(n, n) positions in rad of those that are given."""
     mix = np.eye(len(reading.positions))[list(reading.positions)]
     mix[sorted(reading.degrees)] *= DEGREE
+    for i in reading.motors:
+        mix[i] /= joints[i].gear_ratio
     return mix
 
 
-def _moved(motion: Motion, reading: Reading) -> Motion:
-    """The motion with its positions read so."""
-    mix = _mix(reading)
+def _moved(motion: Motion, mix: Array) -> Motion:
+    """The motion with its positions mixed so."""
     if np.array_equal(mix, np.eye(motion.n)):
         return motion
 

@@ -1,4 +1,5 @@
-"""Wrong data, told by a fit: another sign, degrees read as radians, a missing gear ratio, exchanged joints.
+"""Wrong data, told by a fit: another sign, degrees read as radians, motors' angles, a missing gear ratio,
+exchanged joints.
 
 A hypothesis is refitted with the data put right. It is a suspicion where the torque is then explained far better, or,
 where no fit can tell (an inertia and a friction that are all too small by one factor fit as well), where the inertia
@@ -164,14 +165,17 @@ class _Search:
                 yield self.reading.turned(some), some, EXCHANGED_FALLS_TO
 
     def _degrees(self) -> Iterator[tuple[Reading, Sequence[int], float]]:
-        """Joints whose positions are explained far better when converted from degrees: all that move so far, or one."""
+        """Joints whose positions are explained far better when converted from degrees, or from the motor's: all that
+        move so far, or one."""
         wide = self._wide()
         for joints in {tuple(wide), *((i,) for i in wide)} if wide else ():
             yield self.reading.in_degrees(joints), joints, TURNED_FALLS_TO
+            if min(self.readings.model.joints[i].gear_ratio for i in joints) > LEAST_TELLING_RATIO:
+                yield self.reading.at_motors(joints), joints, TURNED_FALLS_TO
 
     def _wide(self) -> list[int]:
         """Joints whose positions cover more than a turn."""
-        kinds, left = self.readings.model.joints, set(self.able) - self.reading.degrees
+        kinds, left = self.readings.model.joints, set(self.able) - self.reading.degrees - self.reading.motors
         place = self.reading.positions
         return [i for i in sorted(left) if turns(self.readings.motion, place[i]) > 1 and kinds[i].type == "revolute"]
 

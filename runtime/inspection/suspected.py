@@ -137,22 +137,49 @@ def over_turns(recording: Recording) -> list[Suspicion]:
 
 
 def _braking(recording: Recording) -> list[Suspicion]:
-    """Joints whose torque takes power out of a motion that comes back to where it began."""
-    work, effort = np.zeros(len(recording.q)), np.zeros(len(recording.q))
-    for samples in recording.segments:
-        q, tau = recording.q[:, samples], recording.tau[:, samples]
-        travel = np.diff(q, axis=1)
-        middle = (tau[:, 1:] + tau[:, :-1]) / 2
-        work += np.sum(middle * travel, axis=1)
-        effort += np.linalg.norm(middle, axis=1) * np.linalg.norm(travel, axis=1)
+    """Joints whose torque takes power out of a motion that comes back to where it began.
+
+    A torque of another joint does that too, as often as not, so that of several joints both are said.
+    """
+    work, part = _work(recording)
     returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= RETURNED * np.ptp(recording.q, axis=1)
     found = []
-    for i in np.flatnonzero(returned & (effort > 0)):
-        part = float(work[i] / effort[i])
-        if part < -AGAINST_MOTION:
-            cure, said = option(f"tau{i + 1}", turned_round(_cell(recording, f"tau{i + 1}"))), _BRAKES
-            if f"tau{i + 1}" not in recording.currents:
-                said = f"{said} (work of {work[i]:.3g} J)"
+    for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
+        joint, said = int(i) + 1, _BRAKES
+        cure = option(f"tau{joint}", turned_round(_cell(recording, f"tau{joint}")))
+        if f"tau{joint}" not in recording.currents:
+            said = f"{said} (work of {work[i, i]:.3g} J)"
+        if len(recording.q) == 1:
             expected = f"expected positive where it drives towards positive positions: pass {cure}"
-            found.append(Suspicion(int(i) + 1, "sign", said, expected, (cure,)))
+            found.append(Suspicion(joint, "sign", said, expected, (cure,)))
+            continue
+        others = " or ".join(_exchange(recording, int(i), j) for j in _drivers(part, int(i)))
+        other = others or "name them in the order of the joints"
+        expected = f"if its sign is wrong, pass {cure}; if torques stand in each other's place, {other}"
+        found.append(Suspicion(joint, "sign or order", said, expected))
     return found
+
+
+def _drivers(part: Array, joint: int) -> list[int]:
+    """Joints (0-based) with which one may have exchanged its torque: each then drives the other's motion."""
+    drives = part > AGAINST_MOTION
+    return [int(j) for j in np.flatnonzero(drives[:, joint] & drives[joint]) if j != joint]
+
+
+def _exchange(recording: Recording, one: int, other: int) -> str:
+    """The options that exchange two joints' torques (0-based)."""
+    names = f"tau{one + 1}", f"tau{other + 1}"
+    return " ".join(option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
+
+
+def _work(recording: Recording) -> tuple[Array, Array]:
+    """(n, n) J that the torque of a joint (row) would do on the motion of a joint (column), and the same as part of the
+    largest work that torques and speeds of these sizes can do."""
+    n = len(recording.q)
+    work, effort = np.zeros((n, n)), np.zeros((n, n))
+    for samples in recording.segments:
+        q, tau = recording.q[:, samples], recording.tau[:, samples]
+        travel, middle = np.diff(q, axis=1), (tau[:, 1:] + tau[:, :-1]) / 2
+        work += middle @ travel.T
+        effort += np.outer(np.linalg.norm(middle, axis=1), np.linalg.norm(travel, axis=1))
+    return work, np.divide(work, effort, out=np.zeros((n, n)), where=effort > 0)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
+from runtime.recordings import nameless
 from runtime.recordings.contents import Array, some
 from runtime.recordings.nameless import NUMBERED
 from runtime.recordings.units import EXAMPLES, UNITS, hint, normal
@@ -224,11 +225,7 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
 def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
     """That there is no such column, and what to type. free: the cells that nothing is read from."""
     if header[0] == NUMBERED.format(1):
-        count = len(header)
-        signals = ("q", "qd", "tau") if count == 1 + 3 * n else ("q", "tau")
-        plain = ["t", *(f"{signal}{i}" for signal in signals for i in range(1, n + 1))]
-        names = ",".join([*plain, *"-" * (count - len(plain))])
-        return f"its first line is no header but {count} numbers; name its {count} columns with --columns {names}"
+        return nameless.unnamed(len(header), n)
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"

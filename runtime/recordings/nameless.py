@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 NUMBERED = "#{}"
 """The name of a column, counted from 1, where the file has none."""
+_LEAST, _MOVING = ("q", "tau"), ("q", "qd", "tau")
+"""Signals that a recording has of every joint."""
 
 
 def in_order(names: str) -> Iterator[str]:
@@ -14,3 +16,20 @@ def in_order(names: str) -> Iterator[str]:
         name, bracket, unit = cell.partition("[")
         if name.strip() not in ("", "-"):
             yield f"{name.strip()}={NUMBERED.format(number)}{' ' * bool(bracket)}{bracket}{unit}"
+
+
+def unnamed(count: int, n: int | None = None) -> str:
+    """That a file begins with so many numbers, and what to type.
+
+    n   joints of the arm; None where nobody knows, and whatever number of joints comes out even is said
+    """
+    if n is None:
+        fitting = [(s, (count - 1) // len(s)) for s in (_LEAST, _MOVING) if count > 1 and (count - 1) % len(s) == 0]
+    else:
+        fitting = [(_MOVING if count == 1 + len(_MOVING) * n else _LEAST, n)]
+    layouts = [["t", *(f"{x}{i}" for x in s for i in range(1, k + 1))] for s, k in fitting or [(_LEAST, 1)]]
+    begins = f"its first line is no header but {count} number{'s' if count > 1 else ''}"
+    if len(layouts[0]) > count:
+        return f"{begins}; expected at least {len(layouts[0])}: {','.join(layouts[0])}"
+    typed = (f"--columns {','.join([*plain, *'-' * (count - len(plain))])}" for plain in layouts)
+    return f"{begins}; name its {count} columns with {' or '.join(typed)}"

@@ -10,6 +10,7 @@ from typing import Any
 
 from runtime.recordings.columns import Fail, fields_meant
 from runtime.recordings.contents import Contents, RecordedField, some
+from runtime.recordings.nameless import NUMBERED, unnamed
 
 _FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 _OURS = re.compile(r"(?:q|qd|dq|tau|temperature)\d{1,3}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)
@@ -92,6 +93,8 @@ def understood(
 
 def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> int:
     """How many joints a file's fields, or the mapping, name: q1, q2, …; at least one."""
+    if contents.fields and contents.fields[0].name == NUMBERED.format(1) and not {"q", "q1"} & set(mapping):
+        fail(unnamed(len(contents.fields)))
     family = mapping.get("q")
     if family is not None:
         return max(1, len(_members(family, contents.fields)[0]))

@@ -65,6 +65,8 @@ def figure6(rows: Sequence[Row]) -> Figure:
         right.text(
             side, turned, f"paper, 1{row.case.letter}: {turned:.2f}", color=PAPER, fontsize=7, va="center", ha=align
         )
+    if left.lines:
+        left.plot([], [], "--", color=FAINT, lw=0.8, label="as planned")
     left.set_ylabel("torque of joint 4, N m")
     right.set_ylabel("q4, rad")
     for ax in (left, right):
@@ -110,7 +112,7 @@ def _path(ax: Axes, row: Row) -> None:
     reached = model.tip(np.ascontiguousarray(q))
     ax.plot(reached[0], reached[1], "-", color=INK, lw=1.1, label="executed")
     surface = row.plan.trajectory.contact["plate"]["position"]
-    ax.axhline(surface, color=FAINT, lw=0.5, ls=":")
+    ax.axhline(surface, color=FAINT, lw=0.5, ls=":", label="the plate, unpressed")
     printed = published.COMPRESSION[row.case.plate] if row.case.letter == "D" else None
     if printed is not None:
         ax.axhline(surface - printed, color=PAPER, lw=0.9, label="the paper's, pressed down")

@@ -123,6 +123,30 @@ def test_a_missing_header(tmp_path, capsys):
     assert run(capsys, "compare", "drive", path, "--columns", "t,q1,tau1")[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("numbers", "layouts"),
+    [
+        (3, ["t,q1,tau1"]),
+        (4, ["t,q1,qd1,tau1"]),
+        (6, ["t,q1,tau1,-,-,-"]),
+        (7, ["t,q1,q2,q3,tau1,tau2,tau3", "t,q1,q2,qd1,qd2,tau1,tau2"]),
+    ],
+)
+def test_a_missing_header_without_a_model(tmp_path, capsys, numbers, layouts):
+    """Whatever number of joints comes out even is said."""
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.ones((20, numbers)), delimiter=",")
+    _, out, _ = run(capsys, "inspect", path)
+    assert out.splitlines()[-1].endswith(" or ".join(f"--columns {names}" for names in layouts))
+
+
+def test_a_missing_header_of_fewer_columns_than_the_arm_has(tmp_path, capsys):
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.ones((20, 7)), delimiter=",")
+    _, out, _ = run(capsys, "inspect", path, "vishard4")
+    assert out.splitlines()[-1].endswith("expected at least 9: t,q1,q2,q3,q4,tau1,tau2,tau3,tau4")
+
+
 def test_a_missing_header_and_more(tmp_path, capsys):
     """Each cure is appended to what was typed before."""
     m = motion()

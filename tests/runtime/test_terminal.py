@@ -5,13 +5,19 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from runtime.diagnosis.detection_limits import Limit
+from runtime.diagnosis.gates import Figures
+from runtime.diagnosis.settings import LEAST_DELTA_BIC, LEAST_EFFECT, LEAST_LIKELIHOOD_GAIN, LEAST_SHARE
+from runtime.model.loader import Model
+from runtime.model.terms import Term
 from runtime.report.terminal import cells, loop_pages
 from runtime.wording import told_apart
 
@@ -73,6 +79,35 @@ def test_every_page_prints_through_the_cells_that_break_no_word() -> None:
 )
 def test_a_number_is_told_from_the_limit_beside_it(value: float, other: float, said: str) -> None:
     assert told_apart(value, other) == said
+
+
+@given(
+    near=st.floats(1e-12, 1e-2).flatmap(lambda x: st.sampled_from([x, -x])), side=st.sampled_from(["above", "below"])
+)
+def test_a_limit_never_reads_as_what_changes_nothing(
+    drive: Model, near: float, side: Literal["above", "below"]
+) -> None:
+    """A factor of 1 is no effect: "factor more than 1" would be any."""
+    limit = Limit(Term("torque_scale", 1), "factor", side, 1 + near, "1")
+    words = limit.words(drive)
+    assert float(words.split()[-1]) != 1.0
+    assert (float(words.split()[-1]) > 1) == (near > 0)
+
+
+_WEIGHED = ("delta_bic", "eff", "share", "likelihood_gain", "cv_gain")
+_LIMITS = (LEAST_DELTA_BIC, LEAST_EFFECT, LEAST_SHARE, LEAST_LIKELIHOOD_GAIN, 0.0)
+
+
+@given(below=st.floats(1e-9, 0.5), share=st.sampled_from([LEAST_SHARE, 0.05, 0.5]))
+def test_no_reason_says_that_a_number_is_not_itself(below: float, share: float) -> None:
+    """Whatever is left out by a hair: "0.15 of the noise floor, not 0.15" tells nobody why."""
+    limits = (*_LIMITS[:2], share, *_LIMITS[3:])
+    weighed = SimpleNamespace(**{name: (1 - below) * limit for name, limit in zip(_WEIGHED, limits, strict=True)})
+    reasons = [said for is_open, said in Figures.gates(weighed, 1.0, False, share) if not is_open]
+    assert len(reasons) == 5
+    for said in reasons[:4]:
+        value, limit = re.findall(r"[-−]?\d+(?:\.\d+)?", said)
+        assert float(value.replace("−", "-")) < float(limit)
 
 
 def test_what_is_noise_is_not_said_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import judged
@@ -127,6 +129,38 @@ def test_two_mistakes_at_once(drive: Model, name: str) -> None:
     signal = ALL_MAPS["milli"] if "milli" in expected else ALL_MAPS["sign"]
     maps = {"sign": (signal,), "milli": (signal,), "degrees": (ALL_MAPS["degrees"],), "ratio": ()}
     assert [s.maps for s in found] == [maps[s.kind] for s in found]
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 2**16),
+    ratio=st.sampled_from([80.0, 100.0, 160.0, 288.0]),
+    known=st.floats(0.8, 1.25),
+    coulomb=st.floats(0.2, 1.0),
+)
+def test_what_is_measured_at_the_motor(drive: Model, seed: int, ratio: float, known: float, coulomb: float) -> None:
+    """Angle and torque, or one of them; the inertia in the file is as good as a drawing. What may as well be wrong is
+    said beside the likeliest, and no option is offered that would make it worse."""
+    geared = copy(drive)
+    geared.joints = (replace(drive.joints[0], gear_ratio=ratio),)
+    r = analytic(seed, coulomb)
+    r = replace(r, tau=known * r.tau)
+    both = suspicions(identify(geared, [replace(r, q=r.q * ratio, tau=r.tau / ratio)]))
+    assert [s.kind for s in both] == ["motor", "ratio"]
+    assert f"divide q1, and qd1 if it is recorded, by the gear ratio of {ratio:g}" in both[0].cure
+    angle = suspicions(identify(geared, [replace(r, q=r.q * ratio)]))
+    assert [s.kind for s in angle] in (["motor"], ["degrees"])
+    assert "if it is the motor's, divide q1" in angle[0].cure
+    degrees = suspicions(identify(geared, [replace(r, q=r.q * DEGREES)]))
+    assert [s.kind for s in degrees] in (["degrees"], ["motor"])
+    assert "if it is in degrees, pass " in degrees[0].cure
+
+
+def test_a_motors_angle_that_moves_a_pendulum(model: Model, arm_recording: Recording) -> None:
+    """Gravity tells it from degrees: the search puts it right."""
+    ratio = model.joints[1].gear_ratio
+    scale = np.array([[1.0], [ratio], [1.0], [1.0]])
+    assert kinds(model, replace(arm_recording, q=arm_recording.q * scale)) == [("motor", 2)]
 
 
 @pytest.mark.parametrize("wrong", [("milli", "ratio"), ("degrees", "milli")])

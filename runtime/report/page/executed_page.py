@@ -18,6 +18,7 @@ from runtime.planning.evaluate import Effort, at_times
 from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks, SpringTorque, frames, picture
 from runtime.report.page.filling import embedded, filled, written
 from runtime.report.page.page_figures import Drawn, drawn
+from runtime.report.page.planned_page import span
 from runtime.report.plots.execution_plots import JointCycles, joint_cycles
 from runtime.wording import number, numbered, percent, quantity, sentence
 
@@ -223,7 +224,7 @@ def _row(document: Document, k: int) -> Sequence[str]:
         number(mean["cost"][k]),
         quantity(mean["tracking_rms"][k], position, 3),
         quantity(mean["tracking_max"][k], position, 3),
-        f"{number(plan['q_min'][k])} … {quantity(plan['q_max'][k], position)}",
-        f"{number(mean['q_min'][k])} … {quantity(mean['q_max'][k], position)}",
+        span((plan["q_min"][k], plan["q_max"][k]), position),
+        span((mean["q_min"][k], mean["q_max"][k]), position),
         quantity(mean["peak_torque"][k], force, 3),
     ]

@@ -115,7 +115,7 @@ _HEADS = ("joint", "cost", "peak torque", "its limit", "peak speed", "its limit"
 
 def _row(joint: Document) -> list[str]:
     limits, position, force = joint["limits"], joint["units"]["position"], joint["units"]["force"]
-    span = limits["position"]
+    allowed = limits["position"]
     return [
         numbered(joint["joint"], joint["name"]),
         quantity(joint["cost"], f"({force})^2 s"),
@@ -123,8 +123,8 @@ def _row(joint: Document) -> list[str]:
         _stated(limits["torque"], force),
         quantity(joint["peak_speed"], f"{position}/s"),
         _stated(limits["speed"], f"{position}/s"),
-        _span(joint["range"], position),
-        "none stated" if span is None else _span(span, position),
+        span(joint["range"], position),
+        "none stated" if allowed is None else span(allowed, position),
     ]
 
 
@@ -132,9 +132,10 @@ _AT_ZERO = 1e-6
 """Part of a range below which an end of it is 0, as far as a solver tells."""
 
 
-def _span(span: Sequence[float], unit: str) -> str:
-    far = max(map(abs, span))
-    low, high = (0.0 if abs(end) < _AT_ZERO * far else end for end in span)
+def span(ends: Sequence[float], unit: str) -> str:
+    """A range in words, an end of it 0 where it is to a solver."""
+    far = max(map(abs, ends))
+    low, high = (0.0 if abs(end) < _AT_ZERO * far else end for end in ends)
     return f"{number(low)} … {quantity(high, unit)}"
 
 
