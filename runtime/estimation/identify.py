@@ -78,7 +78,8 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
         if len(choices) > 1:
             open_terms.append((term, choices))
     for term, choices in open_terms:
-        errors = [_error(problem.solve({**shapes, term: c}, skew).residual, problem.weights) for c in choices]
+        problem.foresee(term, choices, shapes)
+        errors = problem.errors([{**shapes, term: c} for c in choices], skew)
         shapes[term] = choices[int(np.argmin(errors))]
     for k, term in enumerate(lines):
         shapes[term] = _on_strongest_line(problem, shapes, skew, lines[k:])

@@ -12,7 +12,7 @@ import numpy as np
 
 from runtime.estimation import grids
 from runtime.estimation.problem import Problem, Skew
-from runtime.estimation.settings import PLACE_STEPS
+from runtime.estimation.settings import PLACE_STEPS, SAME_ERROR
 from runtime.model.terms import Term, Values
 
 OF_PLACES = ("position", "end", "tip")
@@ -33,10 +33,8 @@ def found(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[T
             steps = steps[np.argsort(np.abs(steps), kind="stable")]  # of equals the nearest
             at = np.clip(best[term][parameter.name] + steps, places[0], places[-1])
             choices = [{**best[term], parameter.name: float(x)} for x in at]
-            best[term] = min(choices, key=lambda shape: _error(problem, {**best, term: shape}, skew))
+            problem.foresee(term, choices, best)
+            errors = problem.errors([{**best, term: shape} for shape in choices], skew)
+            # Of equals the nearest: what rounding tells apart is equal.
+            best[term] = choices[int(np.argmax(errors <= (1 + SAME_ERROR) * errors.min()))]
     return best
-
-
-def _error(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> float:
-    residual = problem.solve(shapes, skew).residual
-    return float(sum(w**2 * (r @ r) for r, w in zip(residual, problem.weights, strict=True)))
