@@ -10,11 +10,12 @@ import functools
 import hashlib
 import shutil
 from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from codegen.toolchain import build, cross
+from codegen.toolchain import build, cache, cross
 from codegen.toolchain.cross import HOST
 from symbolic.described import declared
 
@@ -40,10 +41,16 @@ def _sources() -> str:
 def _fill(directory: Path, files: Mapping[str, str], level: str) -> None:
     """The files and `lib.so`, compiled at this level; a change that leaves the C as it is, such as another effect,
     compiles nothing."""
-    for path, text in files.items():
-        (directory / path).write_text(text, encoding="utf-8")
+    _put(directory, files)
     compiled = {path: text for path, text in files.items() if path.endswith(_F64)}
     shutil.copyfile(build.shared_library(compiled, "code", level), directory / "lib.so")
+
+
+def _put(directory: Path, files: Mapping[str, str]) -> None:
+    """Into a folder of our own that nobody sees yet."""
+    for path, text in files.items():
+        (directory / path).parent.mkdir(parents=True, exist_ok=True)
+        (directory / path).write_text(text, encoding="utf-8")
 
 
 def prepare_arm(arm: Arm | SpatialArm) -> Path:
@@ -55,14 +62,28 @@ def prepare_arm(arm: Arm | SpatialArm) -> Path:
 
         _fill(directory, render.arm_files(derive(arm)), build.STRAIGHT)
 
-    return build.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
+    return cache.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
 
 
 def _active(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[str]:
     """What the declarations of the effects that an arm activates say."""
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
-    return [repr(declared(name, library)) for name in sorted(active)]
+    return [said_of(declared(name, library)) for name in sorted(active)]
+
+
+def said_of(effect: Effect) -> str:
+    """All that a declaration says, as part of a key: with the assumptions and all digits of its equations."""
+    import sympy as sp
+
+    def said(value: Any) -> Any:
+        if isinstance(value, sp.Basic):
+            return sp.srepr(value)
+        if is_dataclass(value):
+            return [(part.name, said(getattr(value, part.name))) for part in fields(value)]
+        return [said(each) for each in value] if isinstance(value, tuple) else repr(value)
+
+    return repr(said(effect))
 
 
 def prepare_firmware(
@@ -85,14 +106,14 @@ def prepare_firmware(
     content = [repr(arm), *_active(arm, library), "" if tools is None else tools.identity]
 
     def fill(directory: Path) -> None:
-        from codegen import disk, metadata
+        from codegen import metadata
         from codegen.c.controller import Controller
         from codegen.firmware import source_tree
         from symbolic.model import derive
 
         model = derive(arm)
         files = source_tree.firmware_files(model, library)
-        disk.write(files, directory)
+        _put(directory, files)
         (directory / "controller.json").write_text(metadata.text(Controller.of(model, library).document()), "utf-8")
         if processor is None or tools is None:
             report = source_tree.compile_host(directory, files)
@@ -100,14 +121,14 @@ def prepare_firmware(
             report = source_tree.compile_board(directory, arm.name, processor, tools)
         (directory / "image.json").write_text(metadata.text(report), "utf-8")
 
-    return build.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
+    return cache.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
     """The directory that holds render.effect_files(effects) and `lib.so`; None stands for the library as shipped, as
     planar arms have it or those in space."""
     chosen = None if effects is None else tuple(effects)
-    content = _shipped(space) if chosen is None else "\n".join(map(repr, chosen))
+    content = _shipped(space) if chosen is None else "\n".join(map(said_of, chosen))
 
     def fill(directory: Path) -> None:
         from codegen import render
@@ -115,7 +136,7 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
 
         _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
-    return build.entry(f"effects-{build.key(_sources(), content)}", fill)
+    return cache.entry(f"effects-{build.key(_sources(), content)}", fill)
 
 
 def _shipped(space: bool) -> str:

@@ -1,37 +1,122 @@
-"""Files replaced whole or not at all."""
+"""Files replaced whole or not at all, and by one process at a time."""
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import re
 import secrets
 import stat
+import time
+from collections.abc import Iterator
 from pathlib import Path
+
+LONGEST_WAIT = 30.0
+"""s; another process holds the lock of a file for as long as it writes what belongs to it, some seconds at most; a
+choice."""
+_STEP = 0.01
+"""s; between two looks at a lock; a choice."""
+_LONGEST_NAME = 100
+"""bytes of a name that its temporary file has, too: file systems take 255 with what is put around it."""
 
 
 def replace(path: Path | str, data: bytes) -> None:
     """Write `data` to `path` through a temporary file beside it, so that no reader ever sees half of it.
 
     Keeps the permission bits of a file that is there, follows symbolic links, and writes straight into
-    anything that is no regular file (/dev/stdout). Raises OSError and then leaves nothing behind.
+    anything that is no regular file (/dev/stdout). What a killed process left of such a temporary file goes.
+    Raises OSError with the file's name, and then leaves nothing behind.
     """
     target = Path(os.path.realpath(path))
-    mode = target.stat().st_mode if target.exists() else None
-    if mode is not None and not stat.S_ISREG(mode):
-        target.write_bytes(data)
-        return
-    beside = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}")
     try:
-        # 0o666 is narrowed by the user's umask, as for any new file.
-        descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        mode = target.stat().st_mode if target.exists() else None
+        if mode is not None and not stat.S_ISREG(mode):
+            target.write_bytes(data)
+        else:
+            _sweep(target)
+            _put(target, data, mode)
+    except OSError as error:
+        # A full disk does not say which file did not fit.
+        raise error if error.filename else OSError(error.errno, error.strerror, str(path)) from error
+
+
+@contextlib.contextmanager
+def alone(path: Path | str) -> Iterator[None]:
+    """One process at a time is at this file, of those that ask: between a look at it and its replacement nobody else
+    replaces it. Raises TimeoutError where another one does not come to its end, and OSError."""
+    target = Path(os.path.realpath(path))
+    lock = target.with_name(f".{_short(target)}.lock")
+    end = time.monotonic() + LONGEST_WAIT
+    while (held := _lock(lock)) is None:
+        if time.monotonic() > end:
+            raise TimeoutError(
+                0, f"another process is writing to it; try again, or delete {lock} if none is", str(path)
+            )
+        time.sleep(_STEP)
+    try:
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(held)
+
+
+def _put(target: Path, data: bytes, mode: int | None) -> None:
+    beside, descriptor = _beside(target)
+    try:
         with open(descriptor, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        if mode is not None:
-            os.chmod(beside, stat.S_IMODE(mode))
-        os.replace(beside, target)
+            if mode is not None:
+                os.chmod(beside, stat.S_IMODE(mode))
+            os.replace(beside, target)
     except BaseException:
         with contextlib.suppress(OSError):
             beside.unlink()
         raise
+
+
+def _beside(target: Path) -> tuple[Path, int]:
+    """A new file beside another, locked while its process lives."""
+    while True:
+        path = target.with_name(f".{_short(target)}.{secrets.token_hex(6)}")
+        # 0o666 is narrowed by the user's umask, as for any new file.
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        if _claimed(descriptor, path):
+            return path, descriptor
+        os.close(descriptor)
+
+
+def _sweep(target: Path) -> None:
+    """What is called like a temporary file of this one and is not locked was left by a process that was killed."""
+    left = re.compile(re.escape(f".{_short(target)}.") + "[0-9a-f]{12}")
+    with contextlib.suppress(OSError), os.scandir(target.parent) as entries:
+        for name in [entry.name for entry in entries if left.fullmatch(entry.name)]:
+            with contextlib.suppress(OSError):
+                descriptor = os.open(target.with_name(name), os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+                if _claimed(descriptor, target.with_name(name)):
+                    target.with_name(name).unlink()
+                os.close(descriptor)
+
+
+def _lock(path: Path) -> int | None:
+    """A descriptor that holds the lock which a file stands for; None where another process has it."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    if _claimed(descriptor, path):
+        return descriptor
+    os.close(descriptor)
+    return None
+
+
+def _claimed(descriptor: int, path: Path) -> bool:
+    """Whether a file's lock is ours, and the file is still the one of this name."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return os.path.samestat(os.fstat(descriptor), os.lstat(path))
+    except (BlockingIOError, FileNotFoundError):
+        return False
+
+
+def _short(target: Path) -> str:
+    return os.fsdecode(os.fsencode(target.name)[:_LONGEST_NAME])

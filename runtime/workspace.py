@@ -6,7 +6,8 @@ The one place where equations and recordings meet: command line, notebooks and p
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -274,21 +275,45 @@ class Source:
         return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
 
     def replace(self, text: str) -> None:
-        """Write the model file anew, unless someone else has changed it since it was read."""
+        """Write the model file anew, unless someone else has changed it since it was read. Raises UsageError."""
+        with self.replaced(text):
+            pass
+
+    @contextmanager
+    def replaced(self, text: str) -> Iterator[None]:
+        """As `replace`; nobody else replaces the file before what belongs to it is written, too, inside the `with`."""
         from runtime import files
         from symbolic.model_file import reader
 
-        if reader.read_text(self.path) != self.text:
-            raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
-        files.replace(self.path, text.encode())
+        with files.alone(self.path):
+            if reader.read_text(self.path) != self.text:
+                raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
+            files.replace(self.path, text.encode())
+            yield
 
 
 def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
     """The effects by name, as a planar arm or one in space has them: the library, and the user's own after it."""
-    from symbolic.effects import load_user_effects, shipped
+    from symbolic.effects import shipped
 
-    own = load_user_effects(effects_file, space) if effects_file else ()
+    own = _own_effects(effects_file, space) if effects_file else ()
     return {**shipped(space), **{effect.name: effect for effect in own}}
+
+
+def _own_effects(path: Path, space: bool) -> tuple[Effect, ...]:
+    """Those of a user's file, as far as code can be made of them: that is found out before anything else is done."""
+    from codegen.render import effect_files
+    from symbolic.effects import EffectsError, load_user_effects, said
+
+    effects = load_user_effects(path, space)
+    for effect in effects:
+        try:
+            effect_files((effect,))
+        except ValueError as error:
+            raise EffectsError(f"{path}: {error}") from error
+        except Exception as error:
+            raise EffectsError(f'{path}: effect "{effect.name}" cannot be generated: {said(error)}') from error
+    return effects
 
 
 def effects_described(effects_file: Path | None, space: bool) -> Mapping[str, AnyEffect]:

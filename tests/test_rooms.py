@@ -63,7 +63,14 @@ BOTH_ENDS = {"runtime.workspace", "runtime.notebook", "runtime.import_name", "ru
 """They alone may see the equations and the generators from the side of the recordings."""
 PLAIN = {
     f"symbolic.{name}"
-    for name in ("described", "model_file.arm", "model_file.checks", "model_file.fields", "model_file.tables")
+    for name in (
+        "described",
+        "model_file.arm",
+        "model_file.checks",
+        "model_file.fields",
+        "model_file.tables",
+        "model_file.user_file",
+    )
 }
 """How a user's file is read and checked and what an error says, and what a declaration says without equations: for
 every package, and without SymPy."""

@@ -15,7 +15,9 @@ from codegen.c.c_code import comment
 from codegen.c.controller import Controller
 from codegen.c.controller_records import STATUS
 from codegen.firmware import protocol_code, protocol_page
+from codegen.firmware.ceilings import Ceilings
 from codegen.firmware.handwritten import machine_sources
+from codegen.firmware.messages import LARGEST
 from codegen.firmware.protocol import ACKS, NOT_READY, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol, records_of
 from codegen.pages import BANNER, page
 from symbolic.effects.declaration import Effect
@@ -36,11 +38,15 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Map
     people = {"banner_text": f"{BANNER} Link to the arm {protocol.arm}.", **protocol_page.holes(protocol)}
     files = {
         **machine_sources(),
-        "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol)),
+        "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=None),
         "src/tendon_controller.h": page("firmware/tendon_controller.h.j2", **_names(controller)),
     }
+    # Without the ceilings: a model file with tighter limits needs no new firmware.
     build = _checksum({**equations, **files, **_messages(controller, protocol, 0)})
     files |= {
+        "src/tendon_arm.h": page(
+            "firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=_ceilings(protocol.ceilings)
+        ),
         **_messages(controller, protocol, build),
         "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **people),
         "protocol.json": metadata.text(protocol.document(build)),
@@ -73,11 +79,17 @@ def _numbers(protocol: Protocol) -> dict[str, Any]:
         "acks": ACKS,
         "not_ready": f"0x{NOT_READY:08x}U",
         "outrun": f"{OUTRUN}f",
+        "no_limit": f"{LARGEST:.9g}f",
         "without_torque": f"0x{bits:x}U",
         "status": [
             {"name": flag.upper(), "bit": bit, "comment": comment(text)} for flag, (bit, text) in STATUS.items()
         ],
     }
+
+
+def _ceilings(ceilings: Ceilings) -> dict[str, Any]:
+    """What the page of tendon_arm.h needs of them."""
+    return {**vars(ceilings), "rows": " \\\n    " + ", \\\n    ".join(ceilings.rows())}
 
 
 def _names(controller: Controller) -> dict[str, Any]:

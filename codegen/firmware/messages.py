@@ -17,6 +17,12 @@ LONGEST = 1000.0
 """s of a phase: up to there, time as a float is fine enough (0.06 ms) for any control period."""
 SIZES = {"u8": 1, "u16": 2, "u32": 4, "i32": 4, "float": 4}
 WHOLE = {"u8": (0, 2**8 - 1), "u16": (0, 2**16 - 1), "u32": (0, 2**32 - 1), "i32": (-(2**31), 2**31 - 1)}
+RATES, STEPS = (1.0, 1e5), (1e-12, 1e3)
+"""Hz; rad or m per encoder count: of any arm."""
+LEAST_FILTER = 1e-3
+"""Of the low-pass on the rates: a time constant of a thousand periods. A slower one would hide speed from the guard."""
+LEAST_TORQUE = 1e-6
+"""N m or N: less is no limit of a torque but none at all, and with it no damping after a stop."""
 LARGEST = (2.0 - 2.0**-23) * 2.0**127
 """The largest float: stands for "no limit"."""
 
@@ -167,15 +173,28 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
 
 def _drive(n: int, units: _Units) -> tuple[Item, ...]:
     return (
-        Item("rate", "float", "Hz", "of the control step", low=1.0, high=1e5),
+        Item("rate", "float", "Hz", "of the control step", None, *RATES),
         Item(
-            "velocity_gain", "float", "1", "of the low-pass on the rates: 1 - exp(-2 pi cut-off/rate)", None, 1e-6, 1.0
+            "velocity_gain",
+            "float",
+            "1",
+            "of the low-pass on the rates: 1 - exp(-2 pi cut-off/rate)",
+            None,
+            LEAST_FILTER,
+            1.0,
         ),
-        Item("position_per_count", "float", units.position, "of one encoder count", n, 1e-12, 1e3),
+        Item("position_per_count", "float", units.position, "of one encoder count", n, *STEPS),
         Item("zero", "i32", "counts", "where the position is 0", n),
         Item("kp", "float", units.stiffness, "torque per error of position", n, 0.0, 1e9),
         Item("kd", "float", units.damping, "torque per error of rate, and of the damping after a stop", n, 0.0, 1e9),
-        Item("torque_limit", "float", units.force, "largest torque in either direction", n, 0.0),
+        Item(
+            "torque_limit",
+            "float",
+            units.force,
+            "largest torque in either direction, of the damping too; none is 0, which would leave no damping",
+            n,
+            LEAST_TORQUE,
+        ),
     )
 
 

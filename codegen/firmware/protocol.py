@@ -13,6 +13,7 @@ from typing import Any, Literal
 from codegen.c.controller import Controller
 from codegen.c.controller_records import COORDINATES, MAX_DEGREE, STATUS
 from codegen.c.records import Record
+from codegen.firmware.ceilings import Ceilings
 from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, Message, commands, reports
 
 VERSION = 1
@@ -111,7 +112,10 @@ REASONS = (
 )  # fmt: skip
 
 RESULTS = (
-    Result("done", 0, "done"),
+    Result(
+        "done", 0, "done",
+        "of `drive` and `safety`: 0, or the number of the first value, from 1, that a ceiling has lowered",
+    ),
     Result("sequence", 1, "refused: out of sequence", "the sequence number that was expected"),
     Result("state", 2, "refused: not in this state", "the state"),
     Result("not_finite", 3, "refused: a value is infinite or no number", "which value of the message, from 0"),
@@ -134,12 +138,14 @@ MISSING = {"parameters": 1, "effects": 2, "drive": 4, "safety": 8, "trajectory":
 class Protocol:
     """The messages of one arm.
 
-    types   of its joints, as in the model file
+    types      of its joints, as in the model file
+    ceilings   what its board keeps to whatever is sent
     """
 
     arm: str
     types: tuple[str, ...]
     messages: tuple[Message, ...]
+    ceilings: Ceilings
 
     @classmethod
     def of(cls, controller: Controller) -> Protocol:
@@ -149,7 +155,8 @@ class Protocol:
         if len(types) > MOST_JOINTS:
             raise ValueError(f"{model.arm.name} has {len(types)} joints; a controller takes {MOST_JOINTS}")
         sent = commands(types, records_of(controller), controller.has_contact_coordinates)
-        return cls(model.arm.name, types, (*sent, *reports(types)))
+        ceilings = Ceilings.of(model.arm.joints, model.arm.controller)
+        return cls(model.arm.name, types, (*sent, *reports(types)), ceilings)
 
     def message(self, name: str) -> Message:
         """The message of this name. Raises StopIteration without one."""
@@ -194,6 +201,7 @@ class Protocol:
             "rows_a_message": ROWS_A_MESSAGE,
             "max_degree": MAX_DEGREE,
             "no_limit": LARGEST,
+            "ceilings": self.ceilings.document(),
             "not_ready": NOT_READY,
             "line": {"bits": BITS, "share": LINE_SHARE},
             "header": [{"name": name, "type": kind} for name, kind in HEADER],

@@ -16,11 +16,12 @@ C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i32": "int32_
 _KINDS = {"float": "TENDON_KIND_REAL", "i32": "TENDON_KIND_SIGNED", "u32": "TENDON_KIND_COUNT"}
 _SIGN = 0x80000000
 _NAMED = {
-    "safety": ("low", "high", "early", "late"),
+    "drive": ("rate", "velocity_gain", "position_per_count", "kp", "kd", "torque_limit"),
+    "safety": ("tracking", "speed", "low", "high", "silence", "late"),
     "trajectory": ("elbow",),
     "phase": ("first_row",),
 }
-"""Fields whose places the machine names when it refuses a command that no single range refuses."""
+"""Fields whose places the machine names when it refuses or lowers what no single range refuses."""
 _BYTE = 255
 """Most values of a rule, whose count is a byte."""
 

@@ -9,6 +9,7 @@ from math import ceil
 from typing import Any
 
 from codegen.c.controller_records import STATUS
+from codegen.firmware.ceilings import FACT
 from codegen.firmware.messages import LARGEST, ROWS_A_MESSAGE, SIZES, WHOLE, Item, Message
 from codegen.firmware.protocol import (
     ACKS,
@@ -60,6 +61,7 @@ def holes(protocol: Protocol) -> dict[str, Any]:
         "outrun": f"{OUTRUN:g}",
         "not_ready_number": NOT_READY,
         "no_limit": f"{LARGEST:.9g}",
+        **_ceiling_holes(protocol),
         "rows_a_message": ROWS_A_MESSAGE,
         "commands": [_section(message) for message in protocol.commands],
         "reports": [_section(message) for message in protocol.reports],
@@ -72,6 +74,29 @@ def holes(protocol: Protocol) -> dict[str, Any]:
         "telemetry_records": TELEMETRY_RECORDS,
         "acks": ACKS,
         "command_bytes": max(_wire_bytes(message) for message in protocol.commands),
+    }
+
+
+def _ceiling_holes(protocol: Protocol) -> dict[str, Any]:
+    """What is compiled into the board whatever a host sends."""
+    ceilings = protocol.ceilings
+    rows = [
+        (
+            str(number),
+            *(f"{c.value:.6g}" for c in (joint.torque_limit, joint.speed, joint.tracking)),
+            f"{joint.low.value:.6g} to {joint.high.value:.6g}",
+            *(f"{c.value:.6g}" for c in (joint.kp, joint.kd)),
+        )
+        for number, joint in enumerate(ceilings.joints, 1)
+    ]
+    heads = ("joint", "torque_limit", "speed", "tracking", "low to high", "kp", "kd")
+    return {
+        "ceiling_table": _table(heads, rows),
+        "silence": int(ceilings.silence.value),
+        "late": int(ceilings.late.value),
+        "rates": " to ".join(f"{end.value:.6g}" for end in ceilings.rates),
+        "fact": f"{100 * FACT:g}",
+        "filter": f"{ceilings.filter.value:.4g}",
     }
 
 

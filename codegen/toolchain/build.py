@@ -1,4 +1,4 @@
-"""Compiles generated C into shared libraries, kept in a content-addressed cache."""
+"""Compiles generated C into shared libraries, kept in the user's cache."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import os
 import platform
 import shlex
 import shutil
-import stat
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+
+from codegen.toolchain import cache
+from codegen.toolchain.cache import BuildError as BuildError
+from codegen.toolchain.cache import cache_directory
 
 FLAGS = (
     *("-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
@@ -38,44 +40,6 @@ WARNINGS = (
     *("-Wshadow", "-Wundef", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla", "-Werror"),
 )
 """What embedded developers compile with; the generated code passes, a test holds it to that."""
-
-
-class BuildError(RuntimeError):
-    """No compiler, or it refused; the message says what to do."""
-
-
-def cache_directory() -> Path:
-    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon; where nothing can be written there, a folder of
-    the user's own among the temporary ones."""
-    if own := os.environ.get("TENDON_CACHE"):
-        return Path(own)
-    try:
-        usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tendon"
-    except RuntimeError:  # a user without a home
-        return _temporary()
-    try:
-        usual.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return _temporary()
-    return usual if os.access(usual, os.W_OK | os.X_OK) else _temporary()
-
-
-def _temporary() -> Path:
-    """Code is loaded from there: nobody else may have made it, or write to it. Raises BuildError."""
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folder = Path(tempfile.gettempdir()) / f"tendon-{user}"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        facts = folder.lstat()
-    except OSError as error:
-        raise _no_cache(folder, error.strerror or str(error)) from error
-    if not stat.S_ISDIR(facts.st_mode) or (hasattr(os, "getuid") and (facts.st_uid != user or facts.st_mode & 0o022)):
-        raise _no_cache(folder, "it is not this user's alone")
-    return folder
-
-
-def _no_cache(folder: Path, reason: str) -> BuildError:
-    return BuildError(f"cannot write the cache {folder}: {reason}; set TENDON_CACHE to a folder that can be written")
 
 
 def compiler() -> tuple[str, ...]:
@@ -132,29 +96,6 @@ def key(*parts: str) -> str:
     return digest.hexdigest()[:32]
 
 
-def entry(name: str, fill: Callable[[Path], None]) -> Path:
-    """The cache's directory `name`, filled by `fill` once; other processes see it whole or not at all."""
-    final = cache_directory() / name
-    if final.is_dir():
-        return final
-    try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(dir=final.parent, prefix=".making-"))
-    except OSError as error:
-        raise _no_cache(final.parent, error.strerror or str(error)) from error
-    try:
-        fill(scratch)
-        try:
-            scratch.rename(final)
-        except OSError:
-            # Another process was first; what it made is the same.
-            if not final.is_dir():
-                raise
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    return final
-
-
 def compile_shared(directory: Path, sources: list[str], output: str, level: str) -> None:
     """Compile `sources` of `directory` into the shared library `output` there. `level`: LOOPS or STRAIGHT."""
     command = [*compiler(), level, *FLAGS, *vector_flags(level), *sources, "-o", output, "-lm"]
@@ -179,4 +120,4 @@ def shared_library(files: Mapping[str, str], name: str, level: str = LOOPS) -> P
             (directory / path).write_text(text, encoding="utf-8")
         compile_shared(directory, sources, f"{name}.so", level)
 
-    return entry(f"{name}-{key(*parts, level)}", fill) / f"{name}.so"
+    return cache.entry(f"{name}-{key(*parts, level)}", fill) / f"{name}.so"

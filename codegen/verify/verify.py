@@ -25,7 +25,7 @@ from codegen import render
 from codegen.c import c_effects
 from codegen.tape.lowering import Lowering
 from codegen.tape.tape import Tape
-from codegen.toolchain import build
+from codegen.toolchain import build, cache
 from codegen.verify import sampling
 from codegen.verify.proof import FunctionProof, prove_model
 from codegen.verify.reference import Reference
@@ -247,7 +247,7 @@ def casadi_module(files: Mapping[str, str], name: str) -> Any:
         (directory / path).write_text(text, encoding="utf-8")
 
     spec = importlib.util.spec_from_file_location(
-        f"{name}_casadi", build.entry(f"casadi-{build.key(text)}", fill) / path
+        f"{name}_casadi", cache.entry(f"casadi-{build.key(text)}", fill) / path
     )
     if spec is None or spec.loader is None:
         raise ImportError(f"cannot import the generated {path}")

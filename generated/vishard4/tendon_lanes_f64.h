@@ -15,6 +15,14 @@
 #define TENDON_LANES 2
 #endif
 
+#if TENDON_LANES == 8
+#define TENDON_EACH(x) {(x)[0], (x)[1], (x)[2], (x)[3], (x)[4], (x)[5], (x)[6], (x)[7]}
+#elif TENDON_LANES == 4
+#define TENDON_EACH(x) {(x)[0], (x)[1], (x)[2], (x)[3]}
+#else
+#define TENDON_EACH(x) {(x)[0], (x)[1]}
+#endif
+
 typedef double tendon_lanes_f64 __attribute__((vector_size(8 * TENDON_LANES)));
 typedef int64_t tendon_masks_f64 __attribute__((vector_size(8 * TENDON_LANES)));
 typedef double tendon_memory_f64 __attribute__((vector_size(8 * TENDON_LANES), aligned(8), may_alias));
@@ -87,14 +95,16 @@ static inline tendon_lanes_f64 tendon_cos_lanes_f64(tendon_lanes_f64 x)
 #endif
 
 /* Sine and cosine of `count` angles, as many at once as a vector has lanes, each with the bits of one alone. All three
- * arrays have room for a multiple of 8, so that the last vector may be whole. */
+ * arrays have room for a multiple of 8, so that the last vector may be whole. Angles that have just been computed go
+ * into it one by one: a processor waits for what it loads at once and has stored in parts. */
 static inline void tendon_sincos_each_f64(int count, const double *x, double *sine, double *cosine)
 {
 #if defined(TENDON_LANES)
     for (int k = 0; k < count; k += TENDON_LANES) {
         tendon_lanes_f64 sines;
         tendon_lanes_f64 cosines;
-        tendon_sincos_lanes_f64(tendon_load_f64(x + k), &sines, &cosines);
+        const tendon_lanes_f64 angles = TENDON_EACH(x + k);
+        tendon_sincos_lanes_f64(angles, &sines, &cosines);
         tendon_store_f64(sine + k, sines);
         tendon_store_f64(cosine + k, cosines);
     }

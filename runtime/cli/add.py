@@ -31,8 +31,8 @@ def add(
     name = source.name_of_next(effect, joint)
     text = source.add(source.text, effect, joint)
     rendered = render_all(source, text, out, effects)  # what cannot be generated is not written either
-    source.replace(text)
-    rendered.write()
+    with source.replaced(text):
+        rendered.write()
     added = name if joint is None else f"{name}@{joint}"
     document = {"model": str(model), "added": added, **rendered.document()}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -67,11 +66,13 @@ def _install(prepared: Path, place: Path) -> dict[str, Any]:
     """Copy what was compiled; the report that stands beside it, with the files' places."""
     import json
 
+    from runtime import files
+
     report: dict[str, Any] = json.loads((prepared / "image.json").read_text("utf-8"))
     place.mkdir(parents=True, exist_ok=True)
     for name in report["outputs"]:
-        shutil.copyfile(prepared / name, place / name)
-    shutil.copyfile(prepared / "image.json", place / "image.json")
+        files.replace(place / name, (prepared / name).read_bytes())
+    files.replace(place / "image.json", (prepared / "image.json").read_bytes())
     return report | {"outputs": [str(place / name) for name in report["outputs"]]}
 
 

@@ -89,5 +89,6 @@ def of_all_verbs(
 
 def main() -> None:
     """Entry point of the `tendon` command."""
+    output.open_streams()
     output.collect_seldom()
     output.leave(output.run(app, sys.argv[1:]))

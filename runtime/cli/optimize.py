@@ -14,6 +14,7 @@ from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import PlanningSettings
+from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
 from runtime.workspace import is_name, scenario_path, scenario_source
 
 app = typer.Typer()
@@ -23,7 +24,9 @@ app = typer.Typer()
 @with_settings
 def optimize(
     scenario: ScenarioFile,
-    cycle_time: Annotated[float | None, typer.Option(min=0.01, help="s, in place of the file's.")] = None,
+    cycle_time: Annotated[
+        float | None, typer.Option(min=SHORTEST_CYCLE, max=LONGEST_CYCLE, help="s, in place of the file's.")
+    ] = None,
     friction: Annotated[
         bool | None, typer.Option("--friction/--no-friction", help="In place of the file's.", show_default=False)
     ] = None,

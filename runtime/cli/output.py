@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import gc
+import io
 import json
 import os
 import sys
@@ -15,6 +17,26 @@ import typer
 from runtime.plain_json import plain
 
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
+_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+
+
+def open_streams() -> None:
+    """A closed standard stream is one into which nothing comes: no file that is opened later takes its place. What a
+    terminal cannot show is shown by its number."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            with suppress(OSError):
+                os.fstat(number)
+                continue
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
 
 _ALLOCATED, _YOUNGER = 100_000, 50
 """New objects, and collections of younger ones, between two searches for circles of objects: Python's 700 and 10 are
@@ -68,8 +90,9 @@ def _is_for_people(error: Exception) -> bool:
 
 
 def _reason(error: OSError) -> str:
-    named = f"{error.filename}: " if error.filename else ""
-    return f"{named}{error.strerror or error}"
+    # All files that are written say their names; what has none is a stream.
+    name = error.filename or ("standard output" if error.errno in _NO_ROOM else "")
+    return f"{name}{': ' * bool(name)}{error.strerror or error}"
 
 
 def _command(error: Exception) -> str:
@@ -88,7 +111,7 @@ def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mappin
     clean = plain(document)
     text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     if target == "-":
-        sys.stdout.write(text)
+        sys.stdout.write(text if _shows(text) else json.dumps(clean, indent=1, allow_nan=False) + "\n")
         sys.stdout.flush()
         return
     show(clean)
@@ -96,6 +119,15 @@ def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mappin
         from runtime.files import replace
 
         replace(target, text.encode())
+
+
+def _shows(text: str) -> bool:
+    """Whether standard output knows all letters of a text."""
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 @contextmanager

@@ -70,7 +70,7 @@ def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -
     part = cross / square
     score = torque * (seen - part * torque)
     sums = np.array([[fold.sum()] for fold in np.array_split(score, FOLDS)])
-    return Echo(part, float(np.sqrt(over_stretches(sums)[0, 0])) / square)
+    return Echo(part, float(np.sqrt(over_stretches(sums, 1)[0, 0])) / square)
 
 
 @dataclass

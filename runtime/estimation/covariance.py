@@ -264,7 +264,7 @@ def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[
         contribution = x * (w**2 * fit.residual[i])
         for k in range(size):
             scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))
-    return bread, over_stretches(scores)
+    return bread, over_stretches(scores, len(jacobian))
 
 
 def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int, tuple[str, ...]]:

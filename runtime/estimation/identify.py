@@ -49,7 +49,7 @@ from runtime.motion.clock import grid
 from runtime.motion.inertia import believable
 from runtime.motion.lines_above import raised
 from runtime.motion.motion import Motion, prepare
-from runtime.recordings.plausible import given_twice
+from runtime.recordings.plausible import fast_clock, given_twice
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
@@ -384,6 +384,7 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     noise is no more of an inertial column than can be compensated. Raises RecordingError.
     """
     refuse_copies(recordings)
+    refuse_fast_clocks(recordings)
     given = rigid_inertia(recordings)
     stated = _diagonal(model) if model.lumps_known else np.full(model.n, np.nan)
     inertia = believable(stated, recordings) if given is None else given
@@ -408,6 +409,14 @@ def refuse_copies(recordings: Sequence[Recording]) -> None:
         one, other = (str(recordings[k].path) for k in same)
         what = "is given twice" if one == other else f"holds the same samples as {one}"
         raise RecordingError(f"{other}: {what}; expected every recording once, fitted or held out; leave one out")
+
+
+def refuse_fast_clocks(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where a clock cannot be meant in seconds: its filters would be as long as it is fast."""
+    for recording in recordings:
+        cell = recording.cells.get("t", "t").split(" [")[0]
+        if wrong := fast_clock(recording.dt, cell):
+            raise RecordingError(f"{recording.path}: {wrong}")
 
 
 def identify_motion(

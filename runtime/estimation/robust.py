@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def over_stretches(sums: Array) -> Array:
+def over_stretches(sums: Array, equations: int) -> Array:
     """(K, K) covariance of the sum of scores, of their sums (S, K) over stretches that count as independent.
 
-    K degrees of freedom are taken. Source: Liang & Zeger 1986.
+    A stretch holds rows of that many equations, one a joint, and the K unknowns take their degrees of freedom from all
+    of them together. Source: Liang & Zeger 1986.
     """
     stretches, unknowns = sums.shape
-    covariance: Array = sums.T @ sums * stretches / max(1, stretches - unknowns)
+    covariance: Array = sums.T @ sums * stretches / max(1.0, stretches - unknowns / equations)
     return covariance
 
 

@@ -126,7 +126,7 @@ class TwistEquation:
         sums = np.array([np.bincount(index, weights=row) for row in scores]).T
         by_load = x @ (self.solution[-1] * self.errors[:, use]).T
         inverted = inverse(self.gram)
-        covariance: Array = inverted @ (over_stretches(sums) + by_load @ by_load.T) @ inverted
+        covariance: Array = inverted @ (over_stretches(sums, 1) + by_load @ by_load.T) @ inverted
         return covariance, len(sums) - len(x)
 
 

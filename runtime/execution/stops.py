@@ -19,6 +19,8 @@ HOST = {
     "telemetry_lost": "telemetry of the board is lost",
     "link_lost": "the link to the board is lost",
     "other_rate": "the board keeps another rate",
+    "overrun": "the board ran on after the plan was over and was stopped",
+    "untrusted": "the board cannot be trusted and was stopped",
 }
 """Reasons of the host; the board has its own."""
 

@@ -37,7 +37,10 @@ class Address:
 
 def parse(text: str) -> Address:
     """The address in `canopen://CHANNEL?interface=NAME&bitrate=NUMBER`. Raises LinkError."""
-    parts = urlsplit(text)
+    try:
+        parts = urlsplit(text)
+    except ValueError as error:  # brackets that are not closed
+        raise LinkError(f"--on {text}: {error}; expected {EXAMPLE}") from None
     channel = unquote(parts.netloc + parts.path)
     given = dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme != SCHEME or not channel:
@@ -46,7 +49,7 @@ def parse(text: str) -> Address:
         raise LinkError(f'--on {text}: unknown key "{unknown[0]}"; expected interface and bitrate: {EXAMPLE}')
     rate = given.get("bitrate", str(BITRATE))
     low, high = BITRATES
-    if not (rate.isascii() and rate.isdigit() and low <= int(rate) <= high):
+    if not (rate.isascii() and rate.isdigit() and len(rate) < 10 and low <= int(rate) <= high):
         raise LinkError(f"--on {text}: bitrate is {rate}; expected {low} to {high} bit/s")
     return Address(channel, given.get("interface", Address.interface), int(rate))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -11,6 +12,7 @@ from runtime.hardware.link import LinkError, LinkLost
 
 BAUD = 1_000_000
 SCHEME = "serial"
+_BAUD = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
 _DEVICE = "serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"
 
 
@@ -70,12 +72,15 @@ class SerialLink:
 
 def address(url: str) -> tuple[str, int, bool]:
     """Device, baud and DTR of `serial:///dev/ttyACM0?baud=1000000&dtr=0`. Raises LinkError."""
-    parts = urlsplit(url)
-    query = parse_qs(parts.query, keep_blank_values=True)
+    try:
+        parts = urlsplit(url)
+        query = parse_qs(parts.query, keep_blank_values=True)
+    except ValueError as error:  # brackets that are not closed, too many fields
+        raise LinkError(f"--on {url}: {error}; expected {_DEVICE}") from None
     device = parts.netloc + parts.path
     words = query.pop("baud", [str(BAUD)])[-1]
     dtr = query.pop("dtr", ["1"])[-1]
-    if not device or query or not words.isdigit() or not int(words) or dtr not in ("0", "1"):
+    if not device or query or not _BAUD.fullmatch(words) or dtr not in ("0", "1"):
         raise LinkError(f"--on {url}: expected {_DEVICE}")
     return device, int(words), dtr == "1"
 

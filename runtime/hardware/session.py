@@ -13,43 +13,38 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from runtime.hardware.frames import DELIMITER, Codec, Decoder, ReceivedMessage
-from runtime.hardware.link import BoardLink, LinkError, LinkLost
+from runtime.hardware.conversation import Conversation, NotReady, Refused, Untrusted
+from runtime.hardware.frames import DELIMITER, Codec
+from runtime.hardware.link import BoardLink, LinkLost
 from runtime.hardware.settings import Settings
 from runtime.hardware.telemetry import Log
 
-_ATTEMPTS, _ANSWER = 5, 0.1
-"""How often a command is sent, and s that its answer may take each time."""
 _GREETINGS = 30
-"""The same of the first word: some boards start anew when their port is opened."""
+"""How often the first word is sent: some boards start anew when their port is opened."""
 _CHUNK = 0.002
 """s of one read in a run: what is missing or wrong in it is answered within a few ms."""
-_ALIVES = 4
-"""Signs of life in the time that the board waits for one."""
 _SILENT = 0.3
 """s without telemetry after which the board counts as lost."""
 _READY = 10.0
 """s that drives may take until they are ready."""
 _END = 1.0
 """s that a board may take for a stop, besides its damping."""
+_RATE = 0.05
+"""Part by which a board's control period may be longer than it should be: as for what its telemetry says of it."""
 _PATIENCE = 5.0
 """s that it may damp what another host has left in motion."""
 _MICROSECONDS = 1e6
 _TRAJECTORY = ("trajectory", "phase", "points")
-
-
-class Refused(LinkError):
-    """The board does not do what it was asked; the message says why."""
-
-
-class _NotReady(Refused):
-    """Its drives need time."""
+_UNSAID = ("done", "link_lost", "telemetry_lost")
+"""Ends of a run of which a board that says what cannot be is the better account."""
+_LOWERED = ("drive", "safety")
+"""Commands whose answer says whether the board has lowered a value."""
 
 
 @dataclass(frozen=True)
 class Ended:
     """Why a run is over: a reason of the protocol, or of the host (interrupted, telemetry_lost, link_lost,
-    other_rate).
+    other_rate, overrun, untrusted).
 
     joint    1-based, None for the whole arm      period   of the run in which it came about
     detail   words of the host's, None where the reason says it all; code: of a drive's fault
@@ -70,29 +65,18 @@ class BoardRun:
     ended: Ended
 
 
-class Session:
+class Session(Conversation):
     """One host's conversation over a link; close it, whatever happened."""
 
     def __init__(self, link: BoardLink, codec: Codec) -> None:
-        self.link, self.codec = link, codec
-        self._decoder = Decoder(codec)
-        self._names = {table: codec.names(table) for table in ("states", "reasons", "results")}
-        self._sequence = 0
-        self._unanswered: tuple[int, bytes] | None = None
-        self._acks: dict[int, ReceivedMessage] = {}
-        self._identity: ReceivedMessage | None = None
-        self._state: dict[str, Any] | None = None
-        self._telemetry: list[dict[str, Any]] = []
-        self._counters: dict[str, int] | None = None
-        self._dt = self._silence = self._damping = self._late = self._due = 0.0
-
-    def close(self) -> None:
-        self.link.close()
+        super().__init__(link, codec)
+        self._dt = self._damping = self._late = 0.0
 
     # --- before a run ---
 
     def identify(self) -> dict[str, Any]:
-        """The board's identity; it is idle then. Raises Refused for firmware that is not of this model, LinkLost."""
+        """The board's identity; it is idle then. Raises Refused for firmware that is not of this model, LinkLost,
+        Untrusted."""
         # Ends whatever half a frame the line has brought before.
         self.link.write(DELIMITER)
         found, own = self._hello(_GREETINGS), self.codec.document
@@ -112,12 +96,17 @@ class Session:
                 "the board's firmware has been generated from other equations or by another version of Tendon (build "
                 f"{found['build']:08x}; expected {own['build']:08x}); build it anew (tendon firmware) and load it"
             )
+        if (found["max_phases"], found["max_rows"]) != (own["max_phases"], own["max_rows"]):
+            raise Refused(
+                f"the board says that it holds {found['max_phases']} phases and {found['max_rows']} control points; by "
+                f"its protocol it is {own['max_phases']} and {own['max_rows']}: it is not what it says it is"
+            )
         if self._names["states"][found["state"]] != "idle":
             self._rest()
         return found
 
     def upload(self, settings: Settings) -> None:
-        """Everything that a run needs. Raises Refused, LinkLost."""
+        """Everything that a run needs. Raises Refused, also by lower ceilings of the board; LinkLost, Untrusted."""
         page = self.codec.document
         for what, count, most in (
             ("phases", len(settings.phases), page["max_phases"]),
@@ -129,15 +118,22 @@ class Session:
         self._silence = settings.safety["silence"] * settings.dt
         self._damping = settings.safety["damping"] * settings.dt
         self._late = settings.safety["late"] / _MICROSECONDS
+        self._statements.told(settings.drive["torque_limit"])
         checksum = 0
         for name, values in settings.messages(page["rows_a_message"]):
             if name in _TRAJECTORY:
                 checksum = zlib.crc32(self.codec.payload(name, values), checksum)
-            self._command(name, values)
+            detail = self._command(name, values)
+            if name in _LOWERED and detail:
+                raise Refused(
+                    f"the board keeps to a ceiling of its own below {self._value(name, detail - 1)} ({name}); its "
+                    "firmware was built with tighter limits: build it anew (tendon firmware) and load it, or tighten "
+                    "the model file"
+                )
         self._command("commit", {"checksum": checksum})
 
     def counts(self) -> tuple[int, ...]:
-        """(n,) what the encoders read now. Raises Refused, LinkLost."""
+        """(n,) what the encoders read now. Raises Refused, LinkLost, Untrusted."""
         self._telemetry.clear()
         self._ask(
             lambda: bool(self._telemetry),
@@ -145,17 +141,14 @@ class Session:
         )
         return tuple(self._telemetry.pop()["counts"])
 
-    def figures(self) -> dict[str, Any]:
-        """What the link did to frames: those that arrived damaged here, by kind, and what the board has counted."""
-        return {"damaged": dict(self._decoder.errors), "board": self._counters}
-
     # --- a run ---
 
     def run(self, periods: int, every: int = 1, asked: Callable[[], int] = lambda: 0) -> BoardRun:
         """Arm and run for so many control periods, with telemetry in every so many; idle again afterwards.
 
         asked   whether the user wants to stop: 0 no, 1 yes, 2 without waiting for the board
-        Raises Refused. A link that is lost ends the run, and what was recorded until then is returned.
+        Raises Refused. A link that is lost ends the run, as does a board that says what cannot be or runs on after the
+        last period, and what was recorded until then is returned.
         """
         log = Log(every, self.codec)
         if asked():
@@ -174,7 +167,9 @@ class Session:
     def _driven(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended:
         told: Ended | None = None
         try:
-            ended = self._begin(periods, log, asked) or self._follow(log, asked)
+            ended = self._begin(periods, log, asked) or self._follow(periods, log, asked)
+        except Untrusted as lie:
+            ended = Ended("untrusted", period=log.last, detail=str(lie))
         except LinkLost as lost:
             log.take(self._telemetry)
             ended = Ended("link_lost", period=log.last, detail=str(lost))
@@ -186,6 +181,8 @@ class Session:
         with suppress(LinkLost):
             told = self._leave(log, asked)
         ended = ended or told
+        if self.lie is not None and (ended is None or ended.reason in _UNSAID):
+            return Ended("untrusted", period=log.last, detail=self.lie)
         if ended is None:
             return Ended("link_lost", period=log.last, detail="the board does not say that it has stopped")
         if ended.reason == "done" and (missing := log.missing(periods)) is not None:
@@ -214,24 +211,28 @@ class Session:
         """Told to run; False where the drives need more time, and until the deadline have it."""
         try:
             self._command("run", {"periods": periods, "every": every})
-        except _NotReady:
+        except NotReady:
             if self.link.now() > deadline:
                 raise
             self._listen(_CHUNK)
             return False
         return True
 
-    def _follow(self, log: Log, asked: Callable[[], int]) -> Ended | None:
-        """Until the board has stopped (None) or the host has to stop it."""
+    def _follow(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended | None:
+        """Until the board has stopped (None) or the host has to stop it. Raises LinkLost, Untrusted."""
         heard = self.link.now()
+        end = heard + periods * self._dt * (1.0 + _RATE) + self._late + _END
         while not (self._stopped or log.over):
             if asked():
                 return Ended("interrupted", period=log.last)
             self._stay_alive()
             self._listen(_CHUNK)
+            self._believe()
             if self._telemetry:
                 heard = self.link.now()
             log.take(self._telemetry)
+            if not self._stopped and (log.beyond(periods) or self.link.now() > end):
+                return Ended("overrun", period=log.last, detail=f"{periods} periods were planned")
             if not self._stopped and log.gap is not None:
                 return Ended("telemetry_lost", period=log.last, detail=log.gap)
             # Where this end keeps the time, it knows how late it is.
@@ -262,7 +263,7 @@ class Session:
         if self._resting:
             # A board that no longer hears this has stopped all the same; why, it has said. Some of the last words may
             # have been lost, so the commands are numbered anew.
-            with suppress(LinkLost, Refused):
+            with suppress(LinkLost, Refused, Untrusted):
                 self._hello()
                 self._command("reset")
         elif not self._stopped:
@@ -304,108 +305,3 @@ class Session:
             self._command("query")
             self._listen(_CHUNK)
         self._command("reset")
-
-    # --- words ---
-
-    def _hello(self, attempts: int = _ATTEMPTS) -> dict[str, Any]:
-        """The board's identity; the commands that follow are numbered from here."""
-        self._identity = self._unanswered = None
-        # Of a board of another version, the identity is all that can be read.
-        self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None, attempts)
-        assert self._identity is not None
-        return self._identity.values
-
-    def _stop(self) -> None:
-        """Whatever else is under way; the board takes it in every state, whatever its number."""
-        self._unanswered = self._frame("stop")
-        self.link.write(self._unanswered[1])
-
-    def _stay_alive(self) -> None:
-        """A sign of life, when it is time for one."""
-        if self.link.now() >= self._due:
-            self._say("alive")
-
-    def _say(self, name: str) -> None:
-        """A command that is not waited for. If the last of them was not answered, that one again: no number is left
-        out, and none is done twice."""
-        if not self._unheard:
-            self._acks.clear()
-            self._unanswered = self._frame(name)
-        assert self._unanswered is not None
-        self.link.write(self._unanswered[1])
-        self._due = self.link.now() + self._silence / _ALIVES
-
-    @property
-    def _unheard(self) -> bool:
-        return self._unanswered is not None and self._unanswered[0] not in self._acks
-
-    def _command(self, name: str, values: Any = None) -> None:
-        """A command until it is acknowledged. Raises Refused, LinkLost."""
-        number, frame = self._frame(name, values)
-        self._repeat(name, frame, lambda: number in self._acks)
-        self._due = self.link.now() + self._silence / _ALIVES
-        ack = self._acks.pop(number)
-        result = self._names["results"].get(ack.values["result"], "unknown")
-        if result != "done":
-            refused = _NotReady if result == "not_ready" else Refused
-            raise refused(self._refusal(name, ack.values))
-
-    def _ask(self, told: Callable[[], bool], otherwise: str) -> None:
-        """A query, until what it is to bring has come: a new one each time, as none is done twice.
-
-        Raises LinkLost that says `otherwise`.
-        """
-        for _ in range(_ATTEMPTS):
-            self._command("query")
-            deadline = self.link.now() + _ANSWER
-            while not told() and (left := deadline - self.link.now()) > 0:
-                self._listen(left)
-            if told():
-                return
-        raise LinkLost(otherwise)
-
-    def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool], attempts: int = _ATTEMPTS) -> None:
-        """Send a frame until it is answered. Raises LinkLost."""
-        for _ in range(attempts):
-            self.link.write(frame)
-            deadline = self.link.now() + _ANSWER
-            while not answered() and (left := deadline - self.link.now()) > 0:
-                self._listen(left)
-            if answered():
-                return
-        raise LinkLost(f"the board does not answer ({name}, {attempts} times); is its firmware running?")
-
-    def _refusal(self, name: str, ack: dict[str, Any]) -> str:
-        texts = {result["number"]: result["text"] for result in self.codec.document["results"]}
-        detail = self._detail(name, self._names["results"].get(ack["result"], ""), ack["detail"])
-        return f"the board does not take {name}: {texts.get(ack['result'], 'refused')}{detail and f' ({detail})'}"
-
-    def _detail(self, name: str, result: str, number: int) -> str:
-        """What the number beside a result stands for."""
-        if result in ("not_finite", "out_of_range"):
-            values = [field for field, count in self.codec.fields(name).items() for _ in range(count or 1)]
-            return values[number] if number < len(values) else f"phase {number + 1}"
-        if result == "incomplete":
-            return ", ".join(part for part, bit in self.codec.document["missing"].items() if number & bit)
-        if result == "state":
-            return self._names["states"].get(number, "")
-        return f"{number} is expected" if result in ("sequence", "order") else ""
-
-    def _frame(self, name: str, values: Any = None) -> tuple[int, bytes]:
-        self._sequence = (self._sequence + 1) & 0xFFFF
-        self._acks.pop(self._sequence, None)
-        return self._sequence, self.codec.encode(name, values, self._sequence)
-
-    def _listen(self, timeout: float) -> None:
-        """Whatever comes within so many s, sorted."""
-        for message in self._decoder.feed(self.link.read(timeout)):
-            if message.name == "telemetry":
-                self._telemetry.append(message.values)
-            elif message.name == "ack":
-                self._acks[message.values["sequence"]] = message
-            elif message.name == "state":
-                self._state = message.values
-            elif message.name == "identity":
-                self._identity = message
-            elif message.name == "counters":
-                self._counters = message.values

@@ -37,6 +37,8 @@ _FROZEN = 0.5
 _EARLY, _LATE = 0.5, 1.5
 """Control periods between two steps, at least and at most."""
 _ERRORS = 3
+_LOWERED = {"torque_limit", "kp", "kd", "tracking", "speed", "low", "high", "silence", "late"}
+"""Of drive and safety: what a board has ceilings of."""
 _MICROSECONDS = 1e6
 
 TOUCH = 1e-4  # m, below which the end-effector has not reached the plate
@@ -87,13 +89,14 @@ class Settings:
         friction: bool = True,
         tracking: float | None = None,
     ) -> Settings:
-        """Of a prepared directory with controller.json, for the same arm.
+        """Of a prepared directory with controller.json and protocol.json, for the same arm.
 
         friction   whether friction is compensated, (7); what else the model file has always is
         tracking   rad (m), largest error of every joint; None: by the joints' types
         Raises ControllerError where the model file lacks what a controller needs, or the trajectory does not fit.
         """
         page = json.loads((Path(directory) / "controller.json").read_text(encoding="utf-8"))
+        ceilings = json.loads((Path(directory) / "protocol.json").read_text(encoding="utf-8"))["ceilings"]
         if (page["name"], page["n"]) != (model.name, model.n) or trajectory.arm != model.name:
             raise ControllerError(
                 f'controller of "{page["name"]}", model of "{model.name}" and trajectory of "{trajectory.arm}"; '
@@ -112,8 +115,8 @@ class Settings:
             position_per_count=per_count.astype(np.float32),
             zero=np.array([joint.encoder_zero for joint in model.joints], dtype=np.int32),
             uncompensated=tuple(item["effect"] for item in page["uncompensated"]),
-            drive=_drive(model, per_count),
-            safety=_safety(model, per_count, dt, tracking),
+            drive=_within(_drive(model, per_count), ceilings),
+            safety=_within(_safety(model, per_count, dt, tracking), ceilings),
             parameters=dict(zip((f["name"] for f in model.metadata["struct"]), model.struct_values, strict=True)),
             effects=effects,
             trajectory=_trajectory(page, model, trajectory),
@@ -139,7 +142,7 @@ class Settings:
             yield "points", {"first_row": first, "values": block.ravel().tolist()}
 
 
-def _drive(model: Model, per_count: Array) -> Values:
+def _drive(model: Model, per_count: Array) -> dict[str, Any]:
     settings = model.controller or {}
     limits = [joint.torque_limit for joint in model.joints]
     return {
@@ -153,7 +156,7 @@ def _drive(model: Model, per_count: Array) -> Values:
     }
 
 
-def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -> Values:
+def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -> dict[str, Any]:
     joints = model.joints
     largest = np.array([TRACKING[j.type] if tracking is None else tracking for j in joints])
     speed = np.array([OVERSPEED * j.speed_limit if j.speed_limit else inf for j in joints])
@@ -175,6 +178,17 @@ def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -
         "late": ceil(_LATE * dt * _MICROSECONDS),
         "damping": ceil(DAMPING / dt),
     }
+
+
+def _within(values: dict[str, Any], ceilings: Mapping[str, Any]) -> Values:
+    """What a board makes of a message by its ceilings: so what is said of a limit is what holds."""
+    lowered = {
+        name: np.clip(values[name], ceilings["low"], ceilings["high"]).tolist()
+        if name in ("low", "high")
+        else np.minimum(values[name], ceilings[name]).tolist()
+        for name in _LOWERED & values.keys()
+    }
+    return values | lowered
 
 
 def _finite(values: Array) -> list[float]:

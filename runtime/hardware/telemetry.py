@@ -36,6 +36,7 @@ class Log:
         self._expected = 0
         self.gap: str | None = None
         self.over = False
+        self._running = -1
         self._begun: int | None = None
         self._elapsed = self._stamp = 0
 
@@ -56,6 +57,10 @@ class Log:
             return f"the telemetry of period {self._expected} is missing, and what came after it"
         return self.gap
 
+    def beyond(self, periods: int) -> bool:
+        """Whether the board says that it runs, after as many periods as a run was to have."""
+        return self._running >= periods
+
     def off(self, dt: float, late: float) -> str | None:
         """Words for a board that keeps another control period than dt; late: s that a single one may be longer."""
         if self._begun is None or self.last is None or self.last == self._begun:
@@ -70,6 +75,8 @@ class Log:
         )
 
     def _add(self, row: dict[str, Any]) -> None:
+        if self._states[row["state"]] == "running":
+            self._running = max(self._running, row["period"])
         if row["period"] > self._expected:
             self.gap = f"the telemetry of period {self._expected} is missing, that of {row['period']} is there"
         elif self._states[row["state"]] == "running":

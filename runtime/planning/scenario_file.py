@@ -12,7 +12,9 @@ from typing import Any, get_args
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, giver
 from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan
+from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
 from runtime.planning.springs import springs, usual
+from symbolic.model_file import user_file
 from symbolic.model_file.checks import Place, did_you_mean, number, printable, quote, table_at, unknown
 from symbolic.model_file.fields import (
     Bounds,
@@ -43,12 +45,9 @@ CLOSE = 1e-6  # m
 def read(path: Path) -> Scenario:
     """The scenario in a TOML file, as far as it can be checked without the arm. Raises ModelError."""
     top = Place(printable(str(path)))
+    text = user_file.read_text(path, user_file.MAX_BYTES, "a scenario in TOML")
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        top.fail("no such file; expected a scenario in TOML")
-    except (OSError, UnicodeDecodeError) as error:
-        top.fail(f"cannot be read: {printable(str(error))}")
+        table = tomllib.loads(text.removeprefix("\ufeff"))
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         top.fail(f"not valid TOML: {printable(str(error))}")
     return parse(table, top)
@@ -104,7 +103,9 @@ RANGES = (PerJoint("q1", "of joint 1, likewise q2, ...: where it stays", Interva
 SCENARIO = (
     Name("name", "of the scenario: a C identifier"),
     Text("model", "model file beside this one, or the name of an arm of the toolkit"),
-    Number("cycle_time", "from the first point back to it, or to the last one", unit="s", positive=True),
+    Number(
+        "cycle_time", "from the first point back to it, or to the last one", SHORTEST_CYCLE, LONGEST_CYCLE, unit="s"
+    ),
     Flag("periodic", "whether the last point is the first", default=True),
     Flag("friction", "whether the motion is planned with the model's friction", default=True),
     JointNumbers("moving", "joints that move, counted from 1; without it all", default=()),

@@ -17,7 +17,9 @@ from scipy.interpolate import BPoly
 from runtime import files
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Term
+from runtime.planning.settings import LONGEST_CYCLE, MOST_BYTES, MOST_PHASES
 from runtime.planning.springs import springs, usual
+from symbolic.model_file import user_file
 from symbolic.model_file.checks import ModelError, Place, printable, quote, real, table_at
 from symbolic.model_file.fields import (
     REQUIRED,
@@ -174,14 +176,16 @@ class Trajectory:
 
 def read(path: Path, model: Model) -> Trajectory:
     """The trajectory in a JSON file, for this arm. Raises TrajectoryError."""
+    if not path.exists():
+        raise TrajectoryError(f"{path}: no such file; tendon optimize SCENARIO --out {path} makes one")
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise TrajectoryError(f"{path}: no such file; tendon optimize SCENARIO --out {path} makes one") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise TrajectoryError(f"{path}: cannot be read: {error}") from error
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise TrajectoryError(f"{path}: not valid JSON ({error}); expected a trajectory of tendon optimize") from error
+        text = user_file.read_text(path, MOST_BYTES, "a trajectory of tendon optimize")
+        data = json.loads(text)
+    except ModelError as error:
+        raise TrajectoryError(str(error)) from None
+    except (ValueError, RecursionError) as error:  # ValueError: no JSON, or a number of thousands of digits
+        why = str(error).split(";")[0]
+        raise TrajectoryError(f"{path}: not valid JSON ({why}); expected a trajectory of tendon optimize") from error
     try:
         return _parsed(Place(printable(str(path))), data, model)
     except ModelError as error:
@@ -254,6 +258,10 @@ def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
     said = read_fields(top, data, _fields(model))
     if not said["phases"]:
         top.fail("phases: expected at least one")
+    if len(said["phases"]) > MOST_PHASES:
+        top.fail(f"phases: found {len(said['phases'])}; expected at most {MOST_PHASES}")
+    if (seconds := sum(phase["duration"] for phase in said["phases"])) > LONGEST_CYCLE:
+        top.fail(f"phases: their durations are {seconds:.6g} s together; expected at most {LONGEST_CYCLE:g} s")
     found = Trajectory(
         arm=model.name,
         scenario=said["scenario"],

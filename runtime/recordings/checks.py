@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from runtime.recordings import plausible
 from runtime.recordings.contents import Array, Numbers, Samples
 from runtime.recordings.errors import Refusal
-from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, ROUNDING
+from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, MOST_SAMPLES, ROUNDING
 
 
 def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
@@ -40,8 +40,15 @@ def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
     return table.kept(~drop) if drop.any() else table
 
 
+def not_too_many(samples: int, refuse: Refusal) -> None:
+    """Refuses a recording that would fill the memory, before the rest of it is read."""
+    if samples > MOST_SAMPLES:
+        refuse(f"has more than {MOST_SAMPLES} samples; split it into several recordings, or thin it out")
+
+
 def enough(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
-    """Refuses a recording that is too short for anything."""
+    """Refuses a recording that is too short for anything, or too long."""
+    not_too_many(len(t), refuse)
     if len(t) < MIN_SAMPLES:
         left = (" is left" if len(t) == 1 else " are left") if allow_gaps else ""
         refuse(f"only {len(t)} sample{'s' if len(t) != 1 else ''}{left}; expected at least {MIN_SAMPLES}")

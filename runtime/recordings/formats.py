@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -43,6 +44,9 @@ def opened(path: Path, refuse: Refusal) -> Contents:
     if os.path.isdir(path):
         return _folder(path, refuse)
     try:
+        # It is opened several times, and a pipe gives what it has but once.
+        if not stat.S_ISREG(path.stat().st_mode):
+            refuse("is no file but a pipe or a device; save it to a file first")
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.settings import SLOWEST_STEP
+from runtime.recordings.settings import FASTEST_STEP, SLOWEST_STEP, SMALLEST
 
 Array = NDArray[np.float64]
 
@@ -25,9 +25,20 @@ def slow_clock(step: float, cell: str) -> str | None:
     return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
 
 
+def fast_clock(step: float, cell: str) -> str | None:
+    """The same of one that is too short to be filtered: its filters would be longer than any recording."""
+    if not step < FASTEST_STEP:
+        return None
+    return (
+        f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
+        f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
+    )
+
+
 def unpowered(tau: Array) -> NDArray[np.bool_]:
-    """(n,) joints whose torque never changes: passive ones, or those of which no torque is recorded. tau (n, N)."""
-    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) == 0
+    """(n,) joints whose torque never changes by as much as a sensor tells: passive ones, or those of which no torque is
+    recorded. tau (n, N)."""
+    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
     return quiet
 
 

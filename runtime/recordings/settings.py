@@ -8,6 +8,10 @@ SLOWEST_STEP: Final = 0.2
 """s; a median step above it is no log of a moving joint but a time in another unit: field buses and loggers of motion
 run from some Hz to some kHz, and a clock in milliseconds reads 0.2 at 5 kHz; a choice between the two."""
 
+FASTEST_STEP: Final = 1e-5
+"""s; a shorter median step is a time in another unit: the fastest current loops of drives run at some 40 kHz, and are
+logged no faster; a choice."""
+
 MIN_SAMPLES: Final = 200
 """samples; fewer hold no motion from which inertia and friction could be told; a choice."""
 
@@ -23,9 +27,26 @@ ROUNDING: Final = 1e-6
 LARGEST: Final = 1e12
 """SI unit; no reading of a joint is larger, and its square must not overflow; a choice."""
 
+SMALLEST: Final = 1e-12
+"""SI unit; a torque that changes by less does not change: the smallest drives have some 1e-6 N m, and
+no sensor tells a millionth of that; a choice."""
+
 MAX_BYTES: Final = 2_000_000_000
 """length in bytes; of a file, of what it unpacks to and of what is kept of it, so that a false length in it cannot fill
 the memory; a choice: an hour of seven joints at 1 kHz in CSV is 1 GB."""
+
+BLOCK: Final = 1 << 23
+"""length in bytes; of a text so much is read and understood at once, some tenths of a second; a choice."""
+
+HEAD: Final = 1 << 16
+"""length in bytes; of a text so much is read at once until its header and first sample are found; a choice."""
+
+LONGEST_LINE: Final = 1_000_000
+"""length in bytes; MOST_FIELDS names or numbers of a hundred letters each; a choice."""
+
+MOST_SAMPLES: Final = 5_000_000
+"""samples; of a recording, eighty minutes at 1 kHz: filters, regressors and fits keep some hundred numbers of each, so
+that seven joints fit into the memory of a laptop; a choice."""
 
 LARGEST_MATRIX: Final = 128
 """number of columns; a variable with more in its shorter direction holds no joints' signals but pictures or tables."""

@@ -2,48 +2,44 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
-import gzip
 import io
 import math
 import re
-import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from runtime.recordings.contents import Array, RecordedField, Samples
-from runtime.recordings.errors import RecordingError, Refusal
+from runtime.recordings import checks, lines
+from runtime.recordings.contents import Array, Numbers, RecordedField, Samples
+from runtime.recordings.errors import Refusal
+from runtime.recordings.lines import TextBlock
 from runtime.recordings.nameless import NUMBERED
-from runtime.recordings.settings import MAX_BYTES
+from runtime.recordings.settings import HEAD, MOST_FIELDS
 from runtime.recordings.units import UNITS, normal
 from symbolic.model_file.checks import quote
 
-GZIP = b"\x1f\x8b"
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
 _REMARK = re.compile(r"\s*[#%]+\s*")
 _BLANK = " "
-_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True)
 class TextContents:
     """A text whose header and dress are known.
 
-    names      cells of the header, or numbers where there is none
-    body       what follows, its lines from `first_line` on
+    names        cells of the header, or numbers where there is none
+    first_line   of the samples
     """
 
+    path: Path
     format: str
     header: str
     names: tuple[str, ...]
-    body: str
     first_line: int
     delimiter: str
     decimal_comma: bool
@@ -58,13 +54,31 @@ class TextContents:
         return {}
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
-        table, lines = self._numbers(wanted)
-        signals = {name: table[:, k] for k, name in enumerate(wanted)}
-        return Samples(signals, lines, dict.fromkeys(wanted, "line"))
+        tables, numbers, samples = [], [], 0
+        for block in lines.blocks(self.path, self.refuse):
+            body, line = self._after_header(block)
+            if not body or body.isspace():
+                continue
+            table, places = self._numbers(body, line, wanted)
+            tables.append(table)
+            numbers.append(places)
+            samples += len(table)
+            checks.not_too_many(samples, self.refuse)
+        table = np.concatenate(tables) if tables else np.empty((0, len(wanted)))
+        signals = {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(wanted)}
+        places = np.concatenate(numbers) if numbers else np.empty(0, np.int64)
+        return Samples(signals, places, dict.fromkeys(wanted, "line"))
 
-    def _numbers(self, wanted: Mapping[str, int]) -> tuple[Array, NDArray[np.int64]]:
+    def _after_header(self, block: TextBlock) -> tuple[str, int]:
+        """The samples of a block, and the line of the first."""
+        body, line = block.text, block.line
+        for _ in range(line, min(self.first_line, line + body.count("\n") + 1)):
+            body, line = body.partition("\n")[2], line + 1
+        return body.rstrip("\n"), line
+
+    def _numbers(self, body: str, line: int, wanted: Mapping[str, int]) -> tuple[Array, Numbers]:
         """The wanted columns (N, k) and the line of each row."""
-        body, delimiter = self.body, self.delimiter
+        delimiter = self.delimiter
         if delimiter == _BLANK:
             body, delimiter = re.sub(r"[ \t]+", ";", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body)), ";"
         quick = body.replace(",", ".") if self.decimal_comma and "." not in body else body
@@ -76,16 +90,16 @@ class TextContents:
             try:
                 cells = list(wanted.values())
                 table = np.loadtxt(io.StringIO(quick), delimiter=delimiter, comments=None, usecols=cells, ndmin=2)
-                return table, self.first_line + np.arange(len(table))
+                return table, line + np.arange(len(table))
             except ValueError:
                 pass  # the careful way below finds the cell
-        return self._careful(body, delimiter, wanted)
+        return self._careful(body, line, delimiter, wanted)
 
-    def _careful(self, body: str, delimiter: str, wanted: Mapping[str, int]) -> tuple[Array, NDArray[np.int64]]:
+    def _careful(self, body: str, first: int, delimiter: str, wanted: Mapping[str, int]) -> tuple[Array, Numbers]:
         """Cell by cell; says which one is none."""
-        rows, lines, width = [], [], len(self.names)
+        rows, numbers, width = [], [], len(self.names)
         like = "in the header" if self.header else "in the first line"
-        for line, text in enumerate(body.split("\n"), self.first_line):
+        for line, text in enumerate(body.split("\n"), first):
             if not text.strip():
                 continue
             try:
@@ -95,8 +109,8 @@ class TextContents:
             if len(row) != width:
                 self.refuse(f"has {len(row)} cells; expected {width} as {like}", f"line {line}")
             rows.append([self._number(row[index], name, line) for name, index in wanted.items()])
-            lines.append(line)
-        return np.array(rows, dtype=float).reshape(-1, len(wanted)), np.array(lines)
+            numbers.append(line)
+        return np.array(rows, dtype=float).reshape(-1, len(wanted)), np.array(numbers, dtype=np.int64)
 
     def _number(self, cell: str, name: str, line: int) -> float:
         cell = cell.strip()
@@ -113,49 +127,63 @@ class TextContents:
 
 def opened(path: Path, refuse: Refusal) -> TextContents:
     """The text at a path, whatever its ending. Raises RecordingError."""
-    text = _decoded(_bytes(path, refuse), refuse)
-    at, line, remark = 0, 1, ""
-    while at < len(text):
-        first = text[at : _end(text, at)]
-        if first.strip() and not _REMARK.match(first):
-            break
-        remark = first.strip() or remark
-        at, line = at + len(first) + 1, line + 1
-    end = _end(text, at)
-    header, body = text[at:end], text[end + 1 :]
+    found = _beginning(path, refuse)
+    if found is None:
+        refuse("is empty; expected a header such as t [s],q1 [rad],tau1 [N m] and one line a sample")
+    remark, ((header, line), *following) = found
     named = _REMARK.sub("", remark)
     if named and (not header or (_is_nameless(header) and _fits(named, header))):
-        header, body, line = named, text[at:], line - 1
+        header, following, line = named, [(header, line)] if header else [], line - 1
     if not header.strip():
         refuse("is empty; expected a header such as t [s],q1 [rad],tau1 [N m] and one line a sample")
-    return _contents(header, body, line, refuse)
+    return _contents(path, header, line, following, refuse)
 
 
-def _end(text: str, at: int) -> int:
-    end = text.find("\n", at)
-    return len(text) if end < 0 else end
+def _beginning(path: Path, refuse: Refusal) -> tuple[str, list[tuple[str, int]]] | None:
+    """The last remark before the first line that is none, and with their numbers that line and two more that are not
+    blank; None where there are remarks alone, and no word in them."""
+    remark, at, found = "", 1, list[tuple[str, int]]()
+    for block in lines.blocks(path, refuse, HEAD):
+        if block.text.isspace():
+            continue
+        for number, line in enumerate(block.text.removesuffix("\n").split("\n"), block.line):
+            if not line.strip():
+                continue
+            if not found and _REMARK.match(line):
+                remark, at = line.strip(), number
+                continue
+            found.append((line, number))
+            if len(found) > 2:
+                return remark, found
+    if not found and not remark:
+        return None
+    return remark, found or [("", at + 1)]
 
 
-def _contents(header: str, body: str, line: int, refuse: Refusal) -> TextContents:
-    """What follows a header in `line`, or begins with it where it is a sample."""
+def _contents(
+    path: Path, header: str, line: int, following: Sequence[tuple[str, int]], refuse: Refusal
+) -> TextContents:
+    """What follows a header in `line`, or begins with it where it is a sample; following: lines after it, numbered."""
     nameless = _is_nameless(header)
-    first = header if nameless else body.lstrip("\n").partition("\n")[0]
-    delimiter = _delimiter(header, first)
+    sample = header if nameless else following[0][0] if following else ""
+    delimiter = _delimiter(header, sample)
     cells = _cells(header, delimiter)
-    if not nameless and (units := _units(_cells(first, delimiter), cells)):
-        after = body.lstrip("\n")
-        cells, line, body = units, line + len(body) - len(after) + 1, after.partition("\n")[2]
-        first = body.lstrip("\n").partition("\n")[0]
-    if cells[-1].strip() == "" and len(_cells(first, delimiter)) == len(cells) - 1:
+    if len(cells) > MOST_FIELDS:
+        refuse(f"has {len(cells)} columns; expected at most {MOST_FIELDS}", f"line {line}")
+    below = line
+    if not nameless and following and (units := _units(_cells(sample, delimiter), cells)):
+        cells, (_, below), following = units, following[0], following[1:]
+        sample = following[0][0] if following else ""
+    if cells[-1].strip() == "" and len(_cells(sample, delimiter)) == len(cells) - 1:
         cells = cells[:-1]  # a delimiter behind the last name
-    comma = delimiter != "," and any("," in cell and _is_number(cell) for cell in _cells(first, delimiter))
+    comma = delimiter != "," and any("," in cell and _is_number(cell) for cell in _cells(sample, delimiter))
     kind = "text" if delimiter == _BLANK else "CSV"
     if nameless:
         names = tuple(NUMBERED.format(k) for k in range(1, len(cells) + 1))
-        return TextContents(kind, "", names, f"{header}\n{body}".rstrip("\n"), line, delimiter, comma, refuse)
-    if not body.strip():
+        return TextContents(path, kind, "", names, line, delimiter, comma, refuse)
+    if not following:
         refuse("has a header but no samples")
-    return TextContents(kind, f"line {line}", tuple(cells), body.rstrip("\n"), line + 1, delimiter, comma, refuse)
+    return TextContents(path, kind, f"line {line}", tuple(cells), below + 1, delimiter, comma, refuse)
 
 
 def _is_nameless(line: str) -> bool:
@@ -224,45 +252,6 @@ def _float(cell: str) -> float:
     if "_" in cell or not cell.isascii():
         raise ValueError
     return float(cell)
-
-
-def _bytes(path: Path, refuse: Refusal) -> bytes:
-    """The file's bytes, decompressed."""
-    try:
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if data[:2] == GZIP:
-            with gzip.open(io.BytesIO(data)) as unpacked:
-                data = unpacked.read(MAX_BYTES + 1) if _is_text(unpacked, refuse) else b""
-    except RecordingError:
-        raise
-    except EOFError:
-        refuse("the gzip file is cut off; copy it again")
-    except (zlib.error, gzip.BadGzipFile) as error:
-        refuse(f"the gzip file is damaged ({error}); copy it again")
-    except (OSError, ValueError) as error:
-        refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-    if len(data) > MAX_BYTES:
-        refuse(f"is larger than {MAX_BYTES // 10**9} GB; split it into several recordings")
-    return data
-
-
-def _is_text(unpacked: gzip.GzipFile, refuse: Refusal) -> bool:
-    """Refuses what unpacks to something else than text before it is unpacked whole, however large it may become."""
-    head = unpacked.read(1 << 16)
-    unpacked.seek(0)
-    if b"\0" in head:
-        refuse("the gzip file holds no text; expected a recording in CSV, or another format without gzip")
-    return True
-
-
-def _decoded(data: bytes, refuse: Refusal) -> str:
-    try:
-        text = data.decode("utf-16" if data.startswith(_UTF_16) else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        refuse(f"byte 0x{data[error.start]:02x} is not UTF-8; save the recording as UTF-8", f"line {line}")
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def _is_regular(body: str, width: int, delimiter: str) -> bool:

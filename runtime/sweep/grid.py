@@ -11,6 +11,7 @@ from math import floor, isfinite, prod
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario, SpringPlan
+from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
 from runtime.planning.springs import Declared, SoughtSpring, sought, springs
 from runtime.sweep.job import Code, Job, Value
 from symbolic.described import DescribedParameter
@@ -84,8 +85,8 @@ def _axis(text: str, effects: Declared) -> Variation:
     for x in numbers:
         if name == "seed" and (x != int(x) or x < 0):
             raise GridError(f"{where}: {x:g} is no seed; expected whole numbers from 0 on")
-        if name == "cycle_time" and x <= 0:
-            raise GridError(f"{where}: {x:g} s is no cycle time; expected more than 0 s")
+        if name == "cycle_time" and not SHORTEST_CYCLE <= x <= LONGEST_CYCLE:
+            raise GridError(f"{where}: {x:g} s is no cycle time; expected {SHORTEST_CYCLE:g} to {LONGEST_CYCLE:g} s")
         if spring and name not in _ALWAYS and x < (least := able[spring[1]].bounds[0]):
             unit = able[spring[1]].unit.text()
             raise GridError(
@@ -112,9 +113,10 @@ def _numbers(where: str, item: str, whole: bool) -> list[float]:
     start, end, step = bounds
     if step <= 0 or end < start:
         raise GridError(f"{where}: {quote(item)} is an empty range; expected START <= END and STEP > 0")
-    count = floor((end - start) / step * (1 + 1e-9) + 1e-9) + 1
-    if count > MAX_JOBS:
-        raise GridError(f"{where}: {quote(item)} has {count} values; expected at most {MAX_JOBS}")
+    steps = (end - start) / step * (1 + 1e-9) + 1e-9
+    if not steps < MAX_JOBS:
+        raise GridError(f"{where}: {quote(item)} has {steps:.6g} values; expected at most {MAX_JOBS}")
+    count = floor(steps) + 1
     return [float(f"{start + k * step:.{_DIGITS}g}") for k in range(count)]
 
 

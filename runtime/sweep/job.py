@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ class Code:
                 f"{part}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest()
                 for part, directory in (("model", self.model), ("library", self.library))
                 for path in sorted(directory.iterdir())
-                if path.is_file() and path.suffix != ".so"
+                if path.is_file() and path.suffix != ".so" and not path.name.startswith(".")
             }
         )
 
@@ -83,6 +84,17 @@ def solve(code: Code, job: Job) -> Result:
             iterations = sum(a.iterations for a in attempts)
             result = {"feasible": False, "iterations": iterations, "message": str(error)}
         return {**result, "seconds": time.perf_counter() - started}
+
+
+def is_result(found: Any) -> bool:
+    """Whether something that was read is a result as `solve` and `failed` give it."""
+    if not isinstance(found, dict) or not isinstance(found.get("message", ""), str) or "feasible" not in found:
+        return False
+    numbers = [value for name, value in found.items() if name not in ("feasible", "message")]
+    if any(isinstance(x, bool) or not isinstance(x, int | float) or not isfinite(x) for x in numbers):
+        return False
+    feasible = found["feasible"]
+    return feasible is None or feasible is False or (feasible is True and "cost" in found)
 
 
 def failed(reason: str) -> Result:

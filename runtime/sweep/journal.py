@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -12,9 +13,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from runtime.planning.scenario import Scenario
-from runtime.sweep.job import Code, Job, Result, digest
+from runtime.sweep.job import Code, Job, Result, digest, is_result
 
 FORMAT = "tendon-sweep-1"
+MAX_BYTES = 1_000_000_000
+"""Of a journal: a million jobs of some 500 bytes, twice."""
 _DIFFERENT = {
     "format": "was written by another version of the toolkit",
     "scenario": "is of another scenario, or the scenario file has changed since",
@@ -62,21 +65,25 @@ class Journal:
         self.results[job.key] = result
 
     def _write(self, item: Mapping[str, Any]) -> None:
-        self.file.write(json.dumps(item).encode() + b"\n")
+        self.file.write(_line(item))
         self.file.flush()
         os.fsync(self.file.fileno())
 
     def _read(self, expected: Mapping[str, Any]) -> None:
         """What is there; a last line that was cut off in the middle goes."""
         self.file.seek(0)
-        content = self.file.read()
+        content = self.file.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise JournalError(f"{self.path}: is larger than {MAX_BYTES // 10**9} GB; choose another --table")
         whole = content[: content.rfind(b"\n") + 1]
         lines = whole.splitlines()
+        if not lines and not _line(expected).startswith(content):
+            raise self._damaged(1)
         if lines:
             self._check(self._parsed(lines[0], 1), expected)
         for number, line in enumerate(lines[1:], 2):
             item = self._parsed(line, number)
-            if not isinstance(item.get("key"), str) or not isinstance(item.get("result"), dict):
+            if not isinstance(item.get("key"), str) or not is_result(item.get("result")):
                 raise self._damaged(number)
             self.results.setdefault(item["key"], item["result"])
         self.file.truncate(len(whole))
@@ -102,6 +109,10 @@ class Journal:
         return JournalError(f"{self.path} line {number}: not as a sweep writes it; {remedy}")
 
 
+def _line(item: Mapping[str, Any]) -> bytes:
+    return json.dumps(item).encode() + b"\n"
+
+
 def _appending(path: Path) -> BinaryIO:
     try:
         return open(path, "a+b")
@@ -114,6 +125,8 @@ def opened(path: Path, expected: Mapping[str, Any]) -> Iterator[Journal]:
     """The journal at `path`, made if it is not there; expected: heading(). Raises JournalError."""
     # Opened to append, as that makes a file that is not there and empties none.
     with _appending(path) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise JournalError(f"{path}: is no file; choose another --table")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from symbolic.described import AnyEffect, declared, numbered
-from symbolic.model_file import fields
+from symbolic.model_file import fields, user_file
 from symbolic.model_file.arm import (
     Arm,
     Contact,
@@ -36,8 +36,6 @@ from symbolic.model_file.snapping import Snapping
 
 __all__ = ["ModelError", "check_effect", "is_spatial", "load", "parse", "read_text"]
 
-MAX_BYTES = 1_000_000
-
 
 def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Arm | SpatialArm:
     """The arm in the TOML file at `path`; `effects`: the library by name (None: the built-in one).
@@ -49,25 +47,7 @@ def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Ar
 
 def read_text(path: Path | str) -> str:
     """The file's text with its own line ends, decoded from UTF-8. Raises ModelError."""
-    where = Place(printable(str(path)))
-    try:
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        where.fail("no such file; expected a model file in TOML")
-    except IsADirectoryError:
-        where.fail("is a directory; expected a model file in TOML")
-    except (OSError, ValueError) as error:
-        where.fail(f"cannot be read: {printable(getattr(error, 'strerror', None) or str(error))}")
-    if len(data) > MAX_BYTES:
-        where.fail(f"is larger than {MAX_BYTES // 1_000_000} MB; expected a model file in TOML")
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise ModelError(
-            f"{where.file} line {line}: byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8"
-        ) from None
+    return user_file.read_text(path, user_file.MAX_BYTES, "a model file in TOML")
 
 
 def is_spatial(text: str) -> bool:

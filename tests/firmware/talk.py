@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from runtime.hardware.frames import Codec, Decoder, ReceivedMessage
 from runtime.hardware.host_board import HostBoard
+from runtime.hardware.lockstep import Board
 
 N = 2
 """Joints of the arm that is spoken to."""
@@ -66,10 +67,11 @@ class Talk:
     sequence: int = 0
     time_us: int = 0
     counts: list[int] = field(default_factory=list)
+    made: Callable[[Path, str, int], Board] = HostBoard
 
     def __post_init__(self) -> None:
         self.counts = self.counts or list(self.each(DRIVE["zero"]))
-        self.board = HostBoard(self.directory, self.name, self.n)
+        self.board = self.made(self.directory, self.name, self.n)
         self.codec = Codec.from_json(self.directory / "protocol.json")
         self.decoder = Decoder(self.codec)
         self.results = self.codec.names("results")

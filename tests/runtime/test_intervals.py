@@ -10,6 +10,7 @@ import pytest
 from runtime.estimation.covariance import uncertainty
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
+from runtime.estimation.robust import over_stretches
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.workspace import open_model
@@ -65,3 +66,28 @@ def test_intervals_of_soft_joints_hold(stiff: Model) -> None:
             for name, truth in (("stiffness", stiffness), ("damping", damping)):
                 held[name].append(holds(found.inference.values[ELASTICITY][name], truth))
     assert all(sum(of_one) >= 11 for of_one in held.values())
+
+
+def mean_ratio(equations: int) -> float:
+    """Of variances over stretches to those of white noise, which they are; eight unknowns an equation."""
+    rng, stretches, rows, unknowns = np.random.default_rng(4), 24, 20, 8
+    ratios = []
+    for _ in range(60):
+        scores, true = np.zeros((stretches, equations * unknowns)), np.zeros(equations * unknowns)
+        bread = np.zeros((equations * unknowns, equations * unknowns))
+        for k in range(equations):
+            own = slice(k * unknowns, (k + 1) * unknowns)
+            x, y = rng.standard_normal((unknowns, stretches * rows)), rng.standard_normal(stretches * rows)
+            residual = y - np.linalg.lstsq(x.T, y, rcond=None)[0] @ x
+            scores[:, own] = (x * residual).reshape(unknowns, stretches, rows).sum(axis=2).T
+            bread[own, own] = np.linalg.inv(x @ x.T)
+            true[own] = np.diag(bread)[own]
+        ratios.append(np.diag(bread @ over_stretches(scores, equations) @ bread) / true)
+    return float(np.mean(ratios))
+
+
+def test_a_variance_over_stretches_is_as_large_however_many_joints_share_them() -> None:
+    """More than there is, as regressors that hang together ask, and no more where there are 48 unknowns than with 8."""
+    alone = mean_ratio(1)
+    assert 1.0 < alone < 1.5
+    assert mean_ratio(6) == pytest.approx(alone, rel=0.05)

@@ -58,7 +58,7 @@ SCENARIO_ERRORS: dict[str, tuple[str, Change, str]] = {
         'unknown key "cycletime"; did you mean "cycle_time"?',
     ),
     "missing key": ("scenario1", lambda t: t.pop("cycle_time"), 'missing key "cycle_time"'),
-    "time": ("scenario1", lambda t: t.update(cycle_time=0.0), "cycle_time is 0; expected a number in s > 0"),
+    "time": ("scenario1", lambda t: t.update(cycle_time=0.0), "cycle_time is 0; expected a number in s >= 0.01"),
     "not finite": (
         "scenario1",
         lambda t: t.update(cycle_time=float("nan")),
@@ -201,7 +201,7 @@ def test_every_key_of_a_scenario_is_listed_with_what_it_means() -> None:
     [
         (None, "no such file; expected a scenario in TOML"),
         (b"name = ", "not valid TOML: "),
-        (b"\xff\xfe", "cannot be read: "),
+        (b"\xff\xfe", ""),
         (b"[" * 5000, "not valid TOML: "),
     ],
 )
@@ -211,7 +211,7 @@ def test_a_file_that_is_no_scenario(tmp_path: Path, text: bytes | None, message:
         path.write_bytes(text)
     with pytest.raises(ModelError) as told:
         scenario_file.read(path)
-    assert str(told.value).startswith(f"{path}: {message}")
+    assert str(told.value).startswith(f"{path}: {message}" if message else f"{path} line 1: byte 0xff is not UTF-8")
 
 
 def test_a_contact_phase_needs_four_joints_and_a_plate(two: Model) -> None:
@@ -322,7 +322,7 @@ def test_a_mistake_in_a_trajectory_is_named(tmp_path: Path, model: Model, motion
     path.write_text(json.dumps(document))
     with pytest.raises(TrajectoryError) as told:
         trajectory.read(path, model)
-    assert str(told.value).startswith(f"{path}: {message}")
+    assert str(told.value).startswith(f"{path}: {message}" if message else f"{path} line 1: byte 0xff is not UTF-8")
     assert "\n" not in str(told.value)
 
 

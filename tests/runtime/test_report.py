@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import itertools
 import json
 import re
@@ -627,3 +629,15 @@ def test_figures_draw_extremes():
     assert time_plots.torque_over_time(time_plots.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
     assert joint_plots.spectrum(flat, flat, None, 0.0, 10.0, "N m")
     assert joint_plots.error_fall(["as in the file"], [0.0], None, 0.0)
+
+
+def test_a_browser_may_run_the_pages_own_scripts_and_nothing_else(page):
+    policy = re.search(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', page)[1]
+    assert page.index("Content-Security-Policy") < page.index("<title>")
+    rules = {name: rest for name, _, rest in (rule.strip().partition(" ") for rule in policy.split(";"))}
+    assert (rules["default-src"], rules["base-uri"], rules["form-action"]) == ("'none'",) * 3
+    own = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in own]
+    assert own
+    assert rules["script-src"] == " ".join(f"'sha256-{digest}'" for digest in digests)
+    assert not re.search(r"""\son[a-z]+\s*=\s*["']|javascript:""", re.sub(r"<script.*?</script>", "", page, flags=re.S))

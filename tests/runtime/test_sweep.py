@@ -171,8 +171,9 @@ def jobs_of(swing: tuple[Scenario, Model, Code], *over: str) -> list[Job]:
         (["cycle_time=one"], "no number and no range"),
         (["cycle_time=nan"], "no number and no range"),
         (["cycle_time=1,,2"], "no number and no range"),
-        (["cycle_time=0"], "more than 0 s"),
+        (["cycle_time=0"], "expected 0.01 to 3600 s"),
         (["cycle_time=1:1e9:0.001"], "expected at most"),
+        (["cycle_time=1:2:1e-320"], "expected at most 1000000"),
         (["case=A,E"], 'no case "E"'),
         (["seed=1.5"], "whole numbers"),
         (["seed=-1"], "whole numbers"),
@@ -568,3 +569,61 @@ def test_a_missing_extra_says_how_to_get_it(
     err = capfd.readouterr().err
     assert remedy in err
     assert err.count("\n") == 1
+
+
+def opened_journal(path: Path) -> None:
+    with journal.opened(path, {"format": journal.FORMAT, "scenario": "s", "arm": "a", "starts": None, "over": []}):
+        pass
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"a journal of another tool",
+        b"a journal of another tool\nwith lines\n",
+        b'{"format": "of another tool"',
+        b"[" * 10_000,
+        b'{"format": ' + b"9" * 10_000 + b"}\n",
+        b"\0" * 100,
+    ],
+)
+def test_a_file_of_another_tool_stays_as_it_is(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "t.csv.journal"
+    path.write_bytes(content)
+    with pytest.raises(journal.JournalError, match=r"line 1|another version"):
+        opened_journal(path)
+    assert path.read_bytes() == content
+
+
+def test_a_heading_that_was_cut_off_is_written_anew(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv.journal"
+    opened_journal(path)
+    whole = path.read_bytes()
+    for length in (0, 1, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        opened_journal(path)
+        assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        {},
+        {"feasible": "yes", "message": ""},
+        {"feasible": True, "message": ""},
+        {"feasible": False, "message": 3},
+        {"feasible": None, "message": "", "seconds": "long"},
+        {"feasible": True, "message": "", "cost": [1], "smooth_cost": 1.0},
+        {"feasible": True, "message": "", "cost": float("nan"), "smooth_cost": 1.0},
+        {"feasible": 1, "message": "", "cost": True, "smooth_cost": 1.0},
+    ],
+)
+def test_a_result_of_wrong_types_is_named(tmp_path: Path, result: dict[str, object]) -> None:
+    path = tmp_path / "t.csv.journal"
+    opened_journal(path)
+    with path.open("a") as file:
+        file.write(json.dumps({"key": "k", "at": {}, "result": result}) + "\n")
+    before = path.read_bytes()
+    with pytest.raises(journal.JournalError, match=r"line 2: not as a sweep writes it; delete the line"):
+        opened_journal(path)
+    assert path.read_bytes() == before

@@ -100,7 +100,7 @@ def _delay(d: Document) -> str:
     parts = [f"{1e3 * d['assumed']:.3g} ms assumed, of a hold"] if d["assumed"] else []
     parts += [f"{1e3 * d['estimated']:.3g} ms estimated"] if d["estimated"] else []
     known = d["interval"]
-    within = f", 95 % in [{1e3 * known[0]:.3g}, {1e3 * known[1]:.3g}]" if known else ""
+    within = f", 95 % in [{1e3 * known[0]:.3g}, {1e3 * known[1]:.3g}]" if known and None not in known else ""
     return f"{1e3 * d['value']:.3g} ms{within} ({'; '.join(parts)})"
 
 

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 from xml.parsers import expat
 
 from symbolic.model_file.checks import ModelError, printable, quote
+from symbolic.model_file.user_file import read_bytes
 
 MAX_BYTES = 16_000_000
 MAX_ELEMENTS = 50_000
@@ -104,19 +105,8 @@ def read(path: Path) -> XmlNode:
 
     Raises ModelError: no such file, no XML, an entity, too many bytes, elements or levels.
     """
-    name = printable(str(path))
-    try:
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise ModelError(f"{name}: no such file; expected a URDF or MJCF file") from None
-    except IsADirectoryError:
-        raise ModelError(f"{name}: is a directory; expected a URDF or MJCF file") from None
-    except (OSError, ValueError) as error:
-        raise ModelError(f"{name}: cannot be read: {printable(str(error))}") from None
-    if len(data) > MAX_BYTES:
-        raise ModelError(f"{name}: is larger than {MAX_BYTES // 1_000_000} MB; expected a URDF or MJCF file")
-    return parsed(data, name)
+    data = read_bytes(path, MAX_BYTES, "a URDF or MJCF file")
+    return parsed(data, printable(str(path)))
 
 
 def parsed(data: bytes, name: str) -> XmlNode:

@@ -23,6 +23,22 @@
  * cannot be trusted. */
 #define TENDON_REASONS_WITHOUT_TORQUE 0x9840U
 
+/* A limit of so much is none of the host's own: the ceiling holds. */
+#define TENDON_NO_LIMIT 3.40282347e+38f
+
+/* Ceilings, from the model file or by the name of tendon_board.h's; what a host sends can tighten them, never lift them.
+ * A row a joint: torque, speed, tracking error, ends of the range of position, kp, kd, finest and coarsest encoder step. */
+#define TENDON_CEILINGS  \
+    {TENDON_MOST_TORQUE, 4.0f, TENDON_MOST_ERROR, -TENDON_MOST_ANGLE, TENDON_MOST_ANGLE, 4.15e+03f, 4.5e+02f, 2.984513e-05f, 3.298672e-05f}, \
+    {TENDON_MOST_TORQUE, 4.0f, TENDON_MOST_ERROR, -TENDON_MOST_ANGLE, TENDON_MOST_ANGLE, 2.36e+03f, 2.5e+02f, 2.984513e-05f, 3.298672e-05f}, \
+    {TENDON_MOST_TORQUE, 5.0f, TENDON_MOST_ERROR, -TENDON_MOST_ANGLE, TENDON_MOST_ANGLE, 1.39e+03f, 1.5e+02f, 2.984513e-05f, 3.298672e-05f}, \
+    {TENDON_MOST_TORQUE, 1e+01f, TENDON_MOST_ERROR, -TENDON_MOST_ANGLE, TENDON_MOST_ANGLE, 4e+02f, 43.0f, 2.984513e-05f, 3.298672e-05f}
+#define TENDON_LEAST_RATE 9.5e+02f /* Hz */
+#define TENDON_LARGEST_RATE 1.05e+03f
+#define TENDON_LEAST_VELOCITY_GAIN 0.23325595f
+#define TENDON_LONGEST_SILENCE 1000U /* periods */
+#define TENDON_LONGEST_STEP TENDON_MOST_LATE /* us between two steps */
+
 /* Bits of the status of a controller's step. */
 #define TENDON_STATUS_SATURATED 1U /* a torque was limited */
 #define TENDON_STATUS_FINISHED 2U /* the trajectory has ended, the arm is held there */

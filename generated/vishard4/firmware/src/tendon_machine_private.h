@@ -74,6 +74,13 @@ TENDON_SMALL uint32_t tendon_obey_arm(tendon_machine *m, uint32_t *detail);
 TENDON_SMALL uint32_t tendon_obey_run(tendon_machine *m, const uint8_t *payload);
 TENDON_SMALL uint32_t tendon_obey_reset(tendon_machine *m, uint32_t *detail);
 
+/* ---- tendon_ceilings.c ---- */
+
+/* Settings within the ceilings. detail: 0, or one more than the first value that was lowered without having been said
+ * to be no limit at all; of a drive that is refused, as it tells of other encoders or another rate, which value. */
+TENDON_SMALL uint32_t tendon_lower_drive(tendon_drive_message *drive, uint32_t *detail);
+TENDON_SMALL void tendon_lower_safety(tendon_safety_message *safety, uint32_t *detail);
+
 /* ---- tendon_upload.c ---- */
 
 /* Settings (parameters, effects, drive, safety): whole or not at all. */

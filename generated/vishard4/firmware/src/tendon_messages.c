@@ -7,10 +7,10 @@ const tendon_rule tendon_rules[TENDON_RULES] = {
     {0U, 16U, TENDON_KIND_REAL, 0x00800000U, 0xff7fffffU}, /* parameters from J1 on: any finite number */
     {0U, 18U, TENDON_KIND_REAL, 0x00800000U, 0xff7fffffU}, /* effects from friction_scale on: any finite number */
     {0U, 1U, TENDON_KIND_REAL, 0xbf800000U, 0xc7c35000U}, /* drive from rate on: 1 to 100000 */
-    {1U, 1U, TENDON_KIND_REAL, 0xb58637bdU, 0xbf800000U}, /* drive from velocity_gain on: 1e-06 to 1 */
+    {1U, 1U, TENDON_KIND_REAL, 0xba83126fU, 0xbf800000U}, /* drive from velocity_gain on: 0.001 to 1 */
     {2U, 4U, TENDON_KIND_REAL, 0xab8cbcccU, 0xc47a0000U}, /* drive from position_per_count on: 1e-12 to 1000 */
     {10U, 8U, TENDON_KIND_REAL, 0x7fffffffU, 0xce6e6b28U}, /* drive from kp on: 0 to 1e+09 */
-    {18U, 4U, TENDON_KIND_REAL, 0x7fffffffU, 0xff7fffffU}, /* drive from torque_limit on: 0 or more */
+    {18U, 4U, TENDON_KIND_REAL, 0xb58637bdU, 0xff7fffffU}, /* drive from torque_limit on: 1e-06 or more */
     {0U, 8U, TENDON_KIND_REAL, 0x7fffffffU, 0xff7fffffU}, /* safety from tracking on: 0 or more */
     {8U, 8U, TENDON_KIND_REAL, 0x00800000U, 0xff7fffffU}, /* safety from low on: any finite number */
     {16U, 4U, TENDON_KIND_REAL, 0x7fffffffU, 0xff7fffffU}, /* safety from start on: 0 or more */

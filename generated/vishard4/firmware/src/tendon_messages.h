@@ -14,7 +14,7 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0x7505b08dU
+#define TENDON_BUILD 0xf03b4646U
 
 /* What is held of a trajectory, and how many of its control points come in a message. */
 #define TENDON_MAX_PHASES 16U
@@ -113,10 +113,20 @@
 #define TENDON_PLACE_HEADER_SEQUENCE 2U
 #define TENDON_PLACE_HEADER_LENGTH 4U
 
+/* Which values of `drive` these are, from 0. */
+#define TENDON_PLACE_DRIVE_RATE 0U
+#define TENDON_PLACE_DRIVE_VELOCITY_GAIN 1U
+#define TENDON_PLACE_DRIVE_POSITION_PER_COUNT 2U
+#define TENDON_PLACE_DRIVE_KP 10U
+#define TENDON_PLACE_DRIVE_KD 14U
+#define TENDON_PLACE_DRIVE_TORQUE_LIMIT 18U
+
 /* Which values of `safety` these are, from 0. */
+#define TENDON_PLACE_SAFETY_TRACKING 0U
+#define TENDON_PLACE_SAFETY_SPEED 4U
 #define TENDON_PLACE_SAFETY_LOW 8U
 #define TENDON_PLACE_SAFETY_HIGH 12U
-#define TENDON_PLACE_SAFETY_EARLY 31U
+#define TENDON_PLACE_SAFETY_SILENCE 29U
 #define TENDON_PLACE_SAFETY_LATE 32U
 
 /* Which values of `trajectory` these are, from 0. */
@@ -133,7 +143,7 @@ typedef struct {
     int32_t zero[4]; /* counts: where the position is 0 */
     float kp[4]; /* N m/rad: torque per error of position */
     float kd[4]; /* N m s/rad: torque per error of rate, and of the damping after a stop */
-    float torque_limit[4]; /* N m: largest torque in either direction */
+    float torque_limit[4]; /* N m: largest torque in either direction, of the damping too; none is 0, which would leave no damping */
 } tendon_drive_message;
 
 /* When the board stops the arm by itself. */

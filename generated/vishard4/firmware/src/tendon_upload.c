@@ -3,49 +3,56 @@
 
 #include "tendon_machine_private.h"
 
-TENDON_SMALL static uint32_t take_drive(tendon_machine *m, const uint8_t *payload)
+TENDON_SMALL static uint32_t take_drive(tendon_machine *m, const uint8_t *payload, uint32_t *detail)
 {
     tendon_drive_message drive;
+    uint32_t result;
     tendon_unpack_drive(payload, &drive);
-    m->config.rate = drive.rate;
-    m->config.velocity_gain = drive.velocity_gain;
-    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        m->config.position_per_count[j] = drive.position_per_count[j];
-        m->config.zero[j] = drive.zero[j];
-        m->config.kp[j] = drive.kp[j];
-        m->config.kd[j] = drive.kd[j];
-        m->config.torque_limit[j] = drive.torque_limit[j];
+    result = tendon_lower_drive(&drive, detail);
+    if (result == TENDON_RESULT_DONE) {
+        m->config.rate = drive.rate;
+        m->config.velocity_gain = drive.velocity_gain;
+        for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
+            m->config.position_per_count[j] = drive.position_per_count[j];
+            m->config.zero[j] = drive.zero[j];
+            m->config.kp[j] = drive.kp[j];
+            m->config.kd[j] = drive.kd[j];
+            m->config.torque_limit[j] = drive.torque_limit[j];
+        }
+        tendon_controller_prepare(&m->config);
     }
-    tendon_controller_prepare(&m->config);
-    return TENDON_RESULT_DONE;
+    return result;
+}
+
+/* Which value of a setting is in contradiction to another one; TENDON_LONGEST_COMMAND if none is. */
+TENDON_SMALL static uint32_t contradiction(const tendon_safety_message *safety)
+{
+    uint32_t place = (safety->late < safety->early) ? TENDON_PLACE_SAFETY_LATE : TENDON_LONGEST_COMMAND;
+    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
+        if (safety->low[j - 1U] > safety->high[j - 1U]) {
+            place = TENDON_PLACE_SAFETY_HIGH + (j - 1U);
+        }
+    }
+    return place;
 }
 
 TENDON_SMALL static uint32_t take_safety(tendon_machine *m, const uint8_t *payload, uint32_t *detail)
 {
-    const uint32_t early = tendon_get_u32(&payload[sizeof(uint32_t) * TENDON_PLACE_SAFETY_EARLY]);
-    const uint32_t late = tendon_get_u32(&payload[sizeof(uint32_t) * TENDON_PLACE_SAFETY_LATE]);
-    uint32_t result = TENDON_RESULT_DONE;
-    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        const float low = tendon_get_float(&payload[sizeof(float) * (TENDON_PLACE_SAFETY_LOW + (j - 1U))]);
-        const float high = tendon_get_float(&payload[sizeof(float) * (TENDON_PLACE_SAFETY_HIGH + (j - 1U))]);
-        if (low > high) {
-            result = TENDON_RESULT_OUT_OF_RANGE;
-            *detail = TENDON_PLACE_SAFETY_HIGH + (j - 1U);
-        }
-    }
-    if (late < early) {
-        result = TENDON_RESULT_OUT_OF_RANGE;
-        *detail = TENDON_PLACE_SAFETY_LATE;
-    }
-    if (result == TENDON_RESULT_DONE) {
-        tendon_unpack_safety(payload, &m->safety);
-        m->margin = late - early;
+    uint32_t result = TENDON_RESULT_OUT_OF_RANGE;
+    tendon_safety_message safety;
+    tendon_unpack_safety(payload, &safety);
+    *detail = contradiction(&safety);
+    if (*detail == TENDON_LONGEST_COMMAND) {
+        tendon_lower_safety(&safety, detail);
+        result = TENDON_RESULT_DONE;
+        m->safety = safety;
+        m->margin = safety.late - safety.early;
         for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
             tendon_bounds *b = &m->bounds[j];
-            b->jump = (uint32_t)m->safety.jump[j];
-            b->tracking = tendon_magnitude(m->safety.tracking[j]);
-            b->speed = tendon_magnitude(m->safety.speed[j]);
-            b->frozen = tendon_magnitude(m->safety.frozen[j]);
+            b->jump = (uint32_t)safety.jump[j];
+            b->tracking = tendon_magnitude(safety.tracking[j]);
+            b->speed = tendon_magnitude(safety.speed[j]);
+            b->frozen = tendon_magnitude(safety.frozen[j]);
         }
     }
     return result;
@@ -62,7 +69,7 @@ uint32_t tendon_take_setting(tendon_machine *m, uint32_t type, const uint8_t *pa
         tendon_unpack_effects(payload, &m->config.effects);
         given = TENDON_MISSING_EFFECTS;
     } else if (type == TENDON_COMMAND_DRIVE) {
-        result = take_drive(m, payload);
+        result = take_drive(m, payload, detail);
         given = TENDON_MISSING_DRIVE;
     } else {
         result = take_safety(m, payload, detail);

@@ -1,0 +1,18 @@
+"""Every limit of scenarios and trajectories, with its unit, its reason and its source."""
+
+from __future__ import annotations
+
+from typing import Final
+
+SHORTEST_CYCLE: Final = 0.01
+"""s; ten steps of a controller at 1 kHz, of which no arm makes a motion; a choice."""
+
+LONGEST_CYCLE: Final = 3600.0
+"""s; of a motion, an hour: its polynomials are evaluated a thousand times a second; a choice."""
+
+MOST_PHASES: Final = 1000
+"""number of phases; each is a polynomial that somebody chose, and sent to a board one by one; a choice."""
+
+MOST_BYTES: Final = 20_000_000
+"""length in bytes; of a trajectory's file: MOST_PHASES of seven joints with MAX_POINTS numbers of 24 letters are 5 MB;
+a choice."""

@@ -1,0 +1,145 @@
+"""What would take without end is refused, or answers at once: pipes, absurd cycle times, thousands of phases."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.hardware import can_bus, serial_link
+from runtime.hardware.link import LinkError
+from runtime.model.loader import Model
+from runtime.planning import trajectory
+from runtime.planning.settings import MOST_PHASES
+from runtime.recordings import recording
+from runtime.recordings.errors import RecordingError
+from symbolic.model_file import reader, user_file
+from symbolic.model_file.checks import ModelError
+
+PROGRAM = "from runtime.cli.main import main; main()"
+
+
+def test_a_pipe_into_which_nobody_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(user_file, "LONGEST_WAIT", 0.05)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(ModelError, match=r"pipe: cannot be read: nothing came out of it in 0\.05 s; expected a file"):
+        reader.read_text(pipe)
+    with pytest.raises(RecordingError, match=r"pipe: is no file but a pipe or a device; save it to a file first"):
+        recording.read(pipe, 1)
+    assert output.run(app, ["effects", "--effects", str(pipe)]) == 2
+
+
+def test_a_pipe_into_which_somebody_writes(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writing = [sys.executable, "-c", "import sys, time; time.sleep(0.2); open(sys.argv[1], 'w').write('x' * 100000)"]
+    with subprocess.Popen([*writing, str(pipe)]):
+        assert reader.read_text(pipe) == "x" * 100_000
+
+
+@pytest.mark.parametrize("seconds", ["1e300", "inf", "nan", "1e9", "9" * 400, "0", "-1"])
+def test_a_cycle_time_that_cannot_be_meant(capsys: pytest.CaptureFixture[str], seconds: str) -> None:
+    assert output.run(app, ["optimize", "scenario1", "--cycle-time", seconds]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def phases(count: int, seconds: float = 0.01) -> str:
+    ends = [[0.0, 0.0, 0.1, 0.1], [0.1, 0.1, 0.0, 0.0]]
+    motion = [{"coordinates": "q", "duration": seconds, "points": [ends[k % 2]]} for k in range(count)]
+    return json.dumps(
+        {"format": trajectory.FORMAT, "arm": "drive", "scenario": "s", "periodic": True, "springs": [], "contact": {}}
+        | {"phases": motion}
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (phases(15_000), f"phases: found 15000; expected at most {MOST_PHASES}"),
+        (phases(2, 1e300), "phases: their durations are 2e+300 s together; expected at most 3600 s"),
+        ('{"format": ' + "9" * 10_000 + "}", "not valid JSON"),
+        (" " * 20_000_001, "is larger than 20 MB"),
+    ],
+)
+def test_a_trajectory_that_cannot_be_meant(drive: Model, tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "plan.json"
+    path.write_text(text)
+    with pytest.raises(trajectory.TrajectoryError) as caught:
+        trajectory.read(path, drive)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "address", ["serial://[::1", "serial://[", "serial:///dev/x?baud=" + "9" * 5000, "serial://x?baud=²"]
+)
+def test_an_address_that_is_none(address: str) -> None:
+    with pytest.raises(LinkError, match="expected serial:///dev/ttyACM0"):
+        serial_link.address(address)
+    with pytest.raises(LinkError, match="expected canopen://can0"):
+        can_bus.parse("canopen://[::1")
+
+
+def test_a_small_file_that_unpacks_to_much_fills_no_memory(tmp_path: Path) -> None:
+    """300 MB of header in 300 kB, in a process that may have 1 GB."""
+    script = (
+        "import gzip, sys\n"
+        "with gzip.open(sys.argv[1], 'wb', compresslevel=1) as file:\n"
+        "    file.write(b't,q1,tau1,')\n"
+        "    for _ in range(300): file.write(b'x' * 1_000_000)\n"
+    )
+    path = tmp_path / "run.csv.gz"
+    subprocess.run([sys.executable, "-c", script, str(path)], check=True)
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_DATA, (1_000_000_000, 1_000_000_000))
+
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, "compare", "drive", str(path)],
+        capture_output=True,
+        text=True,
+        preexec_fn=limited,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"{path} line 1: is longer than")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_long_reading_is_ended_within_a_second(tmp_path: Path, number: signal.Signals) -> None:
+    path = tmp_path / "run.csv"
+    row = "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(1000))
+    path.write_text("t,q1,tau1\n" + row * 4900)
+
+    def took() -> float:
+        command = [sys.executable, "-c", "import signal; signal.signal(2, signal.default_int_handler)\n" + PROGRAM]
+        with subprocess.Popen([*command, "inspect", str(path)], stderr=subprocess.PIPE) as process:
+            time.sleep(1.0)
+            assert process.poll() is None
+            began = time.monotonic()
+            process.send_signal(number)
+            process.communicate(timeout=20)
+            return time.monotonic() - began
+
+    assert any(took() < 1.0 for _ in range(3))
+
+
+@pytest.mark.parametrize("step", [1e-9, 1e-6])
+def test_a_clock_in_another_unit_is_refused_before_anything_is_filtered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], step: float
+) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,q1,tau1\n" + "".join(f"{k * step!r},{(k * k) % 1000 / 1000},{k % 7}\n" for k in range(6000)))
+    assert output.run(app, ["compare", "drive", str(path)]) == 2
+    assert f"the median step of t is {step:.4g} s; expected at least 1e-05 s" in capsys.readouterr().err

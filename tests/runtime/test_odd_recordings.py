@@ -1,0 +1,185 @@
+"""Readers and the numerical verbs on files and recordings that nobody meant: an answer or one line, in time."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.recordings import recording
+from runtime.recordings.errors import RecordingError
+from runtime.recordings.settings import LONGEST_LINE, MOST_FIELDS
+
+SECONDS = 60
+"""A case's limit on a busy machine; alone, each takes less than one."""
+ODD = [0.0, -0.0, 5e-324, 1e-300, -1e-12, 1e-9, 1.0, -1.0, 2.0**53, 1e11, -1e12]
+N = 1200
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    def late(*_: object) -> None:
+        pytest.fail(f"no answer in {SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(SECONDS)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@st.composite
+def signals(draw: st.DrawFn) -> np.ndarray:
+    """(N,) of a kind that a recording may have, and then something odd."""
+    t, rng = np.arange(N) / 1000, np.random.default_rng(draw(st.integers(0, 99)))
+    kind = draw(st.sampled_from(["sine", "noise", "steps", "constant", "ramp", "square", "chirp"]))
+    f = draw(st.floats(0.1, 400.0))
+    x = {
+        "sine": np.sin(2 * np.pi * f * t),
+        "noise": rng.standard_normal(N),
+        "steps": np.floor(f * t),
+        "constant": np.ones(N),
+        "ramp": t,
+        "square": np.sign(np.sin(2 * np.pi * f * t)),
+        "chirp": np.sin(2 * np.pi * f * t**2),
+    }[kind]
+    x = x * draw(st.sampled_from([1.0, 1.0, 1e-300, 1e-9, 1e-3, 1e3, 1e9, -1.0]))
+    for _ in range(draw(st.integers(0, 3))):
+        at = draw(st.integers(0, N - 1))
+        x[at : at + draw(st.sampled_from([1, 2, 50, N]))] = draw(st.sampled_from(ODD))
+    return x
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> str:
+    """A text that can be read."""
+    dt = draw(st.sampled_from([1e-3, 1e-3, 1e-9, 1e-5, 0.02, 0.2, 1.0]))
+    t = np.arange(N) * dt + draw(st.sampled_from([0.0, -1e6, 1.7e9]))
+    t = t + dt * draw(st.sampled_from([0.0, 0.3])) * np.random.default_rng(0).random(N)
+    columns = {"t": t, "q1": draw(signals()), "tau1": draw(signals())}
+    for name in draw(st.lists(st.sampled_from(["qd1", "q1_link", "tau1_link", "temperature1"]), unique=True)):
+        columns[name] = draw(signals())
+    rows = "\n".join(",".join(repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True))
+    return f"{','.join(columns)}\n{rows}\n"
+
+
+def check_answer(status: int, err: str) -> None:
+    """Done, "no", or bad input in one line; nothing of Python's."""
+    lines = [line for line in err.splitlines() if not line.endswith("…")]
+    assert status in (0, 1, 2), err
+    assert "Traceback" not in err
+    assert "Warning" not in err, err
+    if status == 2:
+        assert len(lines) == 1, err
+
+
+@pytest.mark.parametrize(
+    ("verb", "examples"),
+    [
+        ("compare", 12),
+        ("identify", 12),
+        ("diagnose", 6),
+        *(pytest.param(verb, 200, marks=pytest.mark.slow) for verb in ("compare", "identify", "diagnose")),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_a_verb_answers_whatever_was_recorded(
+    tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str], verb: str, examples: int
+) -> None:
+    path = tmp_path_factory.mktemp("odd") / "run.csv"
+
+    @settings(max_examples=examples, derandomize=examples < 100, database=None, suppress_health_check=list(HealthCheck))
+    @given(tables())
+    def answers(text: str) -> None:
+        path.write_text(text)
+        with in_time():
+            status = output.run(app, [verb, "drive", str(path), "--allow-gaps"])
+        check_answer(status, capsys.readouterr().err)
+
+    answers()
+
+
+CELLS = st.one_of(
+    st.sampled_from(
+        ["0", "1e400", "nan", "-inf", "", " ", "1_0", "9" * 400, "1e-320", "0x10", '"', "'", "\x00", "é", "1,5"]
+    ),
+    st.floats().map(repr),
+    st.text(max_size=5),
+)
+HEADERS = st.sampled_from(
+    ["t,q1,tau1", "t;q1;tau1", "t q1 tau1", "# t,q1,tau1", "t [ms],q1 [deg],tau1 [A]", "", "1,2,3"]
+)
+
+
+@settings(max_examples=150, database=None)
+@given(HEADERS, st.lists(st.lists(CELLS, max_size=4), max_size=40), st.sampled_from("\n\r"), st.booleans())
+def test_a_text_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, header: str, rows: list[list[str]], end: str, allowed: bool
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "text.csv"
+    text = end.join([header, *(",".join(row) for row in rows * 10)])
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    with in_time():
+        said = ""
+        try:
+            recording.read(path, 1, allow_gaps=allowed)
+        except RecordingError as error:
+            said = str(error)
+        assert "\n" not in said
+
+
+@settings(max_examples=100, database=None)
+@given(
+    st.sampled_from(
+        [b"\x93NUMPY", b"PK\x03\x04", b"\x89MCAP0\r\n", b"MATLAB 5.0", b"SQLite format 3\0", b"\x1f\x8b", b""]
+    ),
+    st.binary(max_size=400),
+)
+def test_bytes_are_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, start: bytes, rest: bytes
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "bytes"
+    path.write_bytes(start + rest)
+    with in_time(), pytest.raises(RecordingError) as caught:
+        recording.read(path, 1)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_too_long_is_refused_before_it_is_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(text: str) -> str:
+        (tmp_path / "run.csv").write_text(text)
+        with pytest.raises(RecordingError) as caught:
+            recording.read(tmp_path / "run.csv", 1)
+        return str(caught.value).removeprefix(f"{tmp_path}/")
+
+    rows = "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(300))
+    longest = f"is longer than {LONGEST_LINE} bytes"
+    assert longest in said("t,q1,tau1," + "x" * 3 * LONGEST_LINE + "\n" + rows)
+    assert longest in said("t,q1,tau1\n" + rows + "9" * 3 * LONGEST_LINE)
+    assert f"expected at most {MOST_FIELDS}" in said("t,q1,tau1" + ",a" * MOST_FIELDS + "\n" + rows)
+    monkeypatch.setattr("runtime.recordings.checks.MOST_SAMPLES", 250)
+    assert said("t,q1,tau1\n" + rows).startswith("run.csv: has more than 250 samples; split it")
+
+
+@pytest.mark.parametrize("size", [1, 7, 64, 1 << 20])
+def test_blocks_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    """Whatever a block ends in: a line, a number, half of an end of a line, half of a letter."""
+    rows = "\r\n".join(f"{k / 1000!r};{float(np.sin(k / 50))!r};{float(np.cos(k / 20))!r};é" for k in range(260))
+    path = tmp_path / "run.csv"
+    path.write_bytes(f"# mesuré\r\nt;q1;tau1;naïf\r\n\r\n{rows}\r\n\r\n".encode("utf-8-sig"))
+    monkeypatch.setattr("runtime.recordings.lines.blocks.__defaults__", (size,))
+    read = recording.read(path, 1)
+    k = np.arange(260)
+    assert np.array_equal(read.t, k / 1000)
+    assert np.array_equal(read.q[0], np.sin(k / 50))
+    assert np.array_equal(read.tau[0], np.cos(k / 20))
