@@ -15,7 +15,7 @@ import numpy as np
 
 from runtime.estimation import grids
 from runtime.estimation.estimate import Estimate
-from runtime.estimation.problem import Fit, Problem, Skew
+from runtime.estimation.problem import Fit, Problem, Skew, first_least
 from runtime.estimation.settings import AS_GOOD_A_FLANK, GAP_ACCURACY, GAP_REACH, GAP_STEPS, HOPELESS_FLANK
 from runtime.model.terms import Term, Values
 
@@ -79,7 +79,7 @@ def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term:
     tried = [shape(w) for w in widths]
     problem.foresee(term, tried, shapes)
     errors = problem.errors([{**shapes, term: one} for one in tried], skew)
-    best, step = int(np.argmin(errors)), reach / GAP_STEPS
+    best, step = first_least(errors), reach / GAP_STEPS
     bounds = (widths[best] - step, widths[best] + step)
     between = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": GAP_ACCURACY * step})
     least, at = min((float(errors[best]), float(widths[best])), (float(between.fun), float(between.x)))

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from runtime.estimation import grids
-from runtime.estimation.problem import Problem, Skew
-from runtime.estimation.settings import PLACE_STEPS, SAME_ERROR
+from runtime.estimation.problem import Problem, Skew, first_least
+from runtime.estimation.settings import PLACE_STEPS
 from runtime.model.terms import Term, Values
 
 OF_PLACES = ("position", "end", "tip")
@@ -35,6 +35,5 @@ def found(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[T
             choices = [{**best[term], parameter.name: float(x)} for x in at]
             problem.foresee(term, choices, best)
             errors = problem.errors([{**best, term: shape} for shape in choices], skew)
-            # Of equals the nearest: what rounding tells apart is equal.
-            best[term] = choices[int(np.argmax(errors <= (1 + SAME_ERROR) * errors.min()))]
+            best[term] = choices[first_least(errors)]
     return best

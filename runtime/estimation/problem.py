@@ -14,7 +14,7 @@ from runtime.estimation.estimate import Estimate
 from runtime.estimation.joint_equations import Alternatives, Block, JointEquations
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Ahead, Regressors
-from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_EQUATIONS, NEUTRAL_INERTIA
+from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_EQUATIONS, NEUTRAL_INERTIA, SAME_ERROR
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
@@ -146,6 +146,11 @@ def _spread(values: Array, use: Mask) -> Array:
     out = np.zeros(len(use))
     out[use] = values
     return out
+
+
+def first_least(errors: Array) -> int:
+    """Index of the first of the least of squared errors (S,); what rounding tells apart is equal."""
+    return int(np.argmax(errors <= (1 + SAME_ERROR) * errors.min()))
 
 
 def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from runtime.estimation import grids
-from runtime.estimation.problem import Problem, Skew
+from runtime.estimation.problem import Problem, Skew, first_least
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values
 from runtime.motion.band import Band
@@ -116,3 +116,10 @@ def test_at_once_as_one_after_another(models: dict[int, Model], n: int, term: Te
         # Whatever was solved before leaves nothing behind.
         np.testing.assert_allclose([error(together, shapes, skew) for shapes in tried], own, rtol=1e-9)
         np.testing.assert_allclose(alone.errors(tried[::-1], skew), own[::-1], rtol=1e-9)
+
+
+def test_of_equals_the_first_is_taken() -> None:
+    """Rounding tells two shapes apart that put nothing into a torque; noise tells others apart by more."""
+    assert first_least(np.array([2.0, 1.0 + 1e-14, 1.0, 3.0])) == 1
+    assert first_least(np.array([2.0, 1.0 + 1e-7, 1.0, 3.0])) == 2
+    assert first_least(np.zeros(3)) == 0
