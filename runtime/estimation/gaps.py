@@ -15,7 +15,7 @@ import numpy as np
 
 from runtime.estimation import grids
 from runtime.estimation.estimate import Estimate
-from runtime.estimation.problem import Fit, Problem, Skew
+from runtime.estimation.problem import Fit, Problem, Skew, first_least
 from runtime.estimation.settings import AS_GOOD_A_FLANK, GAP_ACCURACY, GAP_REACH, GAP_STEPS, HOPELESS_FLANK
 from runtime.model.terms import Term, Values
 
@@ -68,17 +68,22 @@ def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term:
     if play is None or not own[play.name] > 0:
         return _error(problem, shapes, skew), own
 
+    def shape(logarithm: float) -> Values:
+        return {**own, play.name: float(np.exp(logarithm))}
+
     def error(logarithm: float) -> float:
-        return _error(problem, {**shapes, term: {**own, play.name: float(np.exp(logarithm))}}, skew)
+        return _error(problem, {**shapes, term: shape(logarithm)}, skew)
 
     reach = float(np.log(GAP_REACH))
     widths = np.log(own[play.name]) + np.linspace(-reach, reach, 2 * GAP_STEPS + 1)
-    errors = [error(w) for w in widths]
-    best, step = int(np.argmin(errors)), reach / GAP_STEPS
+    tried = [shape(w) for w in widths]
+    problem.foresee(term, tried, shapes)
+    errors = problem.errors([{**shapes, term: one} for one in tried], skew)
+    best, step = first_least(errors), reach / GAP_STEPS
     bounds = (widths[best] - step, widths[best] + step)
     between = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": GAP_ACCURACY * step})
-    least, at = min((errors[best], float(widths[best])), (float(between.fun), float(between.x)))
-    return least, {**own, play.name: float(np.exp(at))}
+    least, at = min((float(errors[best]), float(widths[best])), (float(between.fun), float(between.x)))
+    return least, shape(at)
 
 
 def _error(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> float:

@@ -19,7 +19,7 @@ from runtime.estimation import delays, gaps, grids, onset_places, soundness, tip
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.left_out import open_rotors
-from runtime.estimation.problem import Fit, Problem, Skew
+from runtime.estimation.problem import Fit, Problem, Skew, first_least
 from runtime.estimation.regressors import Ahead, Regressors
 from runtime.estimation.settings import (
     HOLD,
@@ -78,8 +78,9 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
         if len(choices) > 1:
             open_terms.append((term, choices))
     for term, choices in open_terms:
-        errors = [_error(problem.solve({**shapes, term: c}, skew).residual, problem.weights) for c in choices]
-        shapes[term] = choices[int(np.argmin(errors))]
+        problem.foresee(term, choices, shapes)
+        errors = problem.errors([{**shapes, term: c} for c in choices], skew)
+        shapes[term] = choices[first_least(errors)]
     for k, term in enumerate(lines):
         shapes[term] = _on_strongest_line(problem, shapes, skew, lines[k:])
     return shapes

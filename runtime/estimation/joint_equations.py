@@ -72,10 +72,14 @@ class JointEquations:
         return np.asarray(sum(b.rows[0] for b in self.blocks))
 
     @cached_property
+    def fixed_noise(self) -> Array:
+        """(m,) what noise of the encoders adds to the part without free coefficient."""
+        return np.asarray(sum(b.noise[0] for b in self.blocks))
+
+    @cached_property
     def noise_moment(self) -> Array:
         """(K,) of the columns' noise with that of the fixed part."""
-        fixed = np.asarray(sum(b.noise[0] for b in self.blocks))
-        return np.concatenate([b.noise[1:] @ fixed for b in self.blocks])
+        return np.concatenate([b.noise[1:] @ self.fixed_noise for b in self.blocks])
 
     def moment(self, y: Array) -> Array:
         """(K,) of the columns with a torque y (m,)."""
@@ -84,6 +88,74 @@ class JointEquations:
     def torque(self, theta: Array) -> Array:
         """(m,) of coefficients theta (K,), less the fixed part."""
         return np.asarray(sum(theta[self._places[b.key]] @ b.rows[1:] for b in self.blocks))
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """A joint's equations in S ways that share most of their blocks: what they share is multiplied once.
+
+    same         what all ways share
+    unknowns     (K,) of the problem: of what is shared, then of what each way has for itself
+    rows, noise  (S, 1 + k, m) of what each has for itself, as in `Block`; one for all where they share everything
+    """
+
+    same: JointEquations
+    unknowns: NDArray[np.intp]
+    rows: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, same: JointEquations, own: Sequence[Sequence[Block]]) -> Alternatives:
+        """own: by way its blocks, those of all ways for the same unknowns."""
+        unknowns = np.concatenate([same.unknowns, *(b.unknowns for b in own[0])])
+        if not own[0]:
+            nothing = np.zeros((1, 1, len(same.fixed)))
+            return cls(same, unknowns, nothing, nothing)
+        rows, noise = ([_one_below_other(parts) for parts in ways] for ways in _parts_of(own))
+        return cls(same, unknowns, np.array(rows), np.array(noise))
+
+    @cached_property
+    def grams(self) -> Array:
+        """(S, K, K) compensated."""
+        shared = len(self.same.unknowns)
+        gram = np.empty((len(self.rows), len(self.unknowns), len(self.unknowns)))
+        gram[:, :shared, :shared] = self.same.gram
+        (columns, noise), rows, stray = self._shared, self.rows[:, 1:], self.noise[:, 1:]
+        across = columns @ rows.transpose(0, 2, 1) - noise @ stray.transpose(0, 2, 1)
+        gram[:, :shared, shared:], gram[:, shared:, :shared] = across, across.transpose(0, 2, 1)
+        gram[:, shared:, shared:] = rows @ rows.transpose(0, 2, 1) - stray @ stray.transpose(0, 2, 1)
+        return gram
+
+    def moments(self, torque: Array) -> Array:
+        """(S, K) of the columns with a torque (m,) less the parts without free coefficient, compensated."""
+        left = (torque - self.same.fixed) - self.rows[:, 0]
+        off = self.same.fixed_noise + self.noise[:, 0]
+        columns, noise = self._shared
+        own = self.rows[:, 1:] @ left[:, :, None] + self.noise[:, 1:] @ off[:, :, None]
+        return np.concatenate([left @ columns.T + off @ noise.T, own[:, :, 0]], axis=1)
+
+    def errors(self, torque: Array, theta: Array) -> Array:
+        """(S,) squared, of a torque (m,) and each way's coefficients theta (S, K)."""
+        shared = len(self.same.unknowns)
+        explained = theta[:, :shared] @ self._shared[0] + (theta[:, None, shared:] @ self.rows[:, 1:])[:, 0]
+        left = (torque - self.same.fixed) - self.rows[:, 0] - explained
+        return np.einsum("sm,sm->s", left, left)
+
+    @cached_property
+    def _shared(self) -> tuple[Array, Array]:
+        """(K', m) all columns that are shared, and their noise."""
+        blocks = self.same.blocks
+        return np.concatenate([b.rows[1:] for b in blocks]), np.concatenate([b.noise[1:] for b in blocks])
+
+
+def _parts_of(own: Sequence[Sequence[Block]]) -> tuple[list[list[Array]], list[list[Array]]]:
+    """By way, the rows and the noise of its blocks."""
+    return [[b.rows for b in way] for way in own], [[b.noise for b in way] for way in own]
+
+
+def _one_below_other(parts: Sequence[Array]) -> Array:
+    """(1 + k, m) of several blocks: their parts without free coefficient added, and all columns."""
+    return np.concatenate([np.sum([part[:1] for part in parts], axis=0), *(part[1:] for part in parts)])
 
 
 def _places(blocks: Sequence[Block]) -> dict[Hashable, NDArray[np.intp]]:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from runtime.estimation import grids
-from runtime.estimation.problem import Problem, Skew
+from runtime.estimation.problem import Problem, Skew, first_least
 from runtime.estimation.settings import PLACE_STEPS
 from runtime.model.terms import Term, Values
 
@@ -33,10 +33,7 @@ def found(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[T
             steps = steps[np.argsort(np.abs(steps), kind="stable")]  # of equals the nearest
             at = np.clip(best[term][parameter.name] + steps, places[0], places[-1])
             choices = [{**best[term], parameter.name: float(x)} for x in at]
-            best[term] = min(choices, key=lambda shape: _error(problem, {**best, term: shape}, skew))
+            problem.foresee(term, choices, best)
+            errors = problem.errors([{**best, term: shape} for shape in choices], skew)
+            best[term] = choices[first_least(errors)]
     return best
-
-
-def _error(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> float:
-    residual = problem.solve(shapes, skew).residual
-    return float(sum(w**2 * (r @ r) for r, w in zip(residual, problem.weights, strict=True)))

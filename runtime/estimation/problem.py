@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.estimation.estimate import Estimate
-from runtime.estimation.joint_equations import Block, JointEquations
+from runtime.estimation.joint_equations import Alternatives, Block, JointEquations
 from runtime.estimation.least_squares import minimise
 from runtime.estimation.regressors import Ahead, Regressors
-from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_EQUATIONS, NEUTRAL_INERTIA
+from runtime.estimation.settings import INERTIA_CONFIGURATIONS, KEPT_EQUATIONS, NEUTRAL_INERTIA, SAME_ERROR
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
@@ -148,6 +148,11 @@ def _spread(values: Array, use: Mask) -> Array:
     return out
 
 
+def first_least(errors: Array) -> int:
+    """Index of the first of the least of squared errors (S,); what rounding tells apart is equal."""
+    return int(np.argmax(errors <= (1 + SAME_ERROR) * errors.min()))
+
+
 def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Array, Array]:
     """The smallest eigenvalue of D over configurations of the motion, kg m² (kg), with its direction (n,) and its
     configuration (n, 1); `lumps` are base inertial parameters."""
@@ -194,7 +199,8 @@ class Problem:
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._equations: dict[tuple[Hashable, ...], JointEquations] = {}
         self._last: dict[int, JointEquations] = {}
-        self._lateness: dict[int, Array] = {}
+        self._right_sides: dict[int, tuple[JointEquations, float, Array, Array]] = {}
+        self._lateness: dict[Hashable, Block] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
         """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
@@ -246,59 +252,99 @@ class Problem:
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
         """Everything that is linear, compensated for the encoders' noise, for these shapes."""
-        size, columns = self.layout.size, skew.columns(self.model.n)
-        gram = np.zeros((size + columns.size, size + columns.size))
-        moment = np.zeros(len(gram))
+        size = self.layout.size + skew.columns(self.model.n).size
+        gram, moment = np.zeros((size, size)), np.zeros(size)
         parts = []
         for i in range(self.model.n):
-            use, at, weight = self.motion.moving(i), size + columns.of(i), self.weights[i] ** 2
-            equations = self._of_joint(i, shapes)
-            y = self.motion.torque(i, skew.at)[use] - equations.fixed
+            weight, equations = self.weights[i] ** 2, self._of_joint(i, shapes, skew)
+            y, own = self._right_side(i, equations, skew.at)
             here = equations.unknowns
             gram[here[:, None], here] += weight * equations.gram
-            moment[here] += weight * (equations.moment(y) + equations.noise_moment)
-            late = self._late(i) if columns.size else None
-            if late is not None:
-                cross = weight * equations.moment(late)
-                gram[here, at] += cross
-                gram[at, here] += cross
-                gram[at, at] += weight * (late @ late)
-                moment[at] += weight * (late @ y)
-            parts.append((equations, y, late, at, use))
-        free = np.full(columns.size, np.inf)
+            moment[here] += weight * own
+            parts.append((equations, y))
+        theta = self._least(gram, moment)
+        residual = [
+            _spread(y - equations.torque(theta[equations.unknowns]), self.motion.moving(i))
+            for i, (equations, y) in enumerate(parts)
+        ]
+        return Solved(theta[: self.layout.size], theta[self.layout.size :], gram, residual)
+
+    def errors(self, ways: Sequence[Mapping[Term, Values]], skew: Skew) -> Array:
+        """(S,) weighted squared errors of the solutions for these shapes; what they share is multiplied once."""
+        size = self.layout.size + skew.columns(self.model.n).size
+        grams, moments = np.zeros((len(ways), size, size)), np.zeros((len(ways), size))
+        parts = []
+        for i in range(self.model.n):
+            weight, one = self.weights[i] ** 2, self._alternatives(i, ways, skew)
+            y, here = self.motion.torque(i, skew.at)[self.motion.moving(i)], one.unknowns
+            grams[:, here[:, None], here] += weight * one.grams
+            moments[:, here] += weight * one.moments(y)
+            parts.append((weight, one, y))
+        theta = np.array([self._least(gram, moment) for gram, moment in zip(grams, moments, strict=True)])
+        return np.sum([weight * one.errors(y, theta[:, one.unknowns]) for weight, one, y in parts], axis=0)
+
+    def _least(self, gram: Array, moment: Array) -> Array:
+        """(K + shifts,) within the bounds; shifts of the torque have none."""
+        free = np.full(len(moment) - self.layout.size, np.inf)
         lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
-        stated = np.append(self.layout.stated, np.zeros(columns.size))
-        theta = minimise(gram, moment, lower, upper, self.inertia_cut, stated)
-        residual = []
-        for equations, y, late, at, use in parts:
-            left = y - equations.torque(theta[equations.unknowns])
-            residual.append(_spread(left if late is None else left - theta[at] * late, use))
-        return Solved(theta[:size], theta[size:], gram, residual)
+        stated = np.append(self.layout.stated, np.zeros(len(free)))
+        return minimise(gram, moment, lower, upper, self.inertia_cut, stated)
 
-    def _late(self, joint: int) -> Array:
-        """(m,) what a joint's rows lose as its torque is taken a sample later."""
-        if joint not in self._lateness:
-            self._lateness[joint] = -self.regressors.skew(joint)[self.motion.moving(joint)]
-        return self._lateness[joint]
+    def _right_side(self, joint: int, equations: JointEquations, at: float) -> tuple[Array, Array]:
+        """(m,) a joint's torque, taken `at` samples, less what has no free coefficient, and (K,) its moment with the
+        columns, compensated; a search that moves another joint's term leaves them as they are."""
+        kept = self._right_sides.get(joint)
+        if kept is None or kept[0] is not equations or kept[1] != at:
+            y = self.motion.torque(joint, at)[self.motion.moving(joint)] - equations.fixed
+            kept = self._right_sides[joint] = (equations, at, y, equations.moment(y) + equations.noise_moment)
+        return kept[2], kept[3]
 
-    def _of_joint(self, joint: int, shapes: Mapping[Term, Values]) -> JointEquations:
+    def _of_joint(self, joint: int, shapes: Mapping[Term, Values], skew: Skew) -> JointEquations:
         """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are, and
         of its own joint's the others' columns."""
-        parts = list(self._parts(joint, shapes))
-        key = (joint, *(part.key for part in parts))
+        parts, late = list(self._parts(joint, shapes)), self._late(joint, skew)
+        key = (joint, *(part.key for part in parts), *(block.key for block in late))
         if key not in self._equations:
             if len(self._equations) > KEPT_EQUATIONS * self.model.n:
                 self._equations.clear()
             last = self._last.get(joint)
             there = {} if last is None else {block.key: block for block in last.blocks}
             blocks = [there.get(part.key) or self._block(part, joint) for part in parts]
-            self._equations[key] = self._last[joint] = JointEquations.of(blocks, last)
+            self._equations[key] = self._last[joint] = JointEquations.of([*blocks, *late], last)
         return self._equations[key]
+
+    def _alternatives(self, joint: int, ways: Sequence[Mapping[Term, Values]], skew: Skew) -> Alternatives:
+        """A joint's equations (0-based) for each of these shapes."""
+        whole = self._of_joint(joint, ways[0], skew)
+        slots = list(zip(*(self._parts(joint, shapes) for shapes in ways), strict=True))
+        other = [k for k, slot in enumerate(slots) if len({part.key for part in slot}) > 1]
+        same = [block for k, block in enumerate(whole.blocks) if k not in other]
+        own = [[self._block(slots[k][way], joint) for k in other] for way in range(len(ways))]
+        return Alternatives.of(JointEquations.of(same, whole), own)
 
     def _block(self, part: _Part, joint: int) -> Block:
         use = self.motion.moving(joint)
         rows, again = (part.rows(r)[:, use] for r in (self.regressors, self.regressors.perturbed))
         return Block(part.key, np.arange(part.unknowns.start, part.unknowns.stop), rows, again - rows)
+
+    def _late(self, joint: int, skew: Skew) -> list[Block]:
+        """What a joint's rows lose as its torque is taken a sample later, where that shift is unknown."""
+        columns = skew.columns(self.model.n)
+        if not columns.size:
+            return []
+        key = ("late", self.layout.size + columns.of(joint))
+        if (joint, key) not in self._lateness:
+            late = -self.regressors.skew(joint)[self.motion.moving(joint)]
+            rows = np.stack([np.zeros_like(late), late])
+            self._lateness[joint, key] = Block(key, np.array(key[1:]), rows, np.zeros_like(rows))
+        return [self._lateness[joint, key]]
+
+    def foresee(self, term: Term, choices: Sequence[Values], shapes: Mapping[Term, Values]) -> None:
+        """Make columns ready, at once, for solutions with these shapes of one term and all else as in `shapes`."""
+        given = self._given(term, shapes)
+        for joint in joints_of(self.model, term):
+            for regressors in (self.regressors, self.regressors.perturbed):
+                regressors.foresee(term, joint, choices, given)
 
     def inertia_cut(self, theta: Array) -> Array | None:
         """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""

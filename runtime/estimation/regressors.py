@@ -294,6 +294,12 @@ class Regressors:
         """(S, 1 + k, M) `columns` for many shapes of a term."""
         return np.array(self._stored(term, joint, shapes, NOTHING_GIVEN))
 
+    def foresee(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> None:
+        """Compute at once, which takes a part of the time, what `columns` will be asked for one after another."""
+        self._stored(term, joint, shapes, given)
+
     def _stored(
         self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
     ) -> list[Array]:
