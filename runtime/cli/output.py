@@ -56,7 +56,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _complain("interrupted", INTERRUPTED)
     except OSError as error:
-        return _complain(_reason(error), BAD_INPUT)
+        # All files that are written say their names; what has none is a stream.
+        return _complain(_reason(error, "standard output" if error.errno in _NO_ROOM else ""), BAD_INPUT)
     except Exception as error:
         # typer's usage errors come from one click or another; both can format themselves.
         if show := getattr(error, "format_message", None):
@@ -89,9 +90,8 @@ def _is_for_people(error: Exception) -> bool:
     return home in ("runtime", "symbolic", "codegen")
 
 
-def _reason(error: OSError) -> str:
-    # All files that are written say their names; what has none is a stream.
-    name = error.filename or ("standard output" if error.errno in _NO_ROOM else "")
+def _reason(error: OSError, nameless: str) -> str:
+    name = error.filename or nameless
     return f"{name}{': ' * bool(name)}{error.strerror or error}"
 
 
@@ -136,4 +136,4 @@ def costs_itself(what: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        _complain(f"{what} could not be written: {_reason(error)}", 0)
+        _complain(f"{what} could not be written: {_reason(error, '')}", 0)

@@ -134,7 +134,7 @@ def test_a_prepared_controller_is_prepared_once(monkeypatch: pytest.MonkeyPatch)
     first = prepare.prepare_firmware(arm, LIBRARY)
     monkeypatch.setattr(build, "compile_shared", lambda *_: pytest.fail("compiled again"))
     assert prepare.prepare_firmware(arm, LIBRARY) == first
-    other: Joint = replace(arm.joints[0], encoder_counts=512)
+    other: Joint = replace(arm.joints[0], torque_constant=0.7)
     second = prepare.prepare_firmware(replace(arm, joints=(other, arm.joints[1])), LIBRARY)
     assert second != first
     assert (second / "lib.so").read_bytes() == (first / "lib.so").read_bytes()

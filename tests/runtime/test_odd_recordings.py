@@ -92,7 +92,7 @@ def check_answer(status: int, err: str) -> None:
         *(pytest.param(verb, 200, marks=pytest.mark.slow) for verb in ("compare", "identify", "diagnose")),
     ],
 )
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error", "ignore:Generating overly large repr")
 def test_a_verb_answers_whatever_was_recorded(
     tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str], verb: str, examples: int
 ) -> None:
