@@ -50,7 +50,7 @@ def whole(value: float) -> str:
 
 def whole_apart(value: float, other: float) -> str:
     """To the nearest whole number; where that is the other's, as few digits as show on which side of it it lies."""
-    near = math.isfinite(value) and round(value) == round(other)
+    near = math.isfinite(value) and math.isfinite(other) and round(value) == round(other)
     return told_apart(value, other) if near else whole(value)
 
 
