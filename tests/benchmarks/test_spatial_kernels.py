@@ -27,8 +27,8 @@ what holds in every run."""
 BATCH = 2.0
 """How many times as fast as a call a sample of a batch of the UR10e is at least, with vectors of four."""
 ASKED = 2.0, 17.0
-"""What is aimed at. Through CasADi it is 2.8 to 3 times; against rnea(), which takes 0.9 to 2.9 us by what else the
-machine does, 15 to 45 times."""
+"""What is aimed at. Through CasADi it is 2.8 to 3.1 times; against rnea(), which takes 0.9 to 2.9 us by what else the
+machine does, some 14 times."""
 OURS = """
 void loop_ours(size_t rounds, size_t count, const double *q, const double *qd, const double *qdd, double *tau)
 {{
