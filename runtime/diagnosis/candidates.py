@@ -155,6 +155,10 @@ class CandidateField:
         used = [left[self.motion.moving(i)] for i, left in enumerate(self.fit.residual)]
         return [float(np.sqrt(np.mean(left**2))) if len(left) else 0.0 for left in used]
 
+    def gain_of(self, joint: int, torque: float) -> float:
+        """Fall of the squared error on the excerpt that goes with a torque of this RMS at a joint (0-based)."""
+        return self.excerpt[1].rows[joint].count * (torque / max(self.rms(joint), 1e-300)) ** 2
+
     @property
     def _excerpt_samples(self) -> int:
         return round(EXCERPT_SAMPLES / self.model.n**0.5)
@@ -314,8 +318,10 @@ class CandidateField:
         return [self.refine(c) for c in found]
 
     def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
-        """The fall of the squared error with every coefficient within its bounds."""
-        return ground.equations().sse - ground.equations(self.trial(term, shape)).sse
+        """The fall of the squared error with every coefficient within its bounds; none of columns that are hardly more
+        than their noise, whose compensated squares no error can be told from."""
+        block = self.trial(term, shape)
+        return ground.equations().sse - ground.equations(block).sse if ground.gain(block) > 0 else 0.0
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried; of a line over the motor's angle, where the residual has one."""

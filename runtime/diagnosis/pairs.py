@@ -36,7 +36,7 @@ class CandidatePair:
 def search(field: CandidateField, candidates: Sequence[Candidate]) -> list[CandidatePair]:
     """The best partner for each of the best candidates, the best pair first."""
     found: dict[frozenset[Term], CandidatePair] = {}
-    beam = sorted(candidates, key=lambda c: -c.gain)[:PAIR_BEAM]
+    beam = sorted((c for c in candidates if c.gain > 0), key=lambda c: -c.gain)[:PAIR_BEAM]
     for pair in of_each("pairs", lambda first: _partner(field, first), beam):
         if pair is not None:
             key = frozenset(pair.terms)

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from runtime.diagnosis import pairs
+from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank, weigh
 from runtime.diagnosis.likelihood import outgrown, plainest, whitened_bic
 from runtime.diagnosis.pairs import CandidatePair
 from runtime.diagnosis.settings import (
     BIC_APART,
     LEAST_DELTA_BIC,
+    LEAST_EFFECT,
     LEAST_MOVING_S,
     LEAST_VOUCHED_SHARE,
     MOST_FINDINGS,
@@ -235,8 +237,12 @@ class Search(Trail):
         found = pairs.search(ground, [e.candidate for e in self.last.ranked])
         found = [p for p in found if not self._taken_back & set(p.terms)]
         own = [p for p in found if taken in p.terms]
-        least = PAIR_WORTH_FITTING * own[0].gain if own else 0.0
-        others = [p for p in found if taken not in p.terms and p.gain > least][:MOST_PAIRS]
+        least = own[0].gain if own else 0.0
+        others = [
+            p
+            for p in found
+            if taken not in p.terms and p.gain > PAIR_WORTH_FITTING * max(least, self._least_gain(ground, step, p))
+        ][:MOST_PAIRS]
         if not others:
             return None
         steps = [self._with(step, p.first, p.second) for p in others]
@@ -250,6 +256,12 @@ class Search(Trail):
             return None
         near = [p for p, score in zip(others, scores, strict=True) if 0 < score - scores[best] < BIC_APART]
         return self._both(step, others[best], steps[best], near)
+
+    def _least_gain(self, field: CandidateField, step: Step, pair: CandidatePair) -> float:
+        """Fall of the squared error on the excerpt below which no two such effects can each be large enough to be named
+        beside the other."""
+        joints = [joints_of(self.model, term)[0] for term in pair.terms]
+        return max(field.gain_of(i, LEAST_EFFECT * step.floors[i]) for i in joints)
 
     def _both(
         self, step: Step, pair: CandidatePair, together: Step, near: Sequence[CandidatePair]

@@ -72,6 +72,10 @@ PLACE_STEPS: Final = 16
 """number of steps to a step of a grid, to either side; a place at which a torque sets in is sought so finely, about
 what an arm goes in a sample; development recordings."""
 
+PLACE_STRIDE: Final = 4
+"""number of those steps; so far apart they are tried first; the error falls towards the place over many treads;
+development recordings."""
+
 SAME_ERROR: Final = 1e-10
 """part of the squared error; shapes whose errors differ by less are as good as each other; double precision."""
 
