@@ -29,9 +29,9 @@ from runtime.recordings.units import UNITS
 Array = NDArray[np.float64]
 
 DEGREE = UNITS["deg"][1]
+"""rad."""
 POSITION, TORQUE = "q", "tau"
 """What a recording has of each joint, as its columns are called."""
-"""rad."""
 
 
 @dataclass(frozen=True)
