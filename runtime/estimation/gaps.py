@@ -15,7 +15,7 @@ import numpy as np
 
 from runtime.estimation import grids
 from runtime.estimation.estimate import Estimate
-from runtime.estimation.problem import Fit, Problem, Skew, first_least
+from runtime.estimation.problem import Fit, Problem, Skew, first_least, weighted
 from runtime.estimation.settings import AS_GOOD_A_FLANK, GAP_ACCURACY, GAP_REACH, GAP_STEPS, HOPELESS_FLANK
 from runtime.model.terms import Term, Values
 
@@ -87,5 +87,4 @@ def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term:
 
 
 def _error(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> float:
-    residual = problem.solve(shapes, skew).residual
-    return float(sum(w**2 * (r @ r) for r, w in zip(residual, problem.weights, strict=True)))
+    return weighted(problem.solve(shapes, skew).residual, problem.weights)

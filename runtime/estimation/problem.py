@@ -148,6 +148,11 @@ def _spread(values: Array, use: Mask) -> Array:
     return out
 
 
+def weighted(residual: Sequence[Array], weights: Array) -> float:
+    """Weighted squared error of the joints' residuals."""
+    return float(sum(w**2 * (r @ r) for r, w in zip(residual, weights, strict=True)))
+
+
 def first_least(errors: Array) -> int:
     """Index of the first of the least of squared errors (S,); what rounding tells apart is equal."""
     return int(np.argmax(errors <= (1 + SAME_ERROR) * errors.min()))
