@@ -49,7 +49,7 @@ class Rendered:
             files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
 
     def _lock(self) -> Path:
-        """What is locked: the folder, which may not be there yet, or a file in it where nothing can be put beside it."""
+        """What is locked: the folder, which may not be there yet, or a file in it where nothing can stand beside it."""
         folder = Path(os.path.realpath(self.directory))
         folder.parent.mkdir(parents=True, exist_ok=True)
         return folder if os.access(folder.parent, os.W_OK) else folder / NOTE

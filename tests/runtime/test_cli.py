@@ -297,8 +297,9 @@ def test_generate_does_not_undo_an_add(run, here, monkeypatch):
     assert list((here / "generated").glob(".*")) == []
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("first", [True, False], ids=["first", "later"])
-def test_an_add_waits_for_a_generate_that_writes(run, here, monkeypatch, first):
+def test_an_add_waits_for_a_generate_that_writes(run, monkeypatch, first):
     """And its files are there in the end, whether there was a folder before or not."""
     if not first:
         assert run("generate", "drive.toml")[0] == 0
