@@ -283,13 +283,18 @@ class Source:
     def replaced(self, text: str) -> Iterator[None]:
         """As `replace`; nobody else replaces the file before what belongs to it is written, too, inside the `with`."""
         from runtime import files
-        from symbolic.model_file import reader
 
         with files.alone(self.path):
-            if reader.read_text(self.path) != self.text:
-                raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
+            self.check_says(self.text)
             files.replace(self.path, text.encode())
             yield
+
+    def check_says(self, text: str) -> None:
+        """Raises UsageError where the model file says something else by now."""
+        from symbolic.model_file import reader
+
+        if reader.read_text(self.path) != text:
+            raise UsageError(f"{self.path}: has changed while we were at work; nothing written, try again")
 
 
 def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:

@@ -7,20 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from runtime.planning.trajectory import Phase, Trajectory
+from tests import one_joint
 
-BENCH = """\
-name = "bench"               # one joint with a spring beside it
-gravity = [0.0, 0.0]
+CONTROLLER = """\
 [controller]
 rate = 1000.0
 velocity_cutoff = 100.0
 friction_scale = 0.92
 friction_slope = 150.0
-
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.10
-gear_ratio = 100
+"""
+JOINT = """\
 [joint.encoder]
 counts = 2000.0
 [joint.controller]
@@ -30,17 +26,16 @@ kd = 6.0
 position = [-1.8, 1.8]
 speed = 5.0
 torque = 25.0
-[joint.link]
-length = 0.30
-mass = 2.0
-com = [0.20, 0.0]
-inertia = 0.0565
 [joint.effects.coulomb_asymmetric]
 positive = 1.72
 negative = 1.05
 [joint.effects.viscous]
 coefficient = 1.14
-# the spring that happens to be mounted
+"""
+PLAIN = one_joint.model_text(JOINT, "bench", controller=CONTROLLER)
+"""Without its spring."""
+BENCH = f"""\
+{PLAIN}# the spring that happens to be mounted
 [joint.effects.parallel_spring]
 stiffness = 5900.0   # N/m
 radius = 0.06

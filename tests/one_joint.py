@@ -1,20 +1,18 @@
-"""The model file of one joint on a bench, for tests that need no more of an arm."""
+"""Joints on a bench as a person writes them into a model file, for tests that need no more of an arm."""
 
 from __future__ import annotations
 
-INERTIA = 0.10 + 0.0565 + 2.0 * 0.20**2
-"""kg m^2 at the joint's output: rotor, link, and the link's mass at its centre."""
+ROTOR, LINK = 0.10, 0.0565 + 2.0 * 0.20**2
+"""kg m^2 at the joint's output, and of the link about the joint."""
+INERTIA = ROTOR + LINK
 
 
-def model_text(tables: str, name: str = "drive1") -> str:
-    """The file as a person writes it, comment and blank line included. tables: of the joint, behind its link."""
+def joint_text(tables: str = "", rotor: float = ROTOR) -> str:
+    """A joint; tables: of it, behind its link."""
     return f"""\
-name = "{name}"          # the bench
-gravity = [0.0, 0.0]
-
 [[joint]]
 type = "revolute"
-rotor_inertia = 0.10
+rotor_inertia = {rotor:.2f}
 gear_ratio = 100
 [joint.link]
 length = 0.30
@@ -22,3 +20,12 @@ mass = 2.0
 com = [0.20, 0.0]
 inertia = 0.0565
 {tables}"""
+
+
+def model_text(tables: str, name: str = "drive1", gravity: float = 0.0, controller: str = "") -> str:
+    """The file, comment and blank line included. tables: as of `joint_text`; gravity: m/s^2 along y."""
+    return f"""\
+name = "{name}"          # the bench
+gravity = [0.0, {gravity}]
+{controller}
+{joint_text(tables)}"""

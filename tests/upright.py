@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.recordings.recording import Recording
+from tests import one_joint
+from tests.one_joint import LINK, ROTOR
 
 Array = NDArray[np.float64]
 
-ROTOR, LINK, MOMENT = 0.10, 0.1365, 0.4  # kg m^2, kg m^2 about the joint, kg m
+MOMENT = 0.4  # kg m
 COUNT = 2 * np.pi / 200_000
 SERVO = 50.0  # rad/s, critically damped to 0.8
 
@@ -57,21 +59,8 @@ class Upright:
 
 def model(effects: str = "", gravity: float = 0.0) -> str:
     """The model file of its user, with Coulomb and viscous friction and what `effects` adds."""
-    return f"""name = "upright"
-gravity = [0.0, {-gravity}]
-[[joint]]
-type = "revolute"
-rotor_inertia = {ROTOR}
-gear_ratio = 100
-[joint.link]
-length = 0.3
-mass = 2.0
-com = [0.2, 0.0]
-inertia = {LINK - 2.0 * 0.2**2}
-[joint.effects.coulomb_asymmetric]
-[joint.effects.viscous]
-{effects}
-"""
+    friction = "[joint.effects.coulomb_asymmetric]\n[joint.effects.viscous]\n"
+    return one_joint.model_text(f"{friction}{effects}\n", "upright", -gravity)
 
 
 def record(plant: Upright, seed: int, seconds: float = 30.0, size: float = 1.0, substeps: int = 5) -> Recording:

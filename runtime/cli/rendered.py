@@ -18,10 +18,13 @@ NOTE, SHIPPED = ".model", "tendon: "
 class Rendered:
     """Everything that `generate` writes, complete before the first file is touched.
 
-    made_from   the model file: its path from the directory, or the name under which it ships
+    source, text   the model file, and what it said or will say of the arm that is written
+    made_from      its path from the directory, or the name under which it ships
     """
 
     name: str
+    source: Source
+    text: str
     made_from: str
     directory: Path
     beside: Path
@@ -34,12 +37,22 @@ class Rendered:
         return disk.stale(self.files, self.directory) + disk.stale(self.effect_files, self.beside)
 
     def write(self) -> None:
+        """One process at a time, and only of what the model file says by then: another one may have added to it
+        meanwhile and have written what belongs to that. Raises UsageError, OSError."""
         from codegen import disk
         from runtime import files
 
-        disk.write(self.files, self.directory)
-        disk.write(self.effect_files, self.beside)
-        files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
+        with files.alone(self._lock()):
+            self.source.check_says(self.text)
+            disk.write(self.files, self.directory)
+            disk.write(self.effect_files, self.beside)
+            files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
+
+    def _lock(self) -> Path:
+        """What is locked: the folder, which may not be there yet, or a file in it where nothing can stand beside it."""
+        folder = Path(os.path.realpath(self.directory))
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        return folder if os.access(folder.parent, os.W_OK) else folder / NOTE
 
     def document(self) -> dict[str, Any]:
         import json
@@ -74,7 +87,7 @@ def render_all(source: Source, text: str, out: Path | None, effects: Path | None
         effect_files = render.effect_files(tuple(source.library.values()))
     places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
     keep([source.path, *([effects] if effects else [])], places)
-    return Rendered(arm.name, _origin(source, directory), directory, beside, files, effect_files)
+    return Rendered(arm.name, source, text, _origin(source, directory), directory, beside, files, effect_files)
 
 
 def own_directory(source: Source, name: str) -> Path:

@@ -34,7 +34,8 @@ def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
         return np.where(np.isfinite(stated), stated, 1.0)
     seen = _asked_at_all(motion)
     _, _, qdd, tau = motion
-    most = np.linalg.norm(tau, axis=1) / np.maximum(np.linalg.norm(qdd, axis=1), 1e-300)
+    with np.errstate(over="ignore"):  # a joint that is not accelerated may be as heavy as can be
+        most = np.linalg.norm(tau, axis=1) / np.maximum(np.linalg.norm(qdd, axis=1), 1e-300)
     known = np.where(np.isfinite(stated), stated, most)
     return np.where(np.isfinite(seen) & ~(INERTIA_GUESSED * stated > seen), seen, known)
 

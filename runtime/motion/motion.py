@@ -423,7 +423,9 @@ def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum(_dry_friction(motion, model), 1e-300)
-    return motion.resting(standstill, band.torque_floor()[:n] / friction)
+    with np.errstate(over="ignore"):  # of any noise there is more than of no friction
+        quiet = band.torque_floor()[:n] / friction
+    return motion.resting(standstill, quiet)
 
 
 def _began(recording: Recording, run: int) -> float:

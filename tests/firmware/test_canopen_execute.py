@@ -29,45 +29,14 @@ from runtime.planning.trajectory import Phase, Trajectory
 from runtime.recordings import recording
 from runtime.simulation.plant import Plant
 from runtime.workspace import Source
+from tests import one_joint
+from tests.bench_arm import CONTROLLER, JOINT
 from tests.firmware.canopen_drives import DISABLED, ENABLED, Drive, Drives
 from tests.firmware.test_canopen import PATIENT, PERIOD, Time
 
-MODEL = """\
-name = "bench"
-gravity = [0.0, 0.0]
-[controller]
-rate = 500.0
-velocity_cutoff = 60.0
-friction_scale = 0.92
-friction_slope = 150.0
-
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.10
-gear_ratio = 100
-[joint.drive]
-node = 5
-direction = -1
-[joint.encoder]
-counts = 2000
-[joint.controller]
-kp = 40.0
-kd = 6.0
-[joint.limits]
-position = [-1.8, 1.8]
-speed = 5.0
-torque = 25.0
-[joint.link]
-length = 0.30
-mass = 2.0
-com = [0.20, 0.0]
-inertia = 0.0565
-[joint.effects.coulomb_asymmetric]
-positive = 1.72
-negative = 1.05
-[joint.effects.viscous]
-coefficient = 1.14
-"""
+DRIVE = "[joint.drive]\nnode = 5\ndirection = -1\n"
+SLOWER = CONTROLLER.replace("1000.0", "500.0").replace("100.0", "60.0")
+MODEL = one_joint.model_text(JOINT + DRIVE, "bench", controller=SLOWER)
 RATED = 250  # mN m: 25 N m at the joint
 _channels = itertools.count()
 

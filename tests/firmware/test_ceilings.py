@@ -47,18 +47,8 @@ HOST = {**DRIVE, "rate": RATE, "velocity_gain": 0.5, "kp": [20.0, 20.0], "kd": [
 
 
 @pytest.fixture(scope="module")
-def directory() -> Path:
-    return prepare.prepare_firmware(ARM, LIBRARY)
-
-
-@pytest.fixture
-def talk(directory: Path) -> Talk:
-    return Talk(directory, ARM.name)
-
-
-@pytest.fixture(scope="module")
-def ceilings(directory: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((directory / "protocol.json").read_text())["ceilings"]
+def ceilings(table: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = table["ceilings"]
     return found
 
 

@@ -39,21 +39,6 @@ ARM = wide(MIXED["rp"])
 STATES = ("idle", "armed", "running", "stopped")
 
 
-@pytest.fixture(scope="module")
-def directory() -> Path:
-    return prepare.prepare_firmware(ARM, LIBRARY)
-
-
-@pytest.fixture
-def talk(directory: Path) -> Talk:
-    return Talk(directory, ARM.name)
-
-
-@pytest.fixture(scope="module")
-def table(directory: Path) -> dict[str, Any]:
-    return json.loads((directory / "protocol.json").read_text())
-
-
 def brought_to(talk: Talk, state: str) -> Talk:
     talk.ready()
     if state in ("armed", "running", "stopped"):

@@ -16,29 +16,16 @@ from runtime.motion.band import Band
 from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 from runtime.workspace import open_model
+from tests.one_joint import joint_text
 
 SKEWS: tuple[Literal["no", "shared", "each"], ...] = ("no", "shared", "each")
 
 DT = 1e-3
 WAYS = 7
 DRY, VISCOUS = 1.5, 1.1  # N m, N m s/rad
-JOINTS = (
-    f"""
-[[joint]]
-type = "revolute"
-rotor_inertia = {rotor}
-gear_ratio = 100
-[joint.link]
-length = 0.3
-mass = 2.0
-com = [0.2, 0.0]
-inertia = 0.05
-[joint.effects.coulomb]
-[joint.effects.viscous]
-"""
-    for rotor in (0.3, 0.1)
-)
-TWO_JOINTS = "".join(['name = "two_joints"\ngravity = [0.0, -9.81]\n', *JOINTS])
+FRICTION = "[joint.effects.coulomb]\n[joint.effects.viscous]\n"
+JOINTS = "".join(joint_text(FRICTION, rotor) for rotor in (0.3, 0.1))
+TWO_JOINTS = f'name = "two_joints"\ngravity = [0.0, -9.81]\n{JOINTS}'
 VALUES = {"coulomb": {"torque": DRY}, "viscous": {"coefficient": VISCOUS}}
 
 

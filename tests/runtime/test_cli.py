@@ -7,6 +7,8 @@ import os
 import re
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,9 +16,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from codegen import disk
 from runtime import files
-from runtime.cli import options, output
+from runtime.cli import generate, options, output
 from runtime.cli.main import app
+from runtime.cli.rendered import render_all
 from runtime.workspace import Source, open_model
 from tests import one_joint
 
@@ -274,6 +278,47 @@ def test_add_keeps_the_layout_and_regenerates(run, here):
     assert (here / "drive.toml").stat().st_mode & 0o777 == 0o640
     assert run("generate", "drive.toml", "--check")[0] == 0
     assert "already there" in refused(run, here, "add", "drive.toml", "stribeck", "--joint", "1")
+
+
+def test_generate_does_not_undo_an_add(run, here, monkeypatch):
+    """It has derived what the file said before."""
+
+    def meanwhile(*given):
+        found = render_all(*given)
+        assert run("add", "drive.toml", "stribeck", "--joint", "1")[0] == 0
+        return found
+
+    monkeypatch.setattr(generate, "render_all", meanwhile)
+    status, _, err = run("generate", "drive.toml")
+    assert status == 2
+    assert err.splitlines()[-1] == "drive.toml: has changed while we were at work; nothing written, try again"
+    monkeypatch.setattr(generate, "render_all", render_all)
+    assert run("generate", "drive.toml", "--check")[0] == 0
+    assert list((here / "generated").glob(".*")) == []
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("first", [True, False], ids=["first", "later"])
+def test_an_add_waits_for_a_generate_that_writes(run, monkeypatch, first):
+    """And its files are there in the end, whether there was a folder before or not."""
+    if not first:
+        assert run("generate", "drive.toml")[0] == 0
+    source = Source.read(Path("drive.toml"), None)
+    rendered, write, writes = render_all(source, source.text, None, None), disk.write, threading.Event()
+
+    def slow(files, directory):
+        if files is rendered.files:
+            writes.set()
+            time.sleep(1.0)
+        write(files, directory)
+
+    monkeypatch.setattr(disk, "write", slow)
+    generating = threading.Thread(target=rendered.write)
+    generating.start()
+    writes.wait()
+    assert run("add", "drive.toml", "stribeck", "--joint", "1")[0] == 0
+    generating.join()
+    assert run("generate", "drive.toml", "--check")[0] == 0
 
 
 def test_add_says_the_name_of_another_ripple(run, here):

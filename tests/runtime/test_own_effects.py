@@ -25,7 +25,7 @@ from runtime.simulation.plant import Plant
 from runtime.simulation.plant_equations import PlantError
 from runtime.workspace import Source
 from tests import one_joint
-from tests.bench_arm import BENCH, THERE_AND_BACK
+from tests.bench_arm import PLAIN, THERE_AND_BACK
 from tests.bench_arm import trajectory as planned
 
 OWN = """\
@@ -108,7 +108,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Path:  # no
     (here / "padded.toml").write_text(_rubbing("felt_pad", "grip"))
     (here / "plain.toml").write_text(_rubbing("coulomb", "torque"))
     (here / "slippery.toml").write_text(_rubbing("viscous", "coefficient"))
-    (here / "bench.toml").write_text(BENCH[: BENCH.index("# the spring")])
+    (here / "bench.toml").write_text(PLAIN)
     (here / "swing.toml").write_text(SCENARIO)
     return here
 

@@ -12,38 +12,22 @@ from symbolic.effects import LIBRARY
 from symbolic.model_file import reader
 from symbolic.model_file.editor import add_effect, place_effect, remove_effect, set_values
 from symbolic.model_file.reader import ModelError
+from tests.one_joint import joint_text
 
-TEXT = """\
+FRICTION = """\
+[joint.effects.coulomb_asymmetric]   # values unknown
+[joint.effects.viscous]
+coefficient = 1.14   # from the data sheet
+"""
+WARM = "[joint.effects.viscous]\n# measured warm\n"
+TEXT = f"""\
 # my arm
 name = "arm2"            # as on the drawing
 gravity = [0.0, 0.0]
 
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.1
-gear_ratio = 100
-[joint.link]
-length = 0.25
-mass = 2.0
-com = [0.12, 0.0]
-inertia = 0.02
-[joint.effects.coulomb_asymmetric]   # values unknown
-[joint.effects.viscous]
-coefficient = 1.14   # from the data sheet
-
+{joint_text(FRICTION)}
 # the elbow
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.06
-gear_ratio = 100
-[joint.link]
-length = 0.2
-mass = 1.2
-com = [0.1, 0.0]
-inertia = 0.008
-[joint.effects.viscous]
-# measured warm
-"""
+{joint_text(WARM, rotor=0.06)}"""
 
 
 def add(text: str, effect: str, joint: int | None = None, **values: float) -> str:
