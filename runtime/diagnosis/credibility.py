@@ -55,8 +55,12 @@ def judged(identification: Identification, recordings: Sequence[Recording]) -> J
 
 
 def _reason(identification: Identification, joints: Sequence[JointSeries], tables: consistency.Tables) -> str:
-    found = wrong_data(suspicions(identification)) or tables.refusal or (poor_excitation(identification) or "")
-    return found or _unphysical(identification, joints)
+    return wrong_data(suspicions(identification)) or tables.refusal or unreliable(identification, joints)
+
+
+def unreliable(identification: Identification, joints: Sequence[JointSeries]) -> str:
+    """Why a fit to data that do not look wrong may not be believed; empty if nothing speaks against it."""
+    return poor_excitation(identification) or _unphysical(identification, joints)
 
 
 def _fitted(joints: Sequence[JointSeries]) -> str:

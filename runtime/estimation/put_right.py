@@ -42,13 +42,15 @@ def told(
     reading: Reading,
     errors: Errors | None,
     by_factor: Mapping[int, ByFactor],
+    alike: frozenset[int] = frozenset(),
 ) -> tuple[Suspicion, ...]:
     """All that is wrong where the data should be read so, an item for each joint and mistake.
 
     errors      None where nothing was put right but by factors
     by_factor   of joints (0-based), what their inertia tells besides
+    alike       those whose positions, in degrees, may as well be the motor's
     """
-    voice = _Voice(identification, reading, errors, by_factor)
+    voice = _Voice(identification, reading, errors, by_factor, alike)
     given = Reading.given(identification.model.n)
     if reading == given and not by_factor:
         return ()
@@ -80,9 +82,10 @@ class _Voice:
         reading: Reading,
         errors: Errors | None,
         by_factor: Mapping[int, ByFactor],
+        alike: frozenset[int],
     ) -> None:
         self.motion, self.joints, self.reading = identification.motion, identification.model.joints, reading
-        self.errors, self.by_factor = errors, by_factor
+        self.errors, self.by_factor, self.alike = errors, by_factor, alike
         self.in_degrees = reading.degrees | {i for i, factor in by_factor.items() if DEGREES in factor.kinds}
         self.at_motors = reading.motors | {i for i, factor in by_factor.items() if MOTOR in factor.kinds}
         self.unit = {i: self._unit(i) for i, factor in by_factor.items() if {"milli", "current"} & set(factor.kinds)}
@@ -126,6 +129,8 @@ class _Voice:
 
     def _others(self, joint: int, kind: str) -> tuple[str, ...]:
         """What else may be wrong in the place of a mistake with a joint's position (0-based)."""
+        if joint in self.alike:
+            return (MOTOR,)
         factor = self.by_factor.get(joint)
         return factor.others if factor is not None and factor.kinds[0] == kind else ()
 

@@ -60,11 +60,11 @@ class Reading:
 
     def in_degrees(self, joints: Sequence[int]) -> Reading:
         """With positions of these joints in degrees."""
-        return replace(self, degrees=self.degrees | set(joints))
+        return replace(self, degrees=self.degrees | set(joints), motors=self.motors - set(joints))
 
     def at_motors(self, joints: Sequence[int]) -> Reading:
         """With positions of these joints' motors."""
-        return replace(self, motors=self.motors | set(joints))
+        return replace(self, motors=self.motors | set(joints), degrees=self.degrees - set(joints))
 
     def exchanged(self, one: int, other: int, what: Sequence[str]) -> Reading:
         """With positions, torques or both of two joints in each other's place."""

@@ -50,10 +50,22 @@ def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
         return put_right.told(identification, given, None, by_factor)
     readings = Readings(identification, able)
     before = _as_given(identification, readings)
-    reading = _Search(readings, before).all_mistakes()
+    reading, alike = _degrees_first(readings, _Search(readings, before).all_mistakes())
     lumps = lumps if reading == given else readings.lumps(reading)
     by_factor = factors.found(identification, able, lumps, reading, LEAST_TELLING_RATIO)
-    return put_right.told(identification, reading, (before, readings.errors(reading)), by_factor)
+    return put_right.told(identification, reading, (before, readings.errors(reading)), by_factor, alike)
+
+
+def _degrees_first(readings: Readings, reading: Reading) -> tuple[Reading, frozenset[int]]:
+    """A reading with positions in degrees where those of motors are no surer, and the joints (0-based) where they are
+    alike."""
+    alike: set[int] = set()
+    for i in sorted(reading.degrees | reading.motors):
+        degrees, motors = reading.in_degrees((i,)), reading.at_motors((i,))
+        low, high = sorted(readings.errors(r)[i] for r in (degrees, motors))
+        if readings.model.joints[i].gear_ratio > LEAST_TELLING_RATIO and low > TURNED_FALLS_TO * high:
+            reading, alike = degrees, alike | {i}
+    return reading, frozenset(alike)
 
 
 def doubts(identification: Identification) -> tuple[Suspicion, ...]:

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from runtime.diagnosis.credibility import unreliable
+from runtime.estimation.compare import series
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify
 from runtime.estimation.suspicions import Suspicion, doubts, suspicions
@@ -17,7 +19,7 @@ from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
 from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import by_signals, over_turns, without_model
+from runtime.inspection.suspected import MISREAD, by_signals, over_turns, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
@@ -50,13 +52,16 @@ class Inspection:
         """What looks wrong: by the model where there is one, as every verb says it, else by the signals alone."""
         if self.recording is None:
             return []
+        signals = by_signals(self.recording)
+        if any(s.kind == MISREAD for s in signals):
+            return signals
         if self.fitted is None:
             told, unsure = without_model(self.recording), []
         else:
             told = list(suspicions(self.fitted) or doubts(self.fitted))
             # Where no inertia is stated, no fit tells degrees from radians.
             unsure = [] if self.fitted.model.lumps_known else over_turns(self.recording)
-        for further in (by_signals(self.recording), unsure):
+        for further in (signals, unsure):
             told += [s for s in further if s.joint not in {t.joint for t in told}]
         return told
 
@@ -79,9 +84,19 @@ class Inspection:
             "delay": [] if fitted is None else fitted.delay_json(),
             "parameters": [] if fitted is None else _parameters(fitted),
             "unfitted": self.unfitted,
+            **self._fit_json(),
             "suspicions": [{"joint": s.joint, "kind": s.kind, "found": s.found, "cure": s.cure} for s in self.found],
             "cures": list(dict.fromkeys(option for s in self.found for option in s.maps)),
         }
+
+    def _fit_json(self) -> dict[str, Any]:
+        """Parts of the joints' torques that the best fit misses, and why it may not be believed, where the data do not
+        look wrong."""
+        if self.fitted is None or self.found:
+            return {"misses": [], "unreliable": ""}
+        joints = series(self.fitted)
+        misses = [{"joint": s.joint, "part": s.relative} for s in joints if len(s.t)]
+        return {"misses": misses, "unreliable": unreliable(self.fitted, joints)}
 
     def _suggested(self) -> list[str]:
         """Options that may name what was not found."""

@@ -8,6 +8,10 @@ FOLLOWS: Final = 0.95
 """part of a rate's integral that the position must explain before the scale between them is believed; a rate that is
 filtered or late still follows to some per cent; a choice."""
 
+UNRELATED: Final = 0.5
+"""part of a rate's integral; a position that explains less of it is another signal: a rate that is noisy, or of which
+samples are lost, is explained by 0.65 and more; real recordings."""
+
 SCALE_OFF: Final = 0.15
 """part by which a rate may be larger or smaller than the derivative of its position; filters and coarse encoders cost
 some per cent; the least of the mistaken units, rpm for rad/s, is a factor of 9.5."""

@@ -62,12 +62,11 @@ def joints_json(recording: Recording, names: tuple[str | None, ...]) -> list[dic
     found = []
     for i, q in enumerate(recording.q):
         rate = np.concatenate([np.diff(s.of(q[s.samples])) for s in even.stretches]) / even.period
-        still = max(resolution(q), _noise(q, even)) if np.ptp(q) > 0 else 0.0
         found.append(
             {
                 "joint": i + 1,
                 "name": names[i] if i < len(names) else None,
-                "moves": bool(np.ptp(q) > MOVES_FROM * still) and np.ptp(q) > 0,
+                "moves": moves(q, even),
                 "unit": "m" if recording.types[i] == "prismatic" else "rad",
                 "range": float(np.ptp(q)),
                 "top_speed": float(np.quantile(np.abs(rate), TOP_SPEED)),
@@ -75,6 +74,12 @@ def joints_json(recording: Recording, names: tuple[str | None, ...]) -> list[dic
             }
         )
     return found
+
+
+def moves(q: Array, even: EvenGrid) -> bool:
+    """Whether a joint's position (N,) is more than resolution and noise."""
+    far = float(np.ptp(q))
+    return far > 0 and far > MOVES_FROM * max(resolution(q), _noise(q, even))
 
 
 def named(recording: Recording) -> Iterator[tuple[str, str, Array]]:

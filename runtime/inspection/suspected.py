@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from runtime.estimation.suspicions import Suspicion
 from runtime.inspection.guesses import unit_in_name
-from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF
+from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF, UNRELATED
 from runtime.inspection.shifts import integral, scale
+from runtime.inspection.signals import moves
+from runtime.motion.clock import grid
 from runtime.recordings.cures import in_unit, option, turned_round
 from runtime.recordings.recording import Recording
 from runtime.recordings.units import UNITS
@@ -23,11 +25,11 @@ from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
 
+MISREAD = "field"
+"""Kind of a suspicion that a signal is none of what it is read as: then no fit tells anything."""
 _JOINT_SIGNAL = re.compile(r"(q|qd|tau)(\d+)(?:_link|_desired)?", re.ASCII)
 _DIMENSIONS = {"q": ("angle",), "qd": ("angular rate",), "tau": ("torque", "current")}
 """What a signal of a joint is, so that a word at the end of its name may be its unit."""
-
-
 _BRAKES = "its torque brakes the motion on the whole, as friction does and no motor"
 
 
@@ -79,7 +81,17 @@ def of_rates(recording: Recording) -> list[Suspicion]:
             cure = option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
             said = f"qd{best + 1} is the derivative of q{i + 1}, and qd{i + 1} is not"
             found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}", (cure,)))
+        elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
+            found.append(_unrelated(i + 1, explained))
     return found
+
+
+def _unrelated(joint: int, explained: float) -> Suspicion:
+    """A rate and a position that belong to nothing of each other."""
+    q, qd = f"q{joint}", f"qd{joint}"
+    said = f"{qd} is not the derivative of {q}, which explains {100 * explained:.2g} % of its integral"
+    asked = f"are the right fields read as {q} and {qd}? Name them with --map, or leave {qd} out"
+    return Suspicion(joint, MISREAD, said, asked)
 
 
 def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:

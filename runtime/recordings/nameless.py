@@ -21,12 +21,13 @@ def in_order(names: str) -> Iterator[str]:
 def unnamed(count: int, n: int | None = None) -> str:
     """That a file begins with so many numbers, and what to type.
 
-    n   joints of the arm; None where nobody knows, and whatever number of joints comes out even is said
+    n   joints of the arm, read with rates and without where both may be; None where nobody knows, and whatever number
+        of joints comes out even is said
     """
     if n is None:
         fitting = [(s, (count - 1) // len(s)) for s in (_LEAST, _MOVING) if count > 1 and (count - 1) % len(s) == 0]
     else:
-        fitting = [(_MOVING if count == 1 + len(_MOVING) * n else _LEAST, n)]
+        fitting = [(s, n) for s in (_MOVING, _LEAST) if s is _LEAST or count == 1 + len(s) * n]
     layouts = [["t", *(f"{x}{i}" for x in s for i in range(1, k + 1))] for s, k in fitting or [(_LEAST, 1)]]
     begins = f"its first line is no header but {count} number{'s' if count > 1 else ''}"
     if len(layouts[0]) > count:

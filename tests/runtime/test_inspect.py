@@ -101,6 +101,7 @@ def test_right_data_are_not_suspected(tmp_path, capsys):
     assert q["signal"] == "q1"
     assert q["noise"] == pytest.approx(1e-5, rel=0.15)
     assert {p["name"]: p["told"] for p in found["parameters"]}["J1"] == "well"
+    assert 0 < found["misses"][0]["part"] < 0.05
     assert b"<svg" in (tmp_path / "run.svg").read_bytes()
 
 
@@ -138,6 +139,26 @@ def test_a_missing_header_without_a_model(tmp_path, capsys, numbers, layouts):
     np.savetxt(path, np.ones((20, numbers)), delimiter=",")
     _, out, _ = run(capsys, "inspect", path)
     assert out.splitlines()[-1].endswith(" or ".join(f"--columns {names}" for names in layouts))
+
+
+def test_columns_that_may_be_rates_or_not(tmp_path, capsys):
+    """Both are said, and the wrong one is told by the data."""
+    m = motion()
+    path = write(tmp_path / "run.csv", {**changed(qd1=None), "q1_desired": m["q1"]}, header=False)
+    _, out, _ = run(capsys, "inspect", path, "drive")
+    assert out.splitlines()[-1].endswith("--columns t,q1,qd1,tau1 or --columns t,q1,tau1,-")
+    _, out, _ = run(capsys, "inspect", path, "drive", "--columns", "t,q1,qd1,tau1")
+    assert out.splitlines()[-1].startswith("Joint 1: qd1 is not the derivative of q1, which explains")
+    status, out, _ = run(capsys, "inspect", path, "drive", "--columns", "t,q1,tau1,-")
+    assert (status, out.splitlines()[-1]) == (0, "Nothing looks wrong.")
+
+
+def test_a_fit_that_may_not_be_believed(tmp_path, capsys):
+    """As identify refuses it; nothing is then called right."""
+    path = write(tmp_path / "run.csv", changed(tau1=np.cos(motion()["t"]), qd1=None))
+    _, out, _ = run(capsys, "inspect", path, "drive")
+    assert out.splitlines()[-1].startswith("The fit may not be believed: ")
+    assert run(capsys, "identify", "drive", path)[0] == 1
 
 
 def test_a_missing_header_of_fewer_columns_than_the_arm_has(tmp_path, capsys):

@@ -94,6 +94,9 @@ def _parameters(document: Document) -> None:
         names = [p["name"] for p in document["parameters"] if p["told"] == kind]
         if names:
             say(f"{text}: {', '.join(names)}")
+    if document["misses"]:
+        errors = [f"{100 * m['part']:.3g} % at joint {m['joint']}" for m in document["misses"]]
+        say(f"Of the torque the model's best fit misses {', '.join(errors)}")
 
 
 def _wrong(document: Document) -> None:
@@ -107,5 +110,7 @@ def _wrong(document: Document) -> None:
         say(f"Joint {s['joint']}: {s['found']}; {s['cure']}")
     if len(document["suspicions"]) > 1 and document["cures"]:
         say(f"All at once: {' '.join(document['cures'])}")
-    if not (document["problem"] or document["suspicions"] or document["unfitted"]):
+    if document["unreliable"]:
+        say(f"The fit may not be believed: {document['unreliable']}")
+    if not any(document[key] for key in ("problem", "suspicions", "unfitted", "unreliable")):
         say("Nothing looks wrong." if document["parameters"] else "Nothing looks wrong; with MODEL more can be told.")
