@@ -20,7 +20,7 @@ from .situations import SITUATIONS
 
 FIRST_JUDGING_SEED = 5000
 FIRST_SHORT_SEED = 20_000
-"""Of the short set. A set from 10,000 on was looked at case by case while gates were chosen: it belongs to development."""
+"""Of the short set. One from 10,000 on was looked at case by case while gates were chosen: it is development's."""
 JOINTS = (1, 2, 4)
 SIZES = {
     "below": lambda rng: rng.uniform(0.03, 0.13),
