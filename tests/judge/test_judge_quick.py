@@ -39,6 +39,13 @@ def test_a_clear_case_is_judged_right(name: str) -> None:
     assert row.exact == (name != "outside_sine") == bool(coverage.from_text(row.covered))
 
 
+@pytest.mark.parametrize("name", ["backlash", "backlash_hertz"])
+def test_a_gap_of_some_encoder_steps_is_named(name: str) -> None:
+    """Half as much torque as noise: seven to ten times what the encoder's noise is."""
+    row = line(one(name, 0.5))
+    assert row.outcome == "right", row
+
+
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
     (coarse,) = cases(["clean_x10"], [1], [0.0], [SEED], Setting())
     row = line(coarse)

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose, finding_json
-from runtime.estimation.identify import identify
+from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose, finding_json
+from runtime.diagnosis.gates import weigh
+from runtime.diagnosis.search import Search
+from runtime.diagnosis.steps import Finding, Step
+from runtime.estimation.identify import identify, identify_motion
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.workspace import Source
@@ -71,3 +74,31 @@ def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
     assert small.findings[0].rivals
     assert named(wide) == ["gravity"]
     assert len(wide.findings[0].rivals) < len(small.findings[0].rivals)
+
+
+def test_what_the_data_no_longer_tell_is_taken_back_and_nothing_else(opened) -> None:
+    """A load friction was found; a spring and an offset that are not there stand beside it."""
+    search = begin(opened(gravity=9.81), [record(Upright(gravity=9.81, by_load=0.2), 10)])
+    while search.advance() is not None:
+        pass
+    assert [str(f.term) for f in search.findings] == ["load_friction@1"]
+    for effect in ("linear_spring", "offset"):
+        search.findings.append(forced(search, Term(effect, 1)))
+        search.steps.append(search.findings[-1].after)
+    search.take_back_untold()
+    assert [str(f.term) for f in search.findings] == ["load_friction@1"]
+    assert search.steps[-1].added == Term("load_friction", 1)
+    assert len(search.steps) == 2
+    search.take_back_untold()
+    assert len(search.findings) == 1
+
+
+def forced(search: Search, term: Term) -> Finding:
+    """A term added against all gates."""
+    field, before = search.ground(), search.steps[-1]
+    candidate = field.search(term)
+    assert candidate is not None
+    verdict = weigh(field, [candidate], before.floors)
+    shapes = {**before.shapes, term: dict(candidate.shape)}
+    after = Step.of(term, identify_motion(search.model, search.motion, shapes, start=before.identification.fit))
+    return Finding(verdict.ranked[0], (), verdict, before, after)
