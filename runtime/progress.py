@@ -14,8 +14,8 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -120,21 +120,26 @@ def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R
 
 
 def of_long(function: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
-    """function(part) for each part, in their order, where each is known to be worth a process: all at once on several
-    cores, else one by one as they are asked for. What the parts tell of themselves is not heard on several cores."""
+    """function(part) for each part, in their order, where each is known to be worth a process: as many at once as there
+    are cores, and none any more once no further one is asked for. What the parts tell of themselves is not heard on
+    several cores."""
     found: dict[int, R] = {}
-    if cores() > 1 and len(parts) > 1:
-        with suppress(_Lost):
-            found.update(_forked(function, parts, range(len(parts))))
-    for index, part in enumerate(parts):
-        yield found[index] if index in found else function(part)
+    forked = cores() > 1 and len(parts) > 1
+    with closing(_forked(function, parts, range(len(parts)) if forked else ())) as coming:
+        for index, part in enumerate(parts):
+            with suppress(_Lost, StopIteration):
+                while index not in found:
+                    found.update([next(coming)])
+            yield found[index] if index in found else function(part)
 
 
 class _Lost(Exception):
     """A process ended before it was done; what it has not sent is computed here."""
 
 
-def _forked(function: Callable[[T], R], parts: Sequence[T], indices: Sequence[int]) -> Iterator[tuple[int, R]]:
+def _forked(
+    function: Callable[[T], R], parts: Sequence[T], indices: Sequence[int]
+) -> Generator[tuple[int, R], None, None]:
     """Index and result of these parts as they come, from one process a core."""
     todo, give = os.pipe()
     workers: dict[int, int] = {}

@@ -246,12 +246,17 @@ class Search(Trail):
         if not others:
             return None
         steps = [self._with(step, p.first, p.second) for p in others]
-        beside = [self._with(step, own[0].first, own[0].second)] if own else []
-        scores = whitened_bic(ground.ground, [single.after if single else step, *steps, *beside])
-        plain, scores, alternatives = scores[0], scores[1 : 1 + len(steps)], scores[1 + len(steps) :]
+        alone = single.after if single else step
+        plain, *scores = whitened_bic(ground.ground, [alone, *steps])
         best = int(np.argmin(scores))
-        if plain - scores[best] < LEAST_DELTA_BIC or any(b - scores[best] < BIC_APART for b in alternatives):
+        if plain - scores[best] < LEAST_DELTA_BIC:
             return None
+        if own:
+            beside = self._with(step, own[0].first, own[0].second)
+            alternative, *scores = whitened_bic(ground.ground, [beside, *steps])
+            best = int(np.argmin(scores))
+            if alternative - scores[best] < BIC_APART:
+                return None
         if single and told(single.after, single.term) and not all(told(steps[best], t) for t in others[best].terms):
             return None
         near = [p for p, score in zip(others, scores, strict=True) if 0 < score - scores[best] < BIC_APART]

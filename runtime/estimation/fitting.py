@@ -26,6 +26,7 @@ from runtime.estimation.settings import (
     ROTOR_ASSUMED,
     ROTOR_SHARES,
     SAME_PREDICTION,
+    SAME_RESIDUAL,
     SEARCH_EVALUATIONS,
     SEARCH_FALL,
     SEARCH_INSIDE,
@@ -119,15 +120,22 @@ def solve(
     ahead = start.ahead if start else None
     problem, fit = _refine(model, motion, known, shapes, at, free, prediction, ahead)
     for _ in range(PREDICTION_PASSES - 1 if needs else 0):
-        before = fit.coefficients
+        before = fit
         if not drivable(model, motion, needs, fit.prediction):
             break
         problem, fit = _refine(
             model, motion, known, fit.shapes, fit.skew, free, fit.prediction, _delayed(model, motion, fit)
         )
-        if np.allclose(before, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0):
+        if np.allclose(before.coefficients, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0) or _settles(before, fit):
             break
     return problem, fit
+
+
+def _settles(before: Fit, after: Fit) -> bool:
+    """Whether what is left of no joint's torque moves by more than noise does: what the data hardly tell, a place that
+    few rows pass, may go on wandering."""
+    both = zip(before.residual, after.residual, strict=True)
+    return all(np.linalg.norm(b - a) <= SAME_RESIDUAL * np.linalg.norm(b) for a, b in both)
 
 
 def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:

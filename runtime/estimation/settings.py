@@ -64,6 +64,10 @@ unless that moves nothing; development recordings."""
 SAME_PREDICTION: Final = 1e-3
 """part of a coefficient; a prediction that moves none by more is as good as the one before; development recordings."""
 
+SAME_RESIDUAL: Final = 2e-3
+"""part of a joint's residual; a prediction that moves it by less is as good as the one before: over 2500 rows all
+coefficients together move by a tenth of a standard deviation; by construction."""
+
 SEARCH_STEP: Final = 1e-4
 """part of a grid's stretch; over it a derivative by a shape is taken, and a search that moves less has ended; between
 rounding and curvature."""

@@ -126,17 +126,18 @@ def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmatio
     """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); stops at a wrong answer."""
     trials: list[SimulatedDiagnosis] = []
     truths = [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
-    with steps("diagnoses", len(seeds) * len(truths)) as step:
-        for seed in seeds:
-            for trial in of_long(partial(_trial, bench, motion, seed=seed), truths):
-                trials.append(trial)
-                step()
-                if not trial.right:
-                    return Confirmation(tuple(trials))
+    asked = [(truth, seed) for seed in seeds for truth in truths]
+    with steps("diagnoses", len(asked)) as step:
+        for trial in of_long(partial(_trial, bench, motion), asked):
+            trials.append(trial)
+            step()
+            if not trial.right:
+                break
     return Confirmation(tuple(trials))
 
 
-def _trial(bench: TrialArm, motion: Array, truth: int | None, seed: int) -> SimulatedDiagnosis:
+def _trial(bench: TrialArm, motion: Array, asked: tuple[int | None, int]) -> SimulatedDiagnosis:
+    truth, seed = asked
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
     own = len(bench.rivals) * seed + (0 if truth is None else truth)

@@ -89,7 +89,7 @@ class Bench:
     def floor(self) -> Array:
         """(n,) N m: the noise in band: of the torque, the small disturbance and a fine encoder's through inertia."""
         band, step = self.setting.band, PERIOD * self.setting.logger.every
-        heavy = np.array([row["KP"] for row in self.rows]) / _bandwidth(1.0) ** 2
+        heavy = np.array([row["KP"] for row in self.rows]) / bandwidth_of(1.0) ** 2
         density = 2 * step * (2 * np.pi) ** 4 * band**5 / 5
         steps = self.setting.logger.resolution**2 / 12 * 2 * step * band
         encoder = heavy * COUNT / np.sqrt(12) * np.sqrt(density)
@@ -138,7 +138,7 @@ class Bench:
         return np.array([np.interp(recording.t, self.t, row) for row in run.q])
 
 
-def _bandwidth(coarse: float) -> float:
+def bandwidth_of(coarse: float) -> float:
     """Of the position controller, rad/s: a coarse encoder allows less."""
     return 2 * np.pi * {1.0: 6.0, 10.0: 5.0, 50.0: 3.0}.get(coarse, 3.0)
 
@@ -152,7 +152,7 @@ def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool
     bodies = ARMS[setting.joints]
     n, count = wanted.shape[1:]
     coarse = 1.0 if setting.fine_control else setting.coarse
-    bandwidth = _bandwidth(coarse)
+    bandwidth = bandwidth_of(coarse)
     controlled = []
     places = wanted[0, :, ::100] if in_space(bodies) else np.zeros((n, 1))
     for i, row in enumerate(rows):

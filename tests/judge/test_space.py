@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from . import space
-from .bench import Setting, _bandwidth, bench
+from .bench import Setting, bandwidth_of, bench
 from .bodies import inertial_columns, joint_rows, torque
 from .motion import desired
 from .plant import PERIOD, simulate
@@ -149,4 +149,4 @@ def test_no_posture_of_a_motion_is_lighter_than_its_controller_takes_it(n: int) 
     for i, row in enumerate(made.rows):
         push = np.zeros((3, *places.shape))
         push[0], push[2, i] = places, 1.0
-        assert row["KP"] < 1.1 * torque(SPATIAL[n], push)[i].min() * _bandwidth(10.0) ** 2
+        assert row["KP"] < 1.1 * torque(SPATIAL[n], push)[i].min() * bandwidth_of(10.0) ** 2

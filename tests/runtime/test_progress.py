@@ -84,6 +84,20 @@ def test_long_parts_are_done_elsewhere_from_the_first_on() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+def test_long_parts_elsewhere_end_where_no_further_one_is_asked_for() -> None:
+    def part(seconds: float) -> float:
+        time.sleep(seconds)
+        return seconds
+
+    began = time.monotonic()
+    with on_cores(2):
+        results = of_long(part, [0.0, 60.0, 60.0])
+        assert next(results) == 0.0
+        results.close()
+    assert time.monotonic() - began < 30.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
 def test_the_rest_is_done_elsewhere_in_order_and_told() -> None:
     """The first part takes so long that the others are given to two processes."""
     told: list[Progress] = []
