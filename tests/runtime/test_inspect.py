@@ -214,6 +214,18 @@ def test_degrees_where_no_inertia_is_stated(tmp_path, capsys):
         assert "Nothing looks wrong." in run(capsys, "inspect", path, arm, "--map", f"q1=q1 [{unit}]")[1]
 
 
+@pytest.mark.parametrize("scale", [1.0, 1000.0, 0.01])
+def test_an_inertia_that_the_file_leaves_open_is_shown(tmp_path, capsys, scale):
+    """By which a person tells newton metres from others, and the joint's from the motor's: no fit does."""
+    arm = tmp_path / "arm.toml"
+    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm --no-questions"
+    assert run(capsys, "init", *known.split(), "--out", arm)[0] == 0
+    path = write(tmp_path / "run.csv", changed(tau1=motion()["tau1"] * scale, qd1=None))
+    found = json.loads(run(capsys, "inspect", path, arm, "--json", "-")[1])
+    assert found["inertias"] == [{"joint": 1, "value": pytest.approx(INERTIA * scale, rel=0.02), "unit": "kg m^2"}]
+    assert "The fit's inertia, which the model file leaves open: " in run(capsys, "inspect", path, arm)[1]
+
+
 def test_currents_without_a_model(tmp_path, capsys):
     path = write(tmp_path / "run.csv", {name.replace("tau1", "tau1 [mA]"): x for name, x in motion().items()})
     status, out, _ = run(capsys, "inspect", path, "--json", "-")
