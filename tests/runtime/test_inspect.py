@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import shlex
 from pathlib import Path
@@ -342,3 +343,20 @@ def test_a_real_arm_whose_wrist_is_coupled(tmp_path, capsys, name):
     maps = [part for signal, cell in mapping.items() for part in ("--map", f"{signal}={cell}")]
     out = run(capsys, "inspect", folder / "tx40.csv.gz", tmp_path / "tx40.toml", *maps, "--json", "-")[1]
     assert [(s["kind"], s["joint"]) for s in json.loads(out)["suspicions"]] == expected
+
+
+@pytest.mark.slow
+def test_a_real_arm_in_degrees(tmp_path, capsys):
+    """All its joints, also those of whose torque so much is friction that no fit of them alone tells it."""
+    folder = Path(__file__).parents[3] / "shared" / "data" / "real" / "tx40"
+    if not folder.is_dir():
+        pytest.skip("../shared/data/real is not there")
+    with gzip.open(folder / "tx40.csv.gz", "rt", encoding="utf-8") as lines:
+        names = [cell.partition(" ")[0] for cell in lines.readline().split(",")]
+        table = np.loadtxt(lines, delimiter=",").T
+    signals = {name: x * DEGREES if name.startswith("q") else x for name, x in zip(names, table, strict=True)}
+    path = write(tmp_path / "run.csv", signals)
+    assert run(capsys, "import", folder / "tx40.urdf", "--out", tmp_path / "tx40.toml")[0] == 0
+    found = json.loads(run(capsys, "inspect", path, tmp_path / "tx40.toml", "--json", "-")[1])
+    assert [(s["kind"], s["joint"]) for s in found["suspicions"]] == [("degrees", k) for k in range(1, 7)]
+    assert found["cures"] == [f'--map q{k}="q{k} [deg]"' for k in range(1, 7)]
