@@ -19,7 +19,7 @@ from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
 from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import MISREAD, by_signals, over_turns, without_model
+from runtime.inspection.suspected import MISREAD, by_signals, over_turns, rates_in_degrees, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
@@ -63,7 +63,8 @@ class Inspection:
             unsure = [] if self.fitted.model.lumps_known else over_turns(self.recording)
         for further in (signals, unsure):
             told += [s for s in further if s.joint not in {t.joint for t in told}]
-        return told
+        degrees = dict.fromkeys(s.joint for s in told if s.kind == "degrees")
+        return [*told, *rates_in_degrees(self.recording, list(degrees))]
 
     def to_json(self) -> dict[str, Any]:
         """Every figure."""

@@ -60,6 +60,11 @@ MISTAKES = {
     "sign": (lambda m: changed(tau1=-m["tau1"]), '--map tau1="-tau1"', 0),
     "degrees": (lambda m: changed(q1=m["q1"] * DEGREES, qd1=None), '--map q1="q1 [deg]"', 0),
     "degrees beside a rate": (lambda m: changed(q1=m["q1"] * DEGREES), '--map q1="q1 [deg]"', 0),
+    "degrees and their rate": (
+        lambda m: changed(q1=m["q1"] * DEGREES, qd1=m["qd1"] * DEGREES),
+        'All at once: --map q1="q1 [deg]" --map qd1="qd1 [deg/s]"',
+        0,
+    ),
     "rate in degrees": (lambda m: changed(qd1=m["qd1"] * DEGREES), '--map qd1="qd1 [deg/s]"', 0),
     "rate in rpm": (lambda m: changed(qd1=m["qd1"] * 30 / np.pi), '--map qd1="qd1 [rpm]"', 0),
     "rate turned round": (lambda m: changed(qd1=-m["qd1"]), '--map qd1="-qd1"', 0),
@@ -84,7 +89,7 @@ def test_the_cure_cures(tmp_path, capsys, name):
     """What is typed as it stands leaves nothing to say."""
     mistake, cure, _ = MISTAKES[name]
     path = write(tmp_path / "run.csv", mistake(motion()))
-    status, out, _ = run(capsys, "inspect", path, "drive", *shlex.split(cure))
+    status, out, _ = run(capsys, "inspect", path, "drive", *shlex.split(cure.removeprefix("All at once: ")))
     assert (status, "Nothing looks wrong." in out) == (0, True), out
 
 
