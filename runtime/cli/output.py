@@ -18,6 +18,9 @@ from runtime.plain_json import plain
 
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+_ALLOCATED, _YOUNGER = 100_000, 50
+"""New objects, and collections of younger ones, between two searches for circles of objects: Python's 700 and 10 are
+for programs that run for days. A verb derives equations out of a million small objects, nearly all of which stay."""
 
 
 def open_streams() -> None:
@@ -36,11 +39,6 @@ def open_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-_ALLOCATED, _YOUNGER = 100_000, 50
-"""New objects, and collections of younger ones, between two searches for circles of objects: Python's 700 and 10 are
-for programs that run for days. A verb derives equations out of a million small objects, nearly all of which stay."""
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:

@@ -142,7 +142,14 @@ class _Search:
             self.reading, self.before = found, self.readings.errors(found)
             if self.before[self.able].max() < SUSPECTED_FROM:
                 break
-        return self.reading
+        return self._all_in_degrees()
+
+    def _all_in_degrees(self) -> Reading:
+        """Where some positions are in degrees, all that cover more than a turn, unless less is explained so: a logger
+        has one unit, and of a joint that is mostly friction no fit tells it."""
+        further = self._wide() if self.reading.degrees else []
+        whole = self.reading.in_degrees(further)
+        return whole if self._whole(self.readings.errors(whole)) <= self._whole(self.before) else self.reading
 
     def likeliest(self) -> Reading:
         """The single mistake that the errors alone tell."""

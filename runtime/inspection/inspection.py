@@ -19,7 +19,7 @@ from runtime.inspection import guesses
 from runtime.inspection.settings import WELL_TOLD
 from runtime.inspection.shifts import shifts_json
 from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import MISREAD, by_signals, over_turns, without_model
+from runtime.inspection.suspected import MISREAD, by_signals, over_turns, rates_in_degrees, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import formats
@@ -63,7 +63,8 @@ class Inspection:
             unsure = [] if self.fitted.model.lumps_known else over_turns(self.recording)
         for further in (signals, unsure):
             told += [s for s in further if s.joint not in {t.joint for t in told}]
-        return told
+        degrees = dict.fromkeys(s.joint for s in told if s.kind == "degrees")
+        return [*told, *rates_in_degrees(self.recording, list(degrees))]
 
     def to_json(self) -> dict[str, Any]:
         """Every figure."""
@@ -90,13 +91,16 @@ class Inspection:
         }
 
     def _fit_json(self) -> dict[str, Any]:
-        """Parts of the joints' torques that the best fit misses, and why it may not be believed, where the data do not
-        look wrong."""
+        """Where the data do not look wrong: parts of the joints' torques that the best fit misses, why it may not be
+        believed, and inertias that nothing in the model file can be held against."""
         if self.fitted is None or self.found:
-            return {"misses": [], "unreliable": ""}
+            return {"misses": [], "unreliable": "", "inertias": []}
         joints = series(self.fitted)
-        misses = [{"joint": s.joint, "part": s.relative} for s in joints if len(s.t)]
-        return {"misses": misses, "unreliable": unreliable(self.fitted, joints)}
+        return {
+            "misses": [{"joint": s.joint, "part": s.relative} for s in joints if len(s.t)],
+            "unreliable": unreliable(self.fitted, joints),
+            "inertias": _inertias(self.fitted),
+        }
 
     def _suggested(self) -> list[str]:
         """Options that may name what was not found."""
@@ -149,6 +153,18 @@ def _clock_json(clock: BroughtClock) -> dict[str, Any]:
         "shift": shift,
         "corrected": clock.corrected,
     }
+
+
+def _inertias(fitted: Identification) -> list[dict[str, Any]]:
+    """Of joints that move what each moves at q = 0, as fitted; none where the model file says it."""
+    model, motion = fitted.model, fitted.motion
+    if model.lumps_known or motion.rigid_given:
+        return []
+    lumps = fitted.fit.coefficients[fitted.problem.layout.lumps]
+    moved = np.diagonal(model.inertia(np.zeros((model.n, 1)), lumps)[:, :, 0])
+    units = ["kg" if joint.type == "prismatic" else "kg m^2" for joint in model.joints]
+    able = [i for i in range(model.n) if motion.moving(i).any()]
+    return [{"joint": i + 1, "value": float(moved[i]), "unit": units[i]} for i in able]
 
 
 def _parameters(fitted: Identification) -> list[dict[str, Any]]:

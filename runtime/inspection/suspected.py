@@ -7,6 +7,7 @@ that comes back has taken up what its friction dissipates: the work of its torqu
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from math import pi
 
 import numpy as np
@@ -83,6 +84,18 @@ def of_rates(recording: Recording) -> list[Suspicion]:
             found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}", (cure,)))
         elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
             found.append(_unrelated(i + 1, explained))
+    return found
+
+
+def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspicion]:
+    """Rates that are the derivatives of positions as these stand, of joints (1-based) where they are in degrees."""
+    told = {s.joint for s in of_rates(recording)}
+    found = []
+    for joint in joints if recording.qd is not None else ():
+        if joint not in told:
+            cure = _in_unit(recording, f"qd{joint}", "deg/s")
+            said = f"qd{joint} is read in the unit of q{joint} a second"
+            found.append(Suspicion(joint, "unit", said, f"if that is deg/s, pass {cure}", (cure,)))
     return found
 
 

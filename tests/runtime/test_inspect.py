@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import shlex
 from pathlib import Path
@@ -59,6 +60,11 @@ MISTAKES = {
     "sign": (lambda m: changed(tau1=-m["tau1"]), '--map tau1="-tau1"', 0),
     "degrees": (lambda m: changed(q1=m["q1"] * DEGREES, qd1=None), '--map q1="q1 [deg]"', 0),
     "degrees beside a rate": (lambda m: changed(q1=m["q1"] * DEGREES), '--map q1="q1 [deg]"', 0),
+    "degrees and their rate": (
+        lambda m: changed(q1=m["q1"] * DEGREES, qd1=m["qd1"] * DEGREES),
+        'All at once: --map q1="q1 [deg]" --map qd1="qd1 [deg/s]"',
+        0,
+    ),
     "rate in degrees": (lambda m: changed(qd1=m["qd1"] * DEGREES), '--map qd1="qd1 [deg/s]"', 0),
     "rate in rpm": (lambda m: changed(qd1=m["qd1"] * 30 / np.pi), '--map qd1="qd1 [rpm]"', 0),
     "rate turned round": (lambda m: changed(qd1=-m["qd1"]), '--map qd1="-qd1"', 0),
@@ -83,7 +89,7 @@ def test_the_cure_cures(tmp_path, capsys, name):
     """What is typed as it stands leaves nothing to say."""
     mistake, cure, _ = MISTAKES[name]
     path = write(tmp_path / "run.csv", mistake(motion()))
-    status, out, _ = run(capsys, "inspect", path, "drive", *shlex.split(cure))
+    status, out, _ = run(capsys, "inspect", path, "drive", *shlex.split(cure.removeprefix("All at once: ")))
     assert (status, "Nothing looks wrong." in out) == (0, True), out
 
 
@@ -214,6 +220,18 @@ def test_degrees_where_no_inertia_is_stated(tmp_path, capsys):
         assert "Nothing looks wrong." in run(capsys, "inspect", path, arm, "--map", f"q1=q1 [{unit}]")[1]
 
 
+@pytest.mark.parametrize("scale", [1.0, 1000.0, 0.01])
+def test_an_inertia_that_the_file_leaves_open_is_shown(tmp_path, capsys, scale):
+    """By which a person tells newton metres from others, and the joint's from the motor's: no fit does."""
+    arm = tmp_path / "arm.toml"
+    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm --no-questions"
+    assert run(capsys, "init", *known.split(), "--out", arm)[0] == 0
+    path = write(tmp_path / "run.csv", changed(tau1=motion()["tau1"] * scale, qd1=None))
+    found = json.loads(run(capsys, "inspect", path, arm, "--json", "-")[1])
+    assert found["inertias"] == [{"joint": 1, "value": pytest.approx(INERTIA * scale, rel=0.02), "unit": "kg m^2"}]
+    assert "The fit's inertia, which the model file leaves open: " in run(capsys, "inspect", path, arm)[1]
+
+
 def test_currents_without_a_model(tmp_path, capsys):
     path = write(tmp_path / "run.csv", {name.replace("tau1", "tau1 [mA]"): x for name, x in motion().items()})
     status, out, _ = run(capsys, "inspect", path, "--json", "-")
@@ -330,3 +348,20 @@ def test_a_real_arm_whose_wrist_is_coupled(tmp_path, capsys, name):
     maps = [part for signal, cell in mapping.items() for part in ("--map", f"{signal}={cell}")]
     out = run(capsys, "inspect", folder / "tx40.csv.gz", tmp_path / "tx40.toml", *maps, "--json", "-")[1]
     assert [(s["kind"], s["joint"]) for s in json.loads(out)["suspicions"]] == expected
+
+
+@pytest.mark.slow
+def test_a_real_arm_in_degrees(tmp_path, capsys):
+    """All its joints, also those of whose torque so much is friction that no fit of them alone tells it."""
+    folder = Path(__file__).parents[3] / "shared" / "data" / "real" / "tx40"
+    if not folder.is_dir():
+        pytest.skip("../shared/data/real is not there")
+    with gzip.open(folder / "tx40.csv.gz", "rt", encoding="utf-8") as lines:
+        names = [cell.partition(" ")[0] for cell in lines.readline().split(",")]
+        table = np.loadtxt(lines, delimiter=",").T
+    signals = {name: x * DEGREES if name.startswith("q") else x for name, x in zip(names, table, strict=True)}
+    path = write(tmp_path / "run.csv", signals)
+    assert run(capsys, "import", folder / "tx40.urdf", "--out", tmp_path / "tx40.toml")[0] == 0
+    found = json.loads(run(capsys, "inspect", path, tmp_path / "tx40.toml", "--json", "-")[1])
+    assert [(s["kind"], s["joint"]) for s in found["suspicions"]] == [("degrees", k) for k in range(1, 7)]
+    assert found["cures"] == [f'--map q{k}="q{k} [deg]"' for k in range(1, 7)]

@@ -97,6 +97,10 @@ def _parameters(document: Document) -> None:
     if document["misses"]:
         errors = [f"{100 * m['part']:.3g} % at joint {m['joint']}" for m in document["misses"]]
         say(f"Of the torque the model's best fit misses {', '.join(errors)}")
+    if document["inertias"]:
+        found = [f"{quantity(j['value'], j['unit'], 3)} at joint {j['joint']}" for j in document["inertias"]]
+        said = "if that cannot be, the torques are in another unit or those of the motor"
+        say(f"The fit's inertia, which the model file leaves open: {', '.join(found)}; {said}")
 
 
 def _wrong(document: Document) -> None:
