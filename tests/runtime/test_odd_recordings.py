@@ -28,7 +28,7 @@ from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LONGEST_LINE, MOST_FIELDS
 
 SECONDS = 20
-"""Of processor time, a case's limit; each takes less than three."""
+"""Of processor time, a case's limit; each takes less than ten."""
 N = 900
 MORE = ("qd1", "temperature1", "q1_desired", "q1_link", "tau1_link", "tau1_rigid")
 Array = NDArray[np.float64]
