@@ -84,6 +84,7 @@ def phases(count: int, seconds: float = 0.01) -> str:
     [
         (phases(15_000), f"phases: found 15000; expected at most {MOST_PHASES}"),
         (phases(2, 1e300), "phases: their durations are 2e+300 s together; expected at most 3600 s"),
+        (phases(2, 1e-320), "phase 1: duration is 9.99989e-321 s; expected at least 1e-06 s"),
         ('{"format": ' + "9" * 10_000 + "}", "not valid JSON"),
         (" " * 20_000_001, "is larger than 20 MB"),
     ],
