@@ -45,7 +45,9 @@ class Setting:
         """Whether a value lies in the range; where there is one, it must be a finite number."""
         if not self.range:
             return True
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        if isinstance(value, float) and not isfinite(value):
             return False
         return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
 

@@ -46,6 +46,11 @@ class Ceiling:
     value: float
     text: str
 
+    @property
+    def of_board(self) -> bool:
+        """Whether it is one of tendon_board.h, as the model file says nothing."""
+        return self.text.startswith("TENDON_MOST_")
+
     def __neg__(self) -> Ceiling:
         return Ceiling(-self.value, self.text[1:] if self.text.startswith("-") else f"-{self.text}")
 

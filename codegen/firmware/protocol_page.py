@@ -89,9 +89,11 @@ def _ceiling_holes(protocol: Protocol) -> dict[str, Any]:
         )
         for number, joint in enumerate(ceilings.joints, 1)
     ]
+    unlimited = [str(k) for k, joint in enumerate(ceilings.joints, 1) if joint.torque_limit.of_board]
     heads = ("joint", "torque_limit", "speed", "tracking", "low to high", "kp", "kd")
     return {
         "ceiling_table": _table(heads, rows),
+        "unlimited": f"joint{'s' * (len(unlimited) > 1)} {', '.join(unlimited)}" if unlimited else "",
         "silence": int(ceilings.silence.value),
         "late": int(ceilings.late.value),
         "rates": " to ".join(f"{end.value:.6g}" for end in ceilings.rates),

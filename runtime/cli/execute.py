@@ -177,8 +177,8 @@ def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board:
 
     hidden = [simulate.parse_hidden(item, model) for item in asked.hide]
     changed = [simulate.parse_hidden(item, model, "--set") for item in asked.change]
-    with pages.working(f"executing {plan.scenario} on the simulated arm"), listening() as stop:
-        return executed(model, controller, plan, asked.settings, hidden, changed, board, stop)
+    with pages.working(f"executing {plan.scenario} on the simulated arm"):
+        return executed(model, controller, plan, asked.settings, hidden, changed, board, listening)
 
 
 def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:

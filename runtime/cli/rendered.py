@@ -43,7 +43,8 @@ class Rendered:
         from runtime import files
 
         with files.alone(self._lock()):
-            self.source.check_says(self.text)
+            if self.source.path.is_file():  # a pipe says what it says once
+                self.source.check_says(self.text)
             disk.write(self.files, self.directory)
             disk.write(self.effect_files, self.beside)
             files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())

@@ -81,6 +81,8 @@ def outside(step: Step, joint: int) -> str | None:
     found = step.identification
     motion, residual, use = found.motion, found.fit.residual[joint], found.motion.moving(joint)
     s = step.joints[joint]
+    if not s.rms:
+        return None
     signs = []
     noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
     read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
@@ -107,5 +109,6 @@ def outside(step: Step, joint: int) -> str | None:
 
 
 def _smooth(x: np.ndarray, rate: float) -> np.ndarray:
-    width = max(1, round(rate))
+    # Of a motion of less than a second, over all of it.
+    width = min(len(x), max(1, round(rate)))
     return np.convolve(x, np.full(width, 1 / width), "same")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,12 +20,13 @@ from runtime.hardware.frames import Codec
 from runtime.hardware.host_board import HostBoard
 from runtime.hardware.lockstep import Board, Lockstep
 from runtime.hardware.session import Session
-from runtime.hardware.settings import Settings
+from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term
 from runtime.planning.trajectory import Trajectory
 from runtime.progress import steps
 from runtime.recordings.recording import Recording
+from runtime.recordings.settings import MOST_SAMPLES
 from runtime.simulation.plant import Plant
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import Hidden, complete
@@ -98,6 +100,11 @@ class Execution:
         }
 
 
+def nobody() -> AbstractContextManager[Callable[[], int]]:
+    """Who might want to stop an arm that moves."""
+    return nullcontext(lambda: 0)
+
+
 def execute(
     model: Model,
     controller: Path,
@@ -106,14 +113,14 @@ def execute(
     hidden: Sequence[Hidden] = (),
     changed: Sequence[Hidden] = (),
     board: Callable[[Path, str, int], Board] = HostBoard,
-    asked: Callable[[], int] = lambda: 0,
+    listening: Callable[[], AbstractContextManager[Callable[[], int]]] = nobody,
 ) -> Execution:
     """The trajectory on a simulated arm, from rest, until all trials are done or one is stopped.
 
     controller       directory of the arm's compiled controller, for this kind of board
     hidden, changed  effects of the arm that the model has not, or with other values
     board            what drives the arm: made from directory, name and number of joints
-    asked            whether the user wants to stop; see Session.run
+    listening        while the arm moves: whether the user wants to stop; see Session.run
     Raises ControllerError, PlantError, SimulationError, LinkError, LinkLost.
     """
     compensated = settings.compensates(trajectory)
@@ -121,9 +128,15 @@ def execute(
     plan = PlannedCycle(model, trajectory)
     seconds = length(trajectory, settings.cycles)
     trials = TRIALS if settings.trials is None else settings.trials
+    if (periods := trials * round(seconds / told.dt)) > MOST_SAMPLES:
+        raise ControllerError(
+            f"{trials} trials of {seconds:.6g} s are {periods} control periods; expected at most {MOST_SAMPLES}, as "
+            "many as a recording may have; lower --cycles or --trials"
+        )
     values = actual(model, plan.terms, changed, hidden)
     if hidden or changed:
-        t = np.arange(round(seconds * RATE)) / RATE
+        # What is moderate for a cycle is so for all of them.
+        t = np.arange(round(length(trajectory, 1) * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
     excess = tuple(plan.exceeded())
     arm = SimulatedArm(Plant(model, values, told.dt), told)
@@ -135,7 +148,7 @@ def execute(
             line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, 0]))
             session.identify()
             session.upload(told)
-            with steps("trials", trials) as step:
+            with listening() as asked, steps("trials", trials) as step:
                 while len(done) < trials and not (done and done[-1].stop):
                     line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, len(done)]))
                     done.append(run(session, told, seconds, asked=asked))

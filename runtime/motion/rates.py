@@ -70,6 +70,8 @@ def _of_joint(
     if slow is None or quick is None:
         return None
     theta = np.linalg.lstsq(slow[1].T, slow[0], rcond=None)[0]
+    if not np.isfinite(theta).all():  # of positions that hardly change, a rate is any multiple
+        return None
     scale, late, period = float(theta[0]), -float(theta[1] / (theta[0] or 1.0)), grids[0].period
     own = max(_density(r, g, joint) for r, g in zip(recordings, grids, strict=True))
     between, of_position = _in_band(quick[0] - theta @ quick[1], 1 / period, cutoff, density)

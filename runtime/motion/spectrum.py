@@ -125,5 +125,6 @@ def bursts(residual: Array, use: NDArray[np.bool_], expected: Array, rate: float
         return 1.0, starts[:0]
     inside = [np.arange(s, s + width)[use[s : s + width]] for s in starts]
     power = np.array([np.mean(residual[k] ** 2) / np.mean(expected[k]) for k in inside])
-    worst = float(np.sort(power)[-2] / np.median(power))
-    return worst, starts[power > 0.5 * worst * np.median(power)]
+    middle, second = float(np.median(power)), float(np.sort(power)[-2])
+    worst = second / middle if middle > 0 else float("inf") if second > 0 else 1.0
+    return worst, starts[power > 0.5 * second]

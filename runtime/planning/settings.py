@@ -7,6 +7,10 @@ from typing import Final
 SHORTEST_CYCLE: Final = 0.01
 """s; ten steps of a controller at 1 kHz, of which no arm makes a motion; a choice."""
 
+SHORTEST_PHASE: Final = 1e-6
+"""s; a thousandth of a control period at 1 kHz: nothing is executed in it, and its accelerations are numbers; a
+choice."""
+
 LONGEST_CYCLE: Final = 3600.0
 """s; of a motion, an hour: its polynomials are evaluated a thousand times a second; a choice."""
 

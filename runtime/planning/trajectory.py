@@ -17,7 +17,7 @@ from scipy.interpolate import BPoly
 from runtime import files
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Term
-from runtime.planning.settings import LONGEST_CYCLE, MOST_BYTES, MOST_PHASES
+from runtime.planning.settings import LONGEST_CYCLE, MOST_BYTES, MOST_PHASES, SHORTEST_PHASE
 from runtime.planning.springs import springs, usual
 from symbolic.model_file import user_file
 from symbolic.model_file.checks import ModelError, Place, printable, quote, real, table_at
@@ -278,6 +278,8 @@ def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
 
 
 def _phase(place: Place, said: Mapping[str, Any], model: Model) -> Phase:
+    if said["duration"] < SHORTEST_PHASE:
+        place.fail(f"duration is {said['duration']:.6g} s; expected at least {SHORTEST_PHASE:g} s")
     if said["coordinates"] == "w":
         if "contact_inverse" not in model.functions:
             place.fail(f'the arm "{model.name}" has no contact coordinates w')

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from runtime.recordings import plausible
 from runtime.recordings.contents import Array, Numbers, Samples
 from runtime.recordings.errors import Refusal
-from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, MOST_SAMPLES, ROUNDING
+from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, MOST_SAMPLES, ROUNDING, SMALLEST
 
 
 def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
@@ -110,7 +110,7 @@ def median_step(t: Array, run: Numbers) -> float:
 
 def moving(q: Array, tau: Array, refuse: Refusal) -> None:
     """Joints may be held or passive while others move, but something must move, and by a torque."""
-    still: NDArray[np.bool_] = np.ptp(q, axis=1) == 0
+    still: NDArray[np.bool_] = np.ptp(q, axis=1) < SMALLEST
     if still.all():
         which = "q1 is" if len(q) == 1 else f"q1 to q{len(q)} are"
         refuse(f"{which} constant; nothing moves, so nothing can be learned from this recording")

@@ -28,8 +28,8 @@ LARGEST: Final = 1e12
 """SI unit; no reading of a joint is larger, and its square must not overflow; a choice."""
 
 SMALLEST: Final = 1e-12
-"""SI unit; a torque that changes by less does not change: the smallest drives have some 1e-6 N m, and
-no sensor tells a millionth of that; a choice."""
+"""SI unit; a torque or a position that changes by less does not change: the smallest drives have some 1e-6 N m, the
+finest encoders some 1e-9 rad behind a gear, and no sensor tells a thousandth of that; a choice."""
 
 MAX_BYTES: Final = 2_000_000_000
 """length in bytes; of a file, of what it unpacks to and of what is kept of it, so that a false length in it cannot fill

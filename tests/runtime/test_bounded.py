@@ -22,6 +22,7 @@ from runtime.planning import trajectory
 from runtime.planning.settings import MOST_PHASES
 from runtime.recordings import recording
 from runtime.recordings.errors import RecordingError
+from runtime.workspace import ARMS
 from symbolic.model_file import reader, user_file
 from symbolic.model_file.checks import ModelError
 
@@ -47,6 +48,22 @@ def test_a_pipe_into_which_somebody_writes(tmp_path: Path) -> None:
         assert reader.read_text(pipe) == "x" * 100_000
 
 
+def test_a_model_comes_out_of_a_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once: nothing is looked up in it again."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    writing = "import sys; open('pipe', 'w').write(open(sys.argv[1]).read())"
+    with subprocess.Popen([sys.executable, "-c", writing, str(ARMS / "drive.toml")]):
+        assert output.run(app, ["generate", "pipe", "--out", "made"]) == 0
+    assert (tmp_path / "made" / "drive_f32.c").is_file()
+
+
+def test_a_number_of_400_digits_is_a_seed_like_any_other(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    assert output.run(app, ["simulate", "drive", "--out", str(path), "--seconds", "5", "--seed", "9" * 400]) == 0
+    assert path.is_file()
+
+
 @pytest.mark.parametrize("seconds", ["1e300", "inf", "nan", "1e9", "9" * 400, "0", "-1"])
 def test_a_cycle_time_that_cannot_be_meant(capsys: pytest.CaptureFixture[str], seconds: str) -> None:
     assert output.run(app, ["optimize", "scenario1", "--cycle-time", seconds]) == 2
@@ -67,6 +84,7 @@ def phases(count: int, seconds: float = 0.01) -> str:
     [
         (phases(15_000), f"phases: found 15000; expected at most {MOST_PHASES}"),
         (phases(2, 1e300), "phases: their durations are 2e+300 s together; expected at most 3600 s"),
+        (phases(2, 1e-320), "phase 1: duration is 9.99989e-321 s; expected at least 1e-06 s"),
         ('{"format": ' + "9" * 10_000 + "}", "not valid JSON"),
         (" " * 20_000_001, "is larger than 20 MB"),
     ],
