@@ -1,0 +1,104 @@
+"""What the page shows of a step and of its diagnosis: documents that are written as JSON as they stand.
+
+Names, sentences and numbers with their units are text; nothing in them is HTML.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypedDict
+
+Row = dict[str, Any]
+"""A row of the report: see runtime/report/page/page_findings.py for its keys."""
+
+
+class JointShown(TypedDict):
+    """A joint: its place in the arm and what its residual is structured over.
+
+    signals, held    names of its signal sets for /data: of what was fitted, and of what was held out, if anything
+    range            [[from, to] of position, velocity, acceleration], empty where it never moves
+    """
+
+    joint: int
+    called: str
+    unit: str
+    position_unit: str
+    rms: float
+    relative: float
+    floor: float
+    floor_source: str
+    floors: float | None
+    at_floor: bool
+    repeatable: bool | None
+    structure: list[tuple[str, float]]
+    signals: str | None
+    held: str | None
+
+
+class StepShown(TypedDict):
+    """A fitted model.
+
+    active     effects in the model, each with joint and what its fit says: {effect, joint, parameters: rows}
+    inertial   rows of page_parameters.inertial
+    arm        picture of arm_motion, None where the model file does not say how the arm looks
+    warnings   what a user should know before trusting the fit
+    band, skew in words
+    """
+
+    number: int
+    joints: list[JointShown]
+    active: list[Row]
+    inertial: list[Row]
+    arm: Row | None
+    warnings: list[str]
+    band: str
+    skew: str
+
+
+class VerdictShown(TypedDict):
+    """A diagnosis.
+
+    kind        "effect", "more" (an effect, and more is left), "clean", "unexplained" or "refused"; tag: in words
+    sentence    the verdict in one sentence; more: what is to be added to it, or ""
+    findings    cards: rows of page_findings.card
+    ruled_out, limits, left_over, to_record, experiments   as in the report
+    sensors     sentences
+    commands    [{what, command}] that go on from here in a terminal
+    """
+
+    kind: str
+    tag: str
+    sentence: str
+    more: str
+    findings: list[Row]
+    ruled_out: Row
+    limits: list[Row]
+    left_over: list[Row]
+    to_record: list[Row]
+    experiments: list[Row]
+    sensors: list[str]
+    commands: list[Row]
+
+
+class RecordingShown(TypedDict):
+    """A recording that was given: what `tendon inspect --json` says of it, and its raw signals' sets, one a joint.
+
+    problem     why it cannot be used as it is; None if it can
+    cures       what would put it right: [{said, maps: [entry of --map], gaps: bool}], each is a button
+    """
+
+    name: str
+    held_out: bool
+    inspection: Row
+    problem: str | None
+    cures: list[Row]
+    signals: list[str]
+
+
+class EffectOffered(TypedDict):
+    """An effect of the library that may be added: at which joints, or to the whole arm (None)."""
+
+    effect: str
+    family: str
+    summary: str
+    equation: str
+    places: list[int | None]
