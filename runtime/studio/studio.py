@@ -7,6 +7,7 @@ ends in the session's folder; the page looks at `version`, which is another numb
 from __future__ import annotations
 
 import difflib
+import re
 import shutil
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,6 +23,9 @@ from runtime.studio.work import Work, WorkState
 from symbolic.model_file.checks import quote
 
 
+_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held)(?P<joint>\d{1,4})", re.ASCII)
+
+
 class Studio:
     """A session and its work.
 
@@ -32,6 +36,7 @@ class Studio:
         self.session = session
         self._effects = effects
         self._version = 0
+        session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
 
     def close(self) -> None:
@@ -176,6 +181,15 @@ class Studio:
         """What does the same in a terminal, line by line."""
         return typed.commands(self.inputs, self.history.path(number))
 
+    def signals(self, name: str) -> Path | None:
+        """The file of a signal set by its name; None where there is none."""
+        known = _SET.fullmatch(name)
+        if known is None:
+            return None
+        home = self.session.recording if known["of"] == "recording" else self.session.step
+        path = home(int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
+        return path if path.is_file() else None
+
     def report(self, number: int) -> Path | None:
         """The report of a step's diagnosis; None before it."""
         path = self.session.step(self.history.step(number).number) / "report.html"
@@ -192,7 +206,8 @@ class Studio:
     def _fit(self, kind: Kind, effects: Sequence[PlacedEffect]) -> None:
         changed = [{"effect": e.effect, "joint": e.joint} for e in effects]
         what = f"{'adding' if kind == 'added' else 'fitting without'} {', '.join(map(str, effects))}"
-        self._work.begin("fit", what, {"step": self._here().number, "kind": kind, "changed": changed})
+        step, number = self._here().number, len(self.history.steps)
+        self._work.begin("fit", what, {"step": step, "number": number, "kind": kind, "changed": changed})
 
     def _at(self, history: History) -> None:
         self.session.change(history=history)
@@ -211,7 +226,7 @@ class Studio:
             for path in (self.session.scratch / "verdict").iterdir():
                 path.replace(self.session.step(number) / path.name)
             self.session.change(history=self.history.judged(number, str(found["verdict"])))
-        shutil.rmtree(self.session.scratch, ignore_errors=True)
+        self.session.tidy()
 
     def _take(self, found: Mapping[str, Any]) -> None:
         """A step that a process has fitted."""
