@@ -136,8 +136,8 @@ class _Forbidding:
     known by what they say."""
 
     def __init__(self, send: Send) -> None:
-        self._send, self._start, self._page = send, None, bytearray()
-        self._start: Message | None
+        self._send, self._page = send, bytearray()
+        self._start: Message | None = None
 
     async def __call__(self, message: Message) -> None:
         if message["type"] == "http.response.start":

@@ -22,7 +22,6 @@ from runtime.studio.shown import EffectOffered, RecordingShown, StepShown, Verdi
 from runtime.studio.work import Work, WorkState
 from symbolic.model_file.checks import quote
 
-
 _SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held)(?P<joint>\d{1,4})", re.ASCII)
 
 

@@ -22,7 +22,6 @@ from runtime.plain_json import plain
 from runtime.progress import Progress, heard_by
 from runtime.studio.settings import TOLD_EVERY
 from runtime.studio.tasks import TASKS, Bench, Tell
-from runtime.wording import sentence
 
 
 class _Teller:
