@@ -1,4 +1,4 @@
-"""Recordings that were held out: their noise floor, which a perfect model would leave of them, and what a fit leaves."""
+"""Recordings that were held out: what a fit leaves of them, and their noise floor, which a perfect model would."""
 
 from __future__ import annotations
 

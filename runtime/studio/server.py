@@ -5,6 +5,7 @@ Only this module and the page know of NiceGUI, which is an extra.
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shlex
 import socket
@@ -30,6 +31,12 @@ class StudioError(RuntimeError):
     """A server that cannot be started; the message says why and what to do."""
 
 
+def needed() -> None:
+    """Refuse before any work is done where NiceGUI is not installed. Raises StudioError."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise StudioError("the studio needs NiceGUI; install it with pip install 'tendon[studio]'")
+
+
 def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) -> None:
     """Serve a session until Ctrl-C.
 
@@ -38,10 +45,8 @@ def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) 
     browser   open it there
     Raises StudioError.
     """
-    try:
-        import uvicorn
-    except ImportError as error:
-        raise StudioError("the studio needs NiceGUI; install it with pip install 'tendon[studio]'") from error
+    import uvicorn
+
     listening = _bound(port)
     port, token = listening.getsockname()[1], new_token()
     # NiceGUI keeps what belongs to a user in a folder, which is then the session's.
@@ -79,12 +84,9 @@ def _bound(port: int) -> socket.socket:
 
 
 def application(studio: Studio) -> App:
-    """Everything that is served, without the guard. Raises StudioError."""
-    try:
-        from fastapi import FastAPI
-        from nicegui import ui
-    except ImportError as error:
-        raise StudioError("the studio needs NiceGUI; install it with pip install 'tendon[studio]'") from error
+    """Everything that is served, without the guard."""
+    from fastapi import FastAPI
+    from nicegui import ui
     from starlette.staticfiles import StaticFiles
 
     from runtime.studio.page.page import build

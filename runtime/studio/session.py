@@ -191,7 +191,7 @@ class StudioSession:
     def copied(self, path: Path) -> GivenFile:
         """A file of this machine, taken into the session. Raises OSError."""
         given = replace(self.place_for(path.name), origin=str(path))
-        files.replace(self.given(given), path.read_bytes())
+        shutil.copyfile(path, self.given(given))
         return given
 
     def document(self, path: Path) -> Any:

@@ -84,7 +84,7 @@ def _line(error: Exception, bench: Bench) -> str:
     if not ours and not isinstance(error, OSError):
         traceback.print_exc()
         return f"this is a mistake in Tendon: {type(error).__name__}: {error}"
-    return sentence(" ".join(str(error).split()).replace(f"{bench.folder / 'given'}{os.sep}", ""))
+    return " ".join(str(error).split()).replace(f"{bench.folder / 'given'}{os.sep}", "")
 
 
 if __name__ == "__main__":
