@@ -19,8 +19,8 @@ STYLE = "body{margin:1rem;background:var(--paper);color:var(--ink);font:1rem/1.5
 def page(names: list[str]) -> str:
     """HTML with the signals of every set."""
     shown = "".join(f'<tendon-signals src="/data/{name}"></tendon-signals>' for name in names)
-    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1"><title>signals</title>'
-    return f'<!doctype html><html lang="en"><head>{head}{HEAD}<style>{STYLE}</style></head><body>{shown}{BODY}</body></html>'
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>signals</title>{HEAD}'
+    return f'<!doctype html><html lang="en"><head>{head}<style>{STYLE}</style></head><body>{shown}{BODY}</body></html>'
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.steps import Finding, Step
+from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import JointSeries, structure_shares
 from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
@@ -24,11 +24,11 @@ MEASURED, PREDICTED, RESIDUAL = "measured", "predicted", "residual"
 BEFORE, AFTER = " before", " after"
 
 
-def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding] = ()) -> SignalSet:
-    """A joint (0-based) as fitted, before and after what was added; one model where both steps are the same."""
+def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
+    """A joint (0-based) as fitted, before and after what was added, as that is called; one model where both steps are
+    the same."""
     before = first.joints[joint]
     after = None if last is first else last.joints[joint]
-    added = " + ".join(dict.fromkeys(f.term.effect for f in findings))
     return of_series(before, after, added, (_spectrum(first, last, joint),))
 
 
