@@ -165,8 +165,8 @@ def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
     _write(work / "found.json", {"values": _values(result.findings, result.steps[-1])})
     files.replace(work / "report.html", render(summary).encode())
     for joint in range(len(summary.first.joints)):
-        findings = summary.findings_at(joint)
-        of_joint(summary.first, summary.last, joint, findings).save(work / f"joint{joint + 1}.npz")
+        added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
+        of_joint(summary.first, summary.last, joint, added).save(work / f"joint{joint + 1}.npz")
     return {"judged": step, "verdict": result.verdict}
 
 
@@ -194,7 +194,8 @@ def _fitted(
     (work / "fitted.toml").write_text(put, encoding="utf-8")
     _write(work / "shown.json", describe.step(number, summary, held, search.suspicions))
     _write(work / "library.json", describe.offered(search))
-    _keep_signals(work, step, held, None if parent is None else opened.steps.get(parent))
+    before = None if parent is None else opened.steps.get(parent)
+    _keep_signals(work, step, held, before, ", ".join(map(str, changed)))
     return {
         "parent": parent,
         "kind": kind,
@@ -203,11 +204,11 @@ def _fitted(
     }
 
 
-def _keep_signals(work: Path, step: Step, held: Sequence[JointSeries], before: Step | None) -> None:
+def _keep_signals(work: Path, step: Step, held: Sequence[JointSeries], before: Step | None, changed: str) -> None:
     """The signal sets of a step; before: the step that it changes, if this process has fitted it."""
     for k, series in enumerate(step.joints):
         comparable = before is not None and np.array_equal(before.joints[k].t, series.t)
-        of_joint(before if before and comparable else step, step, k).save(work / f"joint{k + 1}.npz")
+        of_joint(before if before and comparable else step, step, k, changed).save(work / f"joint{k + 1}.npz")
     for k, series in enumerate(held):
         of_series(series, None).save(work / f"held{k + 1}.npz")
 
