@@ -197,9 +197,9 @@ class StudioSession:
     def document(self, path: Path) -> Any:
         """What a JSON file of this session holds; None where it is not there. Raises SessionError."""
         try:
-            return json.loads(path.read_bytes()) if path.is_file() else None
-        except ValueError as error:
-            raise SessionError(f"{path}: is no JSON: {error}") from error
+            return _json(path) if path.is_file() else None
+        except (ValueError, RecursionError) as error:
+            raise SessionError(f"{path}: is no JSON of a session: {error}") from error
 
     def _given(self) -> list[GivenFile]:
         model = [] if self.inputs.model is None else [self.inputs.model]
@@ -221,10 +221,8 @@ def safe_name(name: str) -> str:
 
 
 def _read(path: Path) -> SessionState:
-    if path.stat().st_size > MOST_SESSION:
-        raise SessionError(f"{path}: is larger than {MOST_SESSION // 1_000_000} MB, which no session is")
     try:
-        document = json.loads(path.read_bytes())
+        document = _json(path)
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise SessionError(f"{path}: is no session of this version; expected schema {SCHEMA}")
         return SessionState(_inputs(document["inputs"]), History.of_json(document["history"]))
@@ -234,6 +232,12 @@ def _read(path: Path) -> SessionState:
         if isinstance(error, SessionError):
             raise
         raise SessionError(f"{path}: is no session of the studio: {error}") from error
+
+
+def _json(path: Path) -> Any:
+    if path.stat().st_size > MOST_SESSION:
+        raise ValueError(f"it is larger than {MOST_SESSION // 1_000_000} MB")
+    return json.loads(path.read_bytes())
 
 
 def _inputs(document: Mapping[str, Any]) -> Inputs:

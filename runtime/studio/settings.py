@@ -26,7 +26,7 @@ MOST_RECORDINGS: Final = 100
 """number of recordings in a session; a choice."""
 
 MOST_SESSION: Final = 50_000_000
-"""bytes of session.json, which is read whole: a step has some 300 a joint; a choice."""
+"""bytes of a document of a session, which is read whole: an arm in motion has some 500 000; a choice."""
 
 ENDS_WITHIN: Final = 0.5
 """s between asking a process to end and ending it; cancelling is to take less than one; a choice."""

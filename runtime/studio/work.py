@@ -123,8 +123,9 @@ class Work:
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            self._hear(process, json.loads(line))
+        with process.stdout as lines:
+            for line in lines:
+                self._hear(process, json.loads(line))
         process.wait()
         with self._lock:
             lost = self._process is process and self.busy
