@@ -120,7 +120,7 @@ class StudioSession:
 
     @classmethod
     def open(cls, folder: Path) -> StudioSession:
-        """One that is there; what a killed process left in `work` goes. Raises SessionError, OSError."""
+        """One that is there. Raises SessionError, OSError."""
         path = folder / FILE
         if not path.is_file():
             raise SessionError(f"{folder}: is no session of the studio; expected a folder with {FILE}")
@@ -128,8 +128,11 @@ class StudioSession:
         missing = [given.file for given in session._given() if not session.given(given).is_file()]
         if missing:
             raise SessionError(f"{folder}: lacks given/{missing[0]}, which {FILE} names; the session cannot be opened")
-        shutil.rmtree(session.scratch, ignore_errors=True)
         return session
+
+    def tidy(self) -> None:
+        """Take away what a process left that was ended."""
+        shutil.rmtree(self.scratch, ignore_errors=True)
 
     @property
     def inputs(self) -> Inputs:
@@ -188,7 +191,7 @@ class StudioSession:
     def copied(self, path: Path) -> GivenFile:
         """A file of this machine, taken into the session. Raises OSError."""
         given = replace(self.place_for(path.name), origin=str(path))
-        files.replace(self.given(given), path.read_bytes())
+        shutil.copyfile(path, self.given(given))
         return given
 
     def document(self, path: Path) -> Any:

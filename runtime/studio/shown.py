@@ -11,11 +11,22 @@ Row = dict[str, Any]
 """A row of the report: see runtime/report/page/page_findings.py for its keys."""
 
 
-class JointShown(TypedDict):
-    """A joint: its place in the arm and what its residual is structured over.
+class Cure(TypedDict):
+    """Something that looks wrong with a recording, and what puts it right: entries of `--map`, or splitting at gaps.
 
-    signals, held    names of its signal sets for /data: of what was fitted, and of what was held out, if anything
-    range            [[from, to] of position, velocity, acceleration], empty where it never moves
+    Without either, a person must decide.
+    """
+
+    said: str
+    maps: list[str]
+    gaps: bool
+
+
+class JointShown(TypedDict):
+    """A joint: what is left of its torque, and over which signals that is structured, with their shares.
+
+    signals, held    names of its signal sets for /data: of what was fitted, None where it never moves, and of what was
+                     held out, None where nothing was
     """
 
     joint: int
@@ -39,7 +50,8 @@ class StepShown(TypedDict):
 
     active     effects in the model, each with joint and what its fit says: {effect, joint, parameters: rows}
     inertial   rows of page_parameters.inertial
-    arm        picture of arm_motion, None where the model file does not say how the arm looks
+    arm        picture of arm_motion, its data as an object; None where the model file does not say how the arm looks
+    cures      what of the recordings must be put right before anything can be said
     warnings   what a user should know before trusting the fit
     band, skew in words
     """
@@ -49,6 +61,7 @@ class StepShown(TypedDict):
     active: list[Row]
     inertial: list[Row]
     arm: Row | None
+    cures: list[Cure]
     warnings: list[str]
     band: str
     skew: str
@@ -59,7 +72,8 @@ class VerdictShown(TypedDict):
 
     kind        "effect", "more" (an effect, and more is left), "clean", "unexplained" or "refused"; tag: in words
     sentence    the verdict in one sentence; more: what is to be added to it, or ""
-    findings    cards: rows of page_findings.card
+    findings    cards: rows of page_findings.card, with effect, joint, shows_at (a joint, 1-based), and rival_terms,
+                each {effect, joint}, for Studio.add and the like
     ruled_out, limits, left_over, to_record, experiments   as in the report
     sensors     sentences
     commands    [{what, command}] that go on from here in a terminal
@@ -76,6 +90,7 @@ class VerdictShown(TypedDict):
     to_record: list[Row]
     experiments: list[Row]
     sensors: list[str]
+    warnings: list[str]
     commands: list[Row]
 
 
@@ -83,14 +98,13 @@ class RecordingShown(TypedDict):
     """A recording that was given: what `tendon inspect --json` says of it, and its raw signals' sets, one a joint.
 
     problem     why it cannot be used as it is; None if it can
-    cures       what would put it right: [{said, maps: [entry of --map], gaps: bool}], each is a button
     """
 
     name: str
     held_out: bool
     inspection: Row
     problem: str | None
-    cures: list[Row]
+    cures: list[Cure]
     signals: list[str]
 
 

@@ -7,31 +7,48 @@ ends in the session's folder; the page looks at `version`, which is another numb
 from __future__ import annotations
 
 import difflib
+import os
+import re
 import shutil
-from collections.abc import AsyncIterator, Mapping, Sequence
+import threading
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+from runtime import files
+from runtime.simulation.demo import record_files
 from runtime.studio import commands as typed
 from runtime.studio.history import History, HistoryError, Kind, PlacedEffect, SessionStep, joint_errors
 from runtime.studio.session import GivenFile, GivenRecording, Inputs, SessionError, StudioSession
 from runtime.studio.settings import MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
 from runtime.studio.shown import EffectOffered, RecordingShown, StepShown, VerdictShown
 from runtime.studio.work import Work, WorkState
+from runtime.workspace import Source, effects_described
 from symbolic.model_file.checks import quote
+from symbolic.model_file.exchange.importing import imported
+
+_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held)(?P<joint>\d{1,4})", re.ASCII)
+
+_FOREIGN = (".urdf", ".xml", ".mjcf")
+"""Endings of files of which a model file is made."""
 
 
 class Studio:
     """A session and its work.
 
     effects   a file of the user's own effects, whose Python is run
+    Raises SessionError where the session was made with such a file, and none is given.
     """
 
     def __init__(self, session: StudioSession, effects: Path | None = None) -> None:
+        if session.inputs.effects is not None and effects is None:
+            raise SessionError(f"{session.folder}: was made with effects of your own; open it with --effects")
         self.session = session
         self._effects = effects
         self._version = 0
+        self._lock = threading.RLock()  # what a process found is taken in another thread than a click is
+        session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
 
     def close(self) -> None:
@@ -62,14 +79,17 @@ class Studio:
 
     def give_arm(self, name: str) -> None:
         """The model file of an arm of Tendon."""
-        from runtime.workspace import Source
-
-        source = Source.shipped(name)
-        self._give_model(replace(self.session.copied(source.path), origin=None), like=name)
+        self._give_model(replace(self.session.copied(Source.shipped(name).path), origin=None), like=name)
 
     def give_model(self, path: Path) -> None:
-        """A model file (TOML) of this machine."""
+        """A model file (TOML) of this machine, or a URDF or MJCF, which is made one."""
         self._give_model(self.session.copied(path))
+
+    def give_demo(self) -> None:
+        """A simulated drive that lacks an effect, and two recordings of it, one held out."""
+        self.give_arm("drive")
+        for path, held_out in zip(record_files(self.session.folder / "given"), (False, True), strict=True):
+            self._give_recording(GivenFile(path.name, path.name, str(path)), held_out)
 
     def give_recording(self, path: Path, held_out: bool = False) -> None:
         """A recording of this machine."""
@@ -124,15 +144,15 @@ class Studio:
 
     def undo(self) -> None:
         """Back to the step before."""
-        self._at(self.history.undo())
+        self._move(History.undo)
 
     def redo(self) -> None:
         """Forward to what was undone last."""
-        self._at(self.history.redo())
+        self._move(History.redo)
 
     def go_to(self, number: int) -> None:
         """To any step."""
-        self._at(self.history.at(number))
+        self._move(lambda history: history.at(number))
 
     # --- what was found ---
 
@@ -176,6 +196,15 @@ class Studio:
         """What does the same in a terminal, line by line."""
         return typed.commands(self.inputs, self.history.path(number))
 
+    def signals(self, name: str) -> Path | None:
+        """The file of a signal set by its name; None where there is none."""
+        known = _SET.fullmatch(name)
+        if known is None:
+            return None
+        home = self.session.recording if known["of"] == "recording" else self.session.step
+        path = home(int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
+        return path if path.is_file() else None
+
     def report(self, number: int) -> Path | None:
         """The report of a step's diagnosis; None before it."""
         path = self.session.step(self.history.step(number).number) / "report.html"
@@ -192,10 +221,12 @@ class Studio:
     def _fit(self, kind: Kind, effects: Sequence[PlacedEffect]) -> None:
         changed = [{"effect": e.effect, "joint": e.joint} for e in effects]
         what = f"{'adding' if kind == 'added' else 'fitting without'} {', '.join(map(str, effects))}"
-        self._work.begin("fit", what, {"step": self._here().number, "kind": kind, "changed": changed})
+        step, number = self._here().number, len(self.history.steps)
+        self._work.begin("fit", what, {"step": step, "number": number, "kind": kind, "changed": changed})
 
-    def _at(self, history: History) -> None:
-        self.session.change(history=history)
+    def _move(self, move: Callable[[History], History]) -> None:
+        with self._lock:
+            self.session.change(history=move(self.history))
         self._changed()
 
     def _changed(self) -> None:
@@ -204,14 +235,18 @@ class Studio:
     def _finished(self, work: WorkState) -> None:
         """Take what a process found into the session."""
         found = work.result or {}
-        if work.state == "done" and found.get("step") is not None:
-            self._take(found["step"])
-        elif work.state == "done" and work.task == "diagnose":
-            number = int(found["judged"])
-            for path in (self.session.scratch / "verdict").iterdir():
-                path.replace(self.session.step(number) / path.name)
-            self.session.change(history=self.history.judged(number, str(found["verdict"])))
-        shutil.rmtree(self.session.scratch, ignore_errors=True)
+        with self._lock:
+            if work.state == "done" and found.get("step") is not None:
+                self._take(found["step"])
+            elif work.state == "done" and work.task == "diagnose":
+                self._take_verdict(int(found["judged"]), str(found["verdict"]))
+            self.session.tidy()
+
+    def _take_verdict(self, number: int, verdict: str) -> None:
+        """What a process has diagnosed."""
+        for path in (self.session.scratch / "verdict").iterdir():
+            path.replace(self.session.step(number) / path.name)
+        self.session.change(history=self.history.judged(number, verdict))
 
     def _take(self, found: Mapping[str, Any]) -> None:
         """A step that a process has fitted."""
@@ -231,7 +266,23 @@ class Studio:
         return document
 
     def _give_model(self, file: GivenFile, like: str | None = None) -> None:
-        self._start_over(replace(self.inputs, model=file, like=like))
+        """A model file that is there, once it is known to be one."""
+        path = self.session.given(file)
+        try:
+            made = self._imported(file) if path.suffix.lower() in _FOREIGN else file
+            Source.read(self.session.given(made), self._effects).arm()
+        except ValueError as error:
+            path.unlink()
+            raise SessionError(str(error).replace(f"{path.parent}{os.sep}", "")) from error
+        effects = None if self._effects is None else str(self._effects)
+        self._start_over(replace(self.inputs, model=made, like=like, effects=effects))
+
+    def _imported(self, file: GivenFile) -> GivenFile:
+        """The model file of a URDF or MJCF."""
+        made = imported(self.session.given(file), effects_described(self._effects, space=True))
+        model = self.session.place_for(f"{made.arm.name}.toml")
+        files.replace(self.session.given(model), made.text.encode())
+        return model
 
     def _give_recording(self, file: GivenFile, held_out: bool) -> None:
         if len(self.inputs.recordings) >= MOST_RECORDINGS:
@@ -242,8 +293,9 @@ class Studio:
         """With other inputs nothing that was found holds any more."""
         if self._work.busy:
             raise SessionError("something is being worked on; wait for it, or cancel it")
-        shutil.rmtree(self.session.folder / "recordings", ignore_errors=True)
-        self.session.started_over(inputs)
+        with self._lock:
+            shutil.rmtree(self.session.folder / "recordings", ignore_errors=True)
+            self.session.started_over(inputs)
         self._changed()
 
     async def _received(self, name: str, chunks: AsyncIterator[bytes], most: int) -> GivenFile:

@@ -1,8 +1,8 @@
 """Long work of a session in a process of its own: how far it is, its end, and ending it early.
 
-The process reads one task a line from its standard input and writes one message a line. It keeps what it has read and
-fitted between tasks; when it is ended, by whatever, the session is as it was before the task: results are moved to their
-places whole.
+The process reads one task a line from its standard input and writes one message a line. It keeps between tasks what it
+has read and fitted; when it is ended, by whatever, the session is as it was before the task: results are moved to
+their places whole.
 """
 
 from __future__ import annotations

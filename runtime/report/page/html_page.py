@@ -39,7 +39,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
     joints = range(len(first.joints))
     return {
         "model": first.identification.model.name,
-        "verdict": _verdict(summary),
+        "verdict": verdict(summary),
         "short": _short(summary),
         "held_out": first.held_out is not None,
         "errors": [_error_block(summary, i) for i in summary.telling],
@@ -77,7 +77,8 @@ _TAGS = {
 }
 
 
-def _verdict(summary: ResultSummary) -> Row:
+def verdict(summary: ResultSummary) -> Row:
+    """The answer: its kind, that in words, a sentence, and what is to be added to it."""
     diagnosis = summary.diagnosis
     if diagnosis is None:
         return {"kind": "comparison", "tag": _TAGS["comparison"], "sentence": _compared(summary), "more": ""}
