@@ -30,6 +30,7 @@ from runtime.studio.shown import (
     VerdictShown,
 )
 from runtime.wording import MORE_THAN_NOISE, number, numbered
+from symbolic.described import DescribedParameter
 
 
 def step(index: int, summary: ResultSummary, held: Sequence[JointSeries], suspicions: Sequence[Suspicion]) -> StepShown:
@@ -38,6 +39,7 @@ def step(index: int, summary: ResultSummary, held: Sequence[JointSeries], suspic
     band, skew = fitted.motion.band, parameters.skew(fitted.inference)
     return {
         "number": index,
+        "sentence": answer(summary)["sentence"],
         "joints": [_joint(index, series, bool(held)) for series in summary.first.joints],
         "active": _active(summary.first),
         "inertial": parameters.inertial(fitted),
@@ -77,9 +79,17 @@ def _active(fitted: Step) -> list[Row]:
             "effect": term.name,
             "joint": term.joint,
             "parameters": parameters.estimates(values, library[term.effect]),
+            "ranges": [_range(library[term.effect].parameter(name), e.value) for name, e in values.items()],
         }
         for term, values in fitted.identification.inference.values.items()
     ]
+
+
+def _range(parameter: DescribedParameter, value: float) -> Row:
+    """Between which values a parameter may be tried: as far off as it is large, on both sides."""
+    low, high = parameter.bounds
+    size = abs(value) or parameter.scale
+    return {"name": parameter.name, "value": value, "low": max(low, value - size), "high": min(high, value + size)}
 
 
 def _arm(summary: ResultSummary) -> Row | None:

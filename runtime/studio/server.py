@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import shlex
 import socket
 import webbrowser
 from collections.abc import AsyncIterator, Callable
@@ -175,7 +174,9 @@ def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
     if what == "commands":
         lines = ["#!/bin/sh", *studio.commands(step)]
         return "commands.sh", ("\n".join(lines) + "\n").encode(), "text/x-shellscript"
-    report = studio.report(step)
+    motion, report = studio.motion(step), studio.report(step)
+    if what == "motion" and motion is not None:
+        return f"motion-{step}.csv", motion.read_bytes(), "text/csv"
     if what == "report" and report is not None:
-        return f"report-{shlex.quote(str(step))}.html", report.read_bytes(), "text/html"
+        return f"report-{step}.html", report.read_bytes(), "text/html"
     raise ValueError("there is no such file")

@@ -48,7 +48,9 @@ class JointShown(TypedDict):
 class StepShown(TypedDict):
     """A fitted model.
 
-    active     effects in the model, each with joint and what its fit says: {effect, joint, parameters: rows}
+    sentence   where it fails
+    active     effects in the model, each with joint and what its fit says: {effect, joint, parameters: rows, ranges:
+               [{name, value, low, high}] for Studio.try_values}
     inertial   rows of page_parameters.inertial
     arm        picture of arm_motion, its data as an object; None where the model file does not say how the arm looks
     cures      what of the recordings must be put right before anything can be said
@@ -57,6 +59,7 @@ class StepShown(TypedDict):
     """
 
     number: int
+    sentence: str
     joints: list[JointShown]
     active: list[Row]
     inertial: list[Row]
@@ -106,6 +109,31 @@ class RecordingShown(TypedDict):
     problem: str | None
     cures: list[Cure]
     signals: list[str]
+
+
+class TriedShown(TypedDict):
+    """What a step's model would leave with other values of an effect; joints: {joint, rms, relative, signals}."""
+
+    effect: str
+    joint: int | None
+    values: dict[str, float]
+    joints: list[Row]
+
+
+class HiddenShown(TypedDict):
+    """Whether an effect of these values would be seen in the motion that was recorded.
+
+    problem   what is wrong with the answer, in words; None where the effect is named and told from all others
+    noise     of the torque that was added, part of its rms; reason: what the diagnosis said
+    """
+
+    effect: str
+    joint: int | None
+    values: dict[str, float]
+    seen: bool
+    problem: str | None
+    noise: float
+    reason: str
 
 
 class EffectOffered(TypedDict):

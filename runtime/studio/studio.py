@@ -22,13 +22,13 @@ from runtime.studio import commands as typed
 from runtime.studio.history import History, HistoryError, Kind, PlacedEffect, SessionStep, joint_errors
 from runtime.studio.session import GivenFile, GivenRecording, Inputs, SessionError, StudioSession
 from runtime.studio.settings import MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
-from runtime.studio.shown import EffectOffered, RecordingShown, StepShown, VerdictShown
+from runtime.studio.shown import EffectOffered, HiddenShown, RecordingShown, Row, StepShown, TriedShown, VerdictShown
 from runtime.studio.work import Work, WorkState
 from runtime.workspace import Source, effects_described
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
 
-_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held)(?P<joint>\d{1,4})", re.ASCII)
+_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held|tried)(?P<joint>\d{1,4})", re.ASCII)
 
 _FOREIGN = (".urdf", ".xml", ".mjcf")
 """Endings of files of which a model file is made."""
@@ -136,6 +136,19 @@ class Studio:
         """Fit the current model without one of its effects, to see its share."""
         self._fit("without", (effect,))
 
+    def try_values(self, effect: PlacedEffect, values: Mapping[str, float]) -> None:
+        """What the current model would leave with other values of one of its effects: see `tried`."""
+        self._ask("tried", f"trying {effect}", effect=effect.effect, joint=effect.joint, values=dict(values))
+
+    def hide(self, effect: PlacedEffect, values: Mapping[str, float]) -> None:
+        """Would an effect be seen in the recorded motion? Values that are not stated are moderate: see `hidden`."""
+        self._ask("hidden", f"hiding {effect}", effect=effect.effect, joint=effect.joint, values=dict(values))
+
+    def design(self, *rivals: PlacedEffect) -> None:
+        """The motion that tells effects apart, or one from the model as it is: see `experiment`."""
+        named = [{"effect": r.effect, "joint": r.joint} for r in rivals]
+        self._ask("experiment", f"designing a motion for {', '.join(map(str, rivals))}", rivals=named)
+
     def cancel(self) -> None:
         """End what is being worked on; nothing of it stays."""
         self._work.cancel()
@@ -176,6 +189,23 @@ class Studio:
     def library(self, number: int) -> list[EffectOffered]:
         """The effects that may be added to a step's model."""
         return cast(list[EffectOffered], self._of_step(number, "library.json"))
+
+    def tried(self, number: int) -> TriedShown | None:
+        """The answer to `try_values` at a step; None: not asked for."""
+        return cast(TriedShown | None, self.session.document(self.session.step(number) / "tried.json"))
+
+    def hidden(self, number: int) -> HiddenShown | None:
+        """The answer to `hide` at a step; None: not asked for."""
+        return cast(HiddenShown | None, self.session.document(self.session.step(number) / "hidden.json"))
+
+    def experiment(self, number: int) -> Row | None:
+        """The answer to `design` at a step, as `tendon experiment --json`; None: not asked for."""
+        return cast(Row | None, self.session.document(self.session.step(number) / "experiment.json"))
+
+    def motion(self, number: int) -> Path | None:
+        """The motion that was designed at a step, for the arm; None where there is none."""
+        path = self.session.step(self.history.step(number).number) / "motion.csv"
+        return path if path.is_file() else None
 
     def model_text(self, number: int) -> str:
         """The model file of a step, with the fitted values."""
@@ -224,6 +254,9 @@ class Studio:
         step, number = self._here().number, len(self.history.steps)
         self._work.begin("fit", what, {"step": step, "number": number, "kind": kind, "changed": changed})
 
+    def _ask(self, task: str, what: str, **asked: Any) -> None:
+        self._work.begin(task, what, {"step": self._here().number, **asked})
+
     def _move(self, move: Callable[[History], History]) -> None:
         with self._lock:
             self.session.change(history=move(self.history))
@@ -239,14 +272,16 @@ class Studio:
             if work.state == "done" and found.get("step") is not None:
                 self._take(found["step"])
             elif work.state == "done" and work.task == "diagnose":
-                self._take_verdict(int(found["judged"]), str(found["verdict"]))
+                self._put("verdict", int(found["judged"]))
+                self.session.change(history=self.history.judged(int(found["judged"]), str(found["verdict"])))
+            elif work.state == "done" and "answered" in found:
+                self._put("answer", int(found["answered"]))
             self.session.tidy()
 
-    def _take_verdict(self, number: int, verdict: str) -> None:
-        """What a process has diagnosed."""
-        for path in (self.session.scratch / "verdict").iterdir():
+    def _put(self, made: str, number: int) -> None:
+        """What a process has made of a step, into its folder."""
+        for path in (self.session.scratch / made).iterdir():
             path.replace(self.session.step(number) / path.name)
-        self.session.change(history=self.history.judged(number, verdict))
 
     def _take(self, found: Mapping[str, Any]) -> None:
         """A step that a process has fitted."""

@@ -3,10 +3,8 @@ and what is fitted once is kept for the next task."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,102 +12,20 @@ import numpy as np
 
 from runtime import files
 from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import begin as begun
 from runtime.diagnosis.diagnose import conclude
-from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import Comparison, JointSeries, as_written
-from runtime.inspection.inspection import Inspection, inspect
+from runtime.inspection.inspection import Inspection
 from runtime.loop import held_out
-from runtime.plain_json import plain
-from runtime.recordings.recording import Recording
 from runtime.report.follow_up import about
 from runtime.report.page.html_page import render
 from runtime.report.signals.joint_signals import of_joint, of_recording, of_series
 from runtime.report.summary import ResultSummary
 from runtime.studio import describe
+from runtime.studio.bench import Bench, Found, Opened, Tell, empty, write
 from runtime.studio.commands import invocation
 from runtime.studio.history import PlacedEffect
-from runtime.studio.session import Inputs, SessionError, StudioSession
 from runtime.wording import percent
-from runtime.workspace import Source, mapping
-
-Found = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Tell:
-    """Whom to tell what is being done: a part of the work, and a line of what was found."""
-
-    part: Callable[[str], None]
-    said: Callable[[str], None]
-
-
-class Bench:
-    """A session as its process has it: what was given, read and fitted."""
-
-    def __init__(self, folder: Path, effects: Path | None) -> None:
-        self.folder = folder.resolve()
-        self.effects = effects
-        self._inputs: Inputs | None = None
-        self._opened: _Opened | None = None
-
-    def opened(self) -> _Opened:
-        """What was given, as it is now."""
-        session = StudioSession.open(self.folder)
-        if self._opened is None or session.inputs != self._inputs:
-            self._inputs, self._opened = session.inputs, _Opened(session, self.effects)
-        self._opened.session = session
-        return self._opened
-
-
-class _Opened:
-    """Given files, read: a model file and its recordings, and the steps that were fitted in this process."""
-
-    def __init__(self, session: StudioSession, effects: Path | None) -> None:
-        self.session = session
-        self.effects = effects
-        self.searches: dict[int, Search] = {}
-        self.steps: dict[int, Step] = {}
-
-    @property
-    def inputs(self) -> Inputs:
-        return self.session.inputs
-
-    @cached_property
-    def source(self) -> Source:
-        if self.inputs.model is None:
-            raise SessionError("there is no model yet; give one")
-        return Source.read(self.session.given(self.inputs.model), self.effects)
-
-    @cached_property
-    def inspections(self) -> list[Inspection]:
-        joints = None if self.inputs.model is None else self.source.described_joints()
-        columns = mapping(self.inputs.maps)
-        paths = [self.session.given(r.given) for r in self.inputs.recordings]
-        return [inspect(path, joints, columns, self.inputs.allow_gaps) for path in paths]
-
-    def recordings(self, held: bool) -> list[Recording]:
-        """Those that are fitted, or those that are held out. Raises SessionError."""
-        found = []
-        for given, inspection in zip(self.inputs.recordings, self.inspections, strict=True):
-            if given.held_out == held:
-                if inspection.problem is not None or inspection.recording is None:
-                    raise SessionError(inspection.problem or f"{given.given.name}: cannot be read")
-                found.append(inspection.recording)
-        return found
-
-    def text(self, number: int) -> str:
-        """The model file of a step, before the fit."""
-        return (self.session.step(number) / "model.toml").read_text(encoding="utf-8")
-
-    def search(self, number: int, text: str) -> Search:
-        """A model fitted, as a diagnosis begins."""
-        if number not in self.searches:
-            search = begun(self.source.model(text), self.recordings(False), self.recordings(True))
-            self.searches[number], self.steps[number] = search, search.steps[0]
-        return self.searches[number]
-
 
 # --- tasks: (bench, tell, what the server says) -> what the server takes ---
 
@@ -132,7 +48,7 @@ def fit(bench: Bench, tell: Tell, step: int, number: int, kind: str, changed: Se
     Where the diagnosis of the step has named an effect, its fit begins at what was found.
     """
     opened, source = bench.opened(), bench.opened().source
-    values = _values_found(opened, step)
+    values = opened.values_found(step)
     text, done = opened.text(step), []
     for entry in changed:
         effect, joint = str(entry["effect"]), entry["joint"]
@@ -160,9 +76,9 @@ def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
     given = invocation(opened.inputs, about(opened.source.text))
     floors = held_out.floors(result.steps[-1].identification, opened.recordings(True))
     summary = ResultSummary(result, given, floors)
-    work = _empty(opened.session.scratch / "verdict")
-    _write(work / "verdict.json", describe.verdict(summary))
-    _write(work / "found.json", {"values": _values(result.findings, result.steps[-1])})
+    work = empty(opened.session.scratch / "verdict")
+    write(work / "verdict.json", describe.verdict(summary))
+    write(work / "found.json", {"values": _values(result.findings, result.steps[-1])})
     files.replace(work / "report.html", render(summary).encode())
     for joint in range(len(summary.first.joints)):
         added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
@@ -177,7 +93,7 @@ TASKS: dict[str, Callable[..., Found]] = {"begin": begin, "fit": fit, "diagnose"
 
 
 def _fitted(
-    opened: _Opened, tell: Tell, number: int, text: str, parent: int | None, kind: str, changed: Sequence[PlacedEffect]
+    opened: Opened, tell: Tell, number: int, text: str, parent: int | None, kind: str, changed: Sequence[PlacedEffect]
 ) -> Found:
     """A step, written; what the server needs of it for the history."""
     tell.part("deriving and compiling the model")
@@ -188,12 +104,12 @@ def _fitted(
     held = held_out.series(step.identification, opened.recordings(True))
     comparison = Comparison(step.identification, step.joints, as_written(step.identification))
     summary = ResultSummary(comparison, invocation(opened.inputs, about(opened.source.text)))
-    work = _empty(opened.session.scratch / "step")
+    work = empty(opened.session.scratch / "step")
     (work / "model.toml").write_text(text, encoding="utf-8")
     put = opened.source.put(text, step.identification.to_json())
     (work / "fitted.toml").write_text(put, encoding="utf-8")
-    _write(work / "shown.json", describe.step(number, summary, held, search.suspicions))
-    _write(work / "library.json", describe.offered(search))
+    write(work / "shown.json", describe.step(number, summary, held, search.suspicions))
+    write(work / "library.json", describe.offered(search))
     before = None if parent is None else opened.steps.get(parent)
     _keep_signals(work, step, held, before, ", ".join(map(str, changed)))
     return {
@@ -213,18 +129,18 @@ def _keep_signals(work: Path, step: Step, held: Sequence[JointSeries], before: S
         of_series(series, None).save(work / f"held{k + 1}.npz")
 
 
-def _keep_recording(opened: _Opened, number: int, inspection: Inspection) -> None:
+def _keep_recording(opened: Opened, number: int, inspection: Inspection) -> None:
     """What was read of a recording, in its folder."""
     target = opened.session.recording(number)
     if (target / "recording.json").is_file():
         return
-    work = _empty(opened.session.scratch / "recording")
+    work = empty(opened.session.scratch / "recording")
     joints = 0 if inspection.recording is None else len(inspection.recording.q)
     for joint in range(joints):
         assert inspection.recording is not None
         of_recording(inspection.recording, joint).save(work / f"joint{joint + 1}.npz")
     given = opened.inputs.recordings[number - 1]
-    _write(work / "recording.json", describe.recording(number, given, inspection, joints))
+    write(work / "recording.json", describe.recording(number, given, inspection, joints))
     target.parent.mkdir(exist_ok=True)
     work.rename(target)
 
@@ -235,21 +151,6 @@ def _values(findings: Sequence[Finding], last: Step) -> list[Found]:
     return [{"effect": t.name, "joint": t.joint, "values": dict(last.values[t])} for t in terms if t in last.values]
 
 
-def _values_found(opened: _Opened, step: int) -> dict[tuple[str, int | None], dict[str, float]]:
-    document = opened.session.document(opened.session.step(step) / "found.json") or {"values": []}
-    entries = document["values"]
-    return {(e["effect"], e["joint"]): {k: v for k, v in e["values"].items() if v is not None} for e in entries}
-
-
 def _progress(step: Step) -> str:
     what = "as in the file" if step.added is None else f"with {step.added}"
     return f"{what}: error {', '.join(percent(r) for r in step.fitted.relative)}"
-
-
-def _empty(folder: Path) -> Path:
-    folder.mkdir(parents=True)
-    return folder
-
-
-def _write(path: Path, document: Any) -> None:
-    path.write_text(json.dumps(plain(document), ensure_ascii=False, allow_nan=False), encoding="utf-8")

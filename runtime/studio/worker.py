@@ -20,8 +20,11 @@ from typing import Any, TextIO
 
 from runtime.plain_json import plain
 from runtime.progress import Progress, heard_by
+from runtime.studio import questions, tasks
+from runtime.studio.bench import Bench, Tell
 from runtime.studio.settings import TOLD_EVERY
-from runtime.studio.tasks import TASKS, Bench, Tell
+
+TASKS = tasks.TASKS | questions.TASKS
 
 
 class _Teller:
@@ -52,18 +55,18 @@ def main(arguments: list[str]) -> None:
     # What libraries print is none of the messages.
     told = _Teller(os.fdopen(os.dup(1), "w"))
     os.dup2(2, 1)
-    tasks: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_read, args=(tasks,), daemon=True).start()
+    asked: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_read, args=(asked,), daemon=True).start()
     bench = Bench(Path(arguments[0]), Path(arguments[1]) if len(arguments) > 1 else None)
     while True:
-        task = json.loads(tasks.get())
+        task = json.loads(asked.get())
         _do(bench, task["task"], task["arguments"], told)
 
 
-def _read(tasks: SimpleQueue[str]) -> None:
+def _read(asked: SimpleQueue[str]) -> None:
     """Tasks as they come. Where the server has gone nobody wants what is being worked on."""
     for line in sys.stdin:
-        tasks.put(line)
+        asked.put(line)
     os.killpg(0, signal.SIGKILL)
 
 
