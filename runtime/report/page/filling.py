@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 from markupsafe import Markup
 
 from runtime import files
@@ -30,8 +30,14 @@ def filled(template: str, holes: Mapping[str, Any]) -> str:
 
 
 def part(template: str, macro: str, *holes: Any) -> Markup:
-    """What a macro of a template of this room makes of its arguments, for the middle of another page."""
-    made: Markup = getattr(_environment().get_template(template).module, macro)(*holes)
+    """What a macro of a template of this room makes of its arguments, for the middle of another page.
+
+    Raises ValueError where something that it shows is not among them.
+    """
+    try:
+        made: Markup = getattr(_environment().get_template(template).module, macro)(*holes)
+    except UndefinedError as error:
+        raise ValueError(f"{macro}: {error}") from error
     return made
 
 

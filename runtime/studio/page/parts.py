@@ -86,4 +86,8 @@ class Section:
         self._place.set_visibility(key is not None)
         if key is not None:
             with self._place:
-                self._draw()
+                try:
+                    self._draw()
+                except (KeyError, TypeError, ValueError, OSError) as error:  # the folder may be anyone's
+                    self._place.clear()
+                    put("p", f"This part of the session cannot be shown: {error!r}", "warning")
