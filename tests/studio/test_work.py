@@ -40,6 +40,17 @@ def wait(studio: Studio) -> None:
     assert studio.work.state == "done"
 
 
+def failed(studio: Studio) -> str:
+    """What is said once the work under way has failed: a line without the place of the session."""
+    while studio.work.state == "running":
+        time.sleep(0.02)
+    assert studio.work.state == "failed"
+    assert "\n" not in studio.work.error
+    assert str(studio.session.folder) not in studio.work.error
+    assert "mistake" not in studio.work.error
+    return studio.work.error
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory) -> Path:
     """Two recordings of a joint with a spring that the model lacks, and the model."""
@@ -241,14 +252,46 @@ def test_a_torque_of_the_wrong_sign_is_said_and_its_cure_works(recorded, tmp_pat
     made.close()
 
 
+def test_other_values_are_tried_and_leave_the_step_as_it_is(studio):
+    friction = PlacedEffect("coulomb", 1)
+    fitted = studio.shown(0)["active"][0]
+    assert (fitted["effect"], fitted["joint"]) == ("coulomb", 1)
+    torque = fitted["ranges"][0]["value"]
+    assert 0 <= fitted["ranges"][0]["low"] < torque < fitted["ranges"][0]["high"]
+    errors = {}
+    for factor in (1.0, 1.5, 2.0):
+        studio.try_values(friction, {"torque": factor * torque})
+        wait(studio)
+        errors[factor] = studio.tried(0)["joints"][0]["rms"]
+    # Where it is fitted the error is least, and away from there it grows as a square does.
+    assert errors[1.0] == pytest.approx(studio.history.here.joints[0].rms, rel=1e-9)
+    grown = [errors[f] ** 2 - errors[1.0] ** 2 for f in (1.5, 2.0)]
+    assert 0 < grown[0] < grown[1]
+    assert grown[1] == pytest.approx(4 * grown[0], rel=0.2)
+    kept = SignalSet.load(studio.signals(studio.tried(0)["joints"][0]["signals"]))
+    assert np.sqrt(np.mean(kept.lines["residual after"] ** 2)) == pytest.approx(errors[2.0], rel=1e-9)
+    assert len(studio.history.steps) == 1
+    studio.try_values(friction, {"torque": -1.0})
+    assert "expected 0 to inf" in failed(studio)
+
+
+def test_an_effect_is_hidden_in_the_recorded_motion(studio):
+    studio.add(LINEAR_SPRING)
+    wait(studio)
+    for torque, seen in ((0.5, True), (1e-4, False)):
+        studio.hide(PlacedEffect("stribeck", 1), {"torque": torque, "speed": 0.1})
+        wait(studio)
+        answer = studio.hidden(1)
+        assert answer["values"] == {"torque": torque, "speed": 0.1}
+        assert answer["seen"] == seen
+        assert (answer["problem"] is None) == seen
+    studio.hide(PlacedEffect("linear_spring", 1), {})
+    assert "has this effect already" in failed(studio)
+
+
 def test_what_fails_is_one_line(studio):
     studio.add(PlacedEffect("no\nsuch <effect>", 1))
-    while studio.work.state == "running":
-        time.sleep(0.02)
-    assert studio.work.state == "failed"
-    assert "unknown effect" in studio.work.error
-    assert "\n" not in studio.work.error
-    assert str(studio.session.folder) not in studio.work.error
+    assert "unknown effect" in failed(studio)
     studio.add(LINEAR_SPRING)
     wait(studio)
 
