@@ -54,8 +54,8 @@ class WorkState:
 class Work:
     """The process of a session, started when it is first needed.
 
-    changed   is called from another thread whenever the state of the work is another; finished: with a state that is
-              an end, before that
+    changed   is called from another thread whenever the state of the work is another; finished: before that, with a
+              state that is an end
     """
 
     def __init__(
@@ -142,12 +142,9 @@ class Work:
             elif "part" in message:
                 self._state = replace(state, part=message["part"], share=message["share"], left=message["left"])
             elif "error" in message:
-                self._state = replace(state, state="failed", error=str(message["error"]))
+                self._conclude(replace(state, state="failed", error=str(message["error"])))
             else:
-                self._state = replace(state, state="done", share=1.0, left=0.0, result=message["result"])
-            ended = self._state if not self.busy else None
-            if ended is not None:
-                self._finished(ended)
+                self._conclude(replace(state, state="done", share=1.0, left=0.0, result=message["result"]))
         self._changed()
 
     def _end(self, state: State, error: str | None) -> None:
@@ -155,11 +152,20 @@ class Work:
             if self._state is None or not self.busy:
                 return
             process, self._process = self._process, None
-            self._state = replace(self._state, state=state, error=error)
             if process is not None:
                 _killed(process)
-            self._finished(self._state)
+            self._conclude(replace(self._state, state=state, error=error))
         self._changed()
+
+    def _conclude(self, ended: WorkState) -> None:
+        """The end of the work is known once what it found is in its place."""
+        try:
+            self._finished(ended)
+        except OSError as error:
+            ended = replace(
+                ended, state="failed", error=f"{error.filename or 'the session'}: {error.strerror or error}"
+            )
+        self._state = ended
 
 
 def _killed(process: subprocess.Popen[bytes]) -> None:
