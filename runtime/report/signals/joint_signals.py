@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 MEASURED, PREDICTED, RESIDUAL = "measured", "predicted", "residual"
 BEFORE, AFTER = " before", " after"
+_SHOWN = ("velocity", "position", "load", "temperature", "acceleration")
+"""The same order for every joint and recording, so that they can be compared at a glance."""
 
 
 def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
@@ -74,7 +76,9 @@ def of_series(
     share = structure_shares(before)
     axes = {name: figures.axis_of(before, name) for name in (*figures.signals(before), "acceleration")}
     axes = {name: axis for name, axis in axes.items() if name != "time"}
-    for name in sorted(axes, key=lambda s: -share[s]):
+    for name in _SHOWN:
+        if name not in axes:
+            continue
         panels.append(_over(name, axes[name], models, residuals, reach, floor, added, share[name]))
     return SignalSet(
         f"Joint {numbered(before.joint, before.name)}",

@@ -72,8 +72,12 @@ def _sections(view: PageView) -> list[Section]:
     def signals() -> None:
         joint_views.signals(view, f"{view.here.number}-{view.here.verdict}" if view.here else "")
 
-    made = [
-        Section("div", "work", lambda: (studio.work, view.wrong), lambda: working.progress(view)),
+    with put("div", classes="at-work"):
+        made = [
+            Section("div", "work", lambda: (working.state(view), view.wrong), lambda: working.work(view)),
+            Section("div", "progress", lambda: studio.work if view.busy else None, lambda: working.progress(view)),
+        ]
+    made += [
         Section(
             "section",
             "start",
@@ -99,14 +103,16 @@ def _sections(view: PageView) -> list[Section]:
                     lambda: step() and (step(), joint(), studio.history),
                     lambda: steps.history(view),
                 ),
+                Section("section", "model", step, lambda: steps.model(view)),
             ]
-        made.append(Section("section", "motion", lambda: view.here and view.here.number, lambda: arm.picture(view)))
+        made.append(
+            Section("section", "motion", lambda: step() and (view.here, studio.inputs), lambda: arm.picture(view))
+        )
     made += [
         Section("section", "joint", lambda: joint() and (joint(), view.held_out), signals),
         Section("section", "findings", found, lambda: verdict.cards(view)),
         Section("section", "try", lambda: step() and (step(), view.offered), lambda: library.library(view)),
         Section("section", "ask", lambda: trying.key(view), lambda: trying.trying(view)),
-        Section("section", "model", step, lambda: steps.model(view)),
         Section("section", "change", lambda: step() and (step(), view.against), lambda: steps.change(view)),
         Section("section", "beside", judged, lambda: verdict.beside(view)),
         Section(

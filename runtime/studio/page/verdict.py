@@ -21,15 +21,32 @@ def banner(view: PageView) -> None:
     with put("p", classes="of"):
         put("span", tag, f"tag {kind}")
         put("span", f"step {step.number}: {step.title}")
-    put("h1", (view.shown["sentence"] if found is None else found["sentence"]).replace(" %", "\N{NO-BREAK SPACE}%"))
+    put("h1", _sentence(view, step, found).replace(" %", "\N{NO-BREAK SPACE}%"))
     if found is not None and found["more"]:
         put("p", found["more"])
+    elif found is None and step.parent is not None:
+        put("p", view.shown["sentence"])
     _facts(view, step)
     for cure in view.shown["cures"]:
         with put("p", classes="warning"):
             put("span", cure["said"])
     with put("div", classes="acts"):
         _next(view, found)
+
+
+def _sentence(view: PageView, step: SessionStep, found: VerdictShown | None) -> str:
+    """The verdict; of a step that is not diagnosed what it did to the error, of the model as given where it fails."""
+    if found is not None:
+        return found["sentence"]
+    if step.parent is None:
+        return view.shown["sentence"]
+    before = view.studio.history.step(step.parent)
+    pairs = list(zip(before.joints, step.joints, strict=True))
+    old, new = max(pairs, key=lambda pair: abs(pair[0].relative - pair[1].relative))
+    how = "falls" if new.relative < old.relative else "rises"
+    names = ", ".join(map(str, step.changed))
+    done = f"With {names}" if step.kind == "added" else f"Without {names}"
+    return f"{done} the error of joint {new.called} {how} from {percent(old.relative)} to {percent(new.relative)}."
 
 
 def _facts(view: PageView, step: SessionStep) -> None:

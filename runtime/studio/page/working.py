@@ -2,36 +2,43 @@
 
 from __future__ import annotations
 
-from runtime.studio.page.parts import button, folded, put
+from runtime.studio.page.parts import button, put
 from runtime.studio.page.view import PageView
 from runtime.wording import number
 
 
-def progress(view: PageView) -> None:
-    """Of work that is under way, or why it ended without a result."""
+def state(view: PageView) -> tuple[str, str, str | None] | None:
+    """What of the work does not change with its progress."""
     work = view.studio.work
+    return None if work is None else (work.what, work.state, work.error)
+
+
+def work(view: PageView) -> None:
+    """What is under way, or why it ended without a result; and why a command was refused."""
     if view.wrong:
         with put("div", classes="wrong", role="alert"):
             put("p", view.wrong)
             button("Close", lambda: view.set(wrong=""))
-    if work is None or work.state == "done":
+    found = view.studio.work
+    if found is None or found.state == "done":
         return
-    if work.state == "running":
+    if found.state == "running":
         with put("div", classes="working", role="status"):
-            with put("div", classes="working-line"):
-                put("b", f"{work.what[:1].upper()}{work.what[1:]}")
-                put("span", work.part, "of")
-                if work.left is not None:
-                    put("span", f"about {number(max(work.left, 1.0), 2)} s left of this part", "of")
-                button("Cancel", lambda: view.act(view.studio.cancel), data_do="cancel")
-            put("progress", max=1, value=work.share, aria_label=work.what)
-            if work.said:
-                with folded("What was done so far"):
-                    for line in work.said:
-                        put("p", line, "of")
+            put("b", f"{found.what[:1].upper()}{found.what[1:]} …")
+            button("Cancel", lambda: view.act(view.studio.cancel), data_do="cancel")
         return
     with put("div", classes="wrong", role="alert"):
-        if work.state == "cancelled":
-            put("p", f"Cancelled: {work.what}. Nothing of it was kept; everything before it is as it was.")
+        if found.state == "cancelled":
+            put("p", f"Cancelled: {found.what}. Nothing of it was kept; everything before it is as it was.")
         else:
-            put("p", work.error or "The work ended without a result.")
+            put("p", found.error or "The work ended without a result.")
+
+
+def progress(view: PageView) -> None:
+    """How far it is."""
+    found = view.studio.work
+    assert found is not None
+    put("progress", max=1, value=found.share, aria_label=found.what)
+    left = "" if found.left is None else f"about {number(max(found.left, 1.0), 2)} s left of this part"
+    said = ". ".join(filter(None, [*found.said[-1:], found.part, left]))
+    put("p", said, "of")

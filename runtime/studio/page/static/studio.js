@@ -10,6 +10,18 @@
     if (from instanceof HTMLInputElement && from.hasAttribute("data-emit")) from.dispatchEvent(new CustomEvent("moved", { detail: from.value }));
   });
 
+  /* A part of the page that is drawn anew gives the focus back to what had it. */
+  const KEYS = ["data-do", "data-emit", "data-step", "data-joint"];
+  let focused = null;
+  document.addEventListener("focusin", (event) => {
+    const key = KEYS.find((name) => event.target.hasAttribute(name));
+    focused = key ? `[${key}="${CSS.escape(event.target.getAttribute(key))}"]` : null;
+  });
+  document.addEventListener("pointerdown", () => { focused = null; });
+  new MutationObserver(() => {
+    if (focused && document.activeElement === document.body) document.querySelector(focused)?.focus({ preventScroll: true });
+  }).observe(document.body, { childList: true, subtree: true });
+
   customElements.define("file-drop", class extends HTMLElement {
     connectedCallback() {
       if (this.firstChild) return;
