@@ -74,6 +74,7 @@ def _bound(port: int) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((HOST, port))
+        listening.listen()  # who comes before the server is ready waits, and is not refused
     except OSError as error:
         listening.close()
         raise StudioError(
@@ -96,12 +97,12 @@ def application(studio: Studio) -> App:
     app.mount("/static/signals", StaticFiles(directory=home / "report" / "signals" / "static"))
     app.mount("/static/page", StaticFiles(directory=home / "studio" / "page" / "static"))
 
+    @ui.page("/")
     def page() -> None:
         build(studio)
 
     ui.run_with(
         app,
-        root=page,
         title="Tendon studio",
         dark=None,
         tailwind=False,

@@ -136,7 +136,7 @@ def test_what_is_sent_lands_in_the_session_or_nowhere(server):
     assert server.ask("/given?as=somewhere&name=x.csv", "POST", b"t")[0] == 400
     assert server.ask("/given?as=fitted&name=x.csv", "POST", b"t", Origin="https://example.org")[0] == 403
     assert server.ask("/given?as=fitted&name=x.csv", "POST", b"t", Cookie="")[0] == 403
-    assert server.ask("/given", "GET")[0] == 405
+    assert server.ask("/given", "GET")[0] in (404, 405)
     assert sorted(p.name for p in given.iterdir()) == before
     assert server.ask("/given?as=fitted&name=..%2F%3Cimg%20src=x%3E.csv", "POST", b"t,q1,tau1\n")[0] == 204
     assert sorted(p.name for p in given.iterdir()) == sorted([*before, "img_src_x_.csv"])
@@ -179,8 +179,7 @@ def test_requests_that_are_no_files_are_short(server):
 def test_there_is_nothing_else_to_be_had(server, path):
     status, _, body = server.ask(path)
     assert status in (400, 404)
-    assert b"Traceback" not in body
-    assert b"import" not in body
+    assert not any(text in body for text in (b"Traceback", b"MOST_UPLOADED", b'"schema"'))
 
 
 @pytest.fixture(scope="module")
