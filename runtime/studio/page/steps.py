@@ -46,7 +46,8 @@ def model(view: PageView) -> None:
     """The effects in the model with their values; each can be left out, to see its share."""
     joint, several = view.joint, len(view.shown["joints"]) > 1
     active = [row for row in view.shown["active"] if row["joint"] in (None, joint["joint"])]
-    put("h2", f"Effects in the model{f', joint {joint["called"]} and the whole arm' if several else ''}")
+    where = f", joint {joint['called']} and the whole arm" if several else ""
+    put("h2", f"Effects in the model{where}")
     if not active:
         put("p", "None: rigid bodies alone.", "of")
     with put("ul", classes="effects"):
