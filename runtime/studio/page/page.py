@@ -6,7 +6,7 @@ from nicegui import ui
 
 from runtime.report.page.filling import script, stylesheet
 from runtime.report.signals import SCRIPTS
-from runtime.studio.page import arm, joint_views, library, start, steps, verdict, working
+from runtime.studio.page import arm, joint_views, library, start, steps, trying, verdict, working
 from runtime.studio.page.parts import Section, put
 from runtime.studio.page.view import PageView
 from runtime.studio.studio import Studio
@@ -112,6 +112,7 @@ def _sections(view: PageView) -> list[Section]:
         Section("section", "joint", lambda: joint() and (joint(), view.held_out), signals),
         Section("section", "findings", found, lambda: verdict.cards(view)),
         Section("section", "try", lambda: step() and (step(), view.offered), lambda: library.library(view)),
+        Section("section", "ask", lambda: trying.key(view), lambda: trying.trying(view)),
         Section("section", "change", lambda: step() and (step(), view.against), lambda: steps.change(view)),
         Section("section", "beside", judged, lambda: verdict.beside(view)),
         Section(

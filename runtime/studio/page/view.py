@@ -17,6 +17,8 @@ class PageView:
     held_out  whether its held-out recording is shown beside it
     against   the step with which the current one is compared, None: the model as given
     offered   the effect and its joint that may be tried
+    tried_effect   the effect of the model whose values may be tried
+    hidden_effect  the effect and its joint that may be hidden in the motion
     wrong     why the last command was refused; ""
     """
 
@@ -26,6 +28,8 @@ class PageView:
         self.held_out = False
         self.against: int | None = None
         self.offered: tuple[str, int | None] | None = None
+        self.tried_effect: str | None = None
+        self.hidden_effect: tuple[str, int | None] | None = None
         self.wrong = ""
         self.changed: Callable[[], None] = lambda: None
 
