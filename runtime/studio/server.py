@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import socket
+import sys
 import webbrowser
 from collections.abc import AsyncIterator, Callable
 from functools import lru_cache
@@ -33,7 +34,10 @@ class StudioError(RuntimeError):
 def needed() -> None:
     """Refuse before any work is done where NiceGUI is not installed. Raises StudioError."""
     if importlib.util.find_spec("nicegui") is None:
-        raise StudioError("the studio needs NiceGUI; install it with pip install 'tendon[studio]'")
+        raise StudioError(
+            "the studio needs NiceGUI, the extra `studio` (pip install -e '.[studio]'); "
+            f"run: {sys.executable} -m pip install 'nicegui>=3'"
+        )
 
 
 def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) -> None:

@@ -103,7 +103,7 @@ def _sections(view: PageView) -> list[Section]:
                     lambda: step() and (step(), joint(), studio.history),
                     lambda: steps.history(view),
                 ),
-                Section("section", "model", step, lambda: steps.model(view)),
+                Section("section", "model", lambda: step() and (step(), joint()), lambda: steps.model(view)),
             ]
         made.append(
             Section("section", "motion", lambda: step() and (view.here, studio.inputs), lambda: arm.picture(view))

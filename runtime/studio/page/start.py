@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from runtime.studio.page.parts import button, choice, folded, put
 from runtime.studio.page.view import PageView
 from runtime.studio.session import GivenRecording
@@ -110,9 +112,7 @@ def cures(view: PageView, found: list[Cure]) -> None:
             put("p", cure["said"])
             if cure["maps"] or cure["gaps"]:
                 text = "Split at the gaps" if cure["gaps"] else f"Read it with {', '.join(cure['maps'])}"
-                button(
-                    text, lambda c=cure: view.act(lambda: _cure(view, c)), "first", disabled=view.busy, data_do="cure"
-                )
+                button(text, partial(view.act, _cure, view, cure), "first", disabled=view.busy, data_do="cure")
 
 
 def _cure(view: PageView, cure: Cure) -> None:

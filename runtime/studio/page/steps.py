@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+from functools import partial
 
 from runtime.studio.history import PlacedEffect, SessionStep
 from runtime.studio.page.parts import button, choice, folded, put
@@ -43,8 +44,10 @@ def _step(view: PageView, step: SessionStep, current: bool) -> None:
 
 def model(view: PageView) -> None:
     """The effects in the model with their values; each can be left out, to see its share."""
-    put("h2", "Effects in the model")
-    active = view.shown["active"]
+    joint, several = view.joint, len(view.shown["joints"]) > 1
+    active = [row for row in view.shown["active"] if row["joint"] in (None, joint["joint"])]
+    where = f", joint {joint['called']} and the whole arm" if several else ""
+    put("h2", f"Effects in the model{where}")
     if not active:
         put("p", "None: rigid bodies alone.", "of")
     with put("ul", classes="effects"):
@@ -56,7 +59,7 @@ def model(view: PageView) -> None:
                 put("span", values, "of")
                 button(
                     "Leave out",
-                    lambda e=effect: view.act(lambda: view.studio.without(e)),
+                    partial(view.act, view.studio.without, effect),
                     disabled=view.busy,
                     title=f"Fit without {effect}, to see its share",
                     data_do="without",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from runtime.studio.history import PlacedEffect, SessionStep
@@ -109,7 +110,7 @@ def cards(view: PageView) -> None:
                 _add(view, placed(card), f"Add {card['title']}", "first")
                 shows = int(card["shows_at"])
                 if view.joint["joint"] != shows:
-                    button(f"Show joint {shows}", lambda joint=shows: view.set(chosen=joint))
+                    button(f"Show joint {shows}", partial(view.set, chosen=shows))
                 for rival in card["rival_terms"]:
                     effect = placed(rival)
                     _add(view, effect, f"Try {effect} instead")

@@ -66,10 +66,10 @@ class PageView:
 
     # --- what is done ---
 
-    def act(self, command: Callable[[], Any]) -> None:
+    def act(self, command: Callable[..., Any], *given: Any) -> None:
         """Do something; what is refused is said."""
         try:
-            command()
+            command(*given)
             self.wrong = ""
         except (ValueError, RuntimeError, OSError) as error:
             self.wrong = str(error)
