@@ -162,7 +162,7 @@ def test_a_million_samples_under_the_hand() -> None:
         ("", "of the recording seen", "ms a frame, median", "slowest of 20", "s to the first picture"),
         rows,
         (
-            "Chromium without a graphics card; a frame is from the movement to the end of its drawing, and the wait for",
+            "Chromium without a graphics card; a frame is from the movement to the end of its drawing; the wait for",
             "the screen, 1/60 s, is in it: that of a page at rest is nothing else",
         ),
     )
