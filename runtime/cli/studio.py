@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,9 +63,10 @@ def studio(
     opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps))
     made = Studio(opened or _new(session), effects)
     if opened is None:
-        _give(made, model, recordings or [], held_out or [], demo)
-        if maps or allow_gaps:
-            made.read_as(maps or (), allow_gaps)
+        with _kept_whole(made):
+            _give(made, model, recordings or [], held_out or [], demo)
+            if maps or allow_gaps:
+                made.read_as(maps or (), allow_gaps)
     if made.inputs.complete and not made.history.steps:
         made.begin()
     typer.echo(f"Session: {made.session.folder}")
@@ -89,6 +93,17 @@ def _new(wanted: Path | None) -> StudioSession:
     while (folder := FOLDER if number == 1 else Path(f"{FOLDER}-{number}")).exists():
         number += 1
     return StudioSession.create(folder)
+
+
+@contextmanager
+def _kept_whole(studio: Studio) -> Iterator[None]:
+    """A session that cannot be begun leaves no folder."""
+    try:
+        yield
+    except BaseException:
+        studio.close()
+        shutil.rmtree(studio.session.folder)
+        raise
 
 
 def _give(studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], demo: bool) -> None:

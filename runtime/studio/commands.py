@@ -9,6 +9,7 @@ from pathlib import Path
 from runtime.report.follow_up import Invocation, reading
 from runtime.studio.history import PlacedEffect, SessionStep
 from runtime.studio.session import Inputs
+from symbolic.model_file.checks import quote
 
 
 def invocation(inputs: Inputs, about: str = "") -> Invocation:
@@ -35,7 +36,7 @@ def commands(inputs: Inputs, path: Sequence[SessionStep]) -> list[str]:
     own = [] if given.effects is None else ["--effects", str(given.effects)]
     lines = [given.copy()] if given.like else []
     lines.append(shlex.join(["tendon", "improve", str(given.model), *data, *held, "--report", "report", *own]))
-    lines += [f"# take {effect} out of {given.model}" for effect in removed]
+    lines += [f"# take {effect} out of {quote(str(given.model))}" for effect in removed]
     for effect in added:
         at = [] if effect.joint is None else ["--joint", str(effect.joint)]
         lines.append(shlex.join(["tendon", "add", str(given.model), effect.effect, *at, *own]))

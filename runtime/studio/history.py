@@ -5,12 +5,17 @@ Nothing that was computed is thrown away: a step that was undone stays, and what
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast, get_args
 
 Kind = Literal["given", "added", "without"]
 """What made a step: the model as given; an effect, or several, that were added; one that was left out."""
+
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+"""Of an effect: it stands in commands."""
 
 
 class HistoryError(ValueError):
@@ -167,10 +172,15 @@ def _step(number: int, entry: Mapping[str, Any]) -> SessionStep:
         raise ValueError(f"step {number} is none")
     if (parent is None) != (number == 0) or (parent is not None and not 0 <= int(parent) < number):
         raise ValueError(f"step {number} follows no step before it")
-    changed = tuple(
-        PlacedEffect(str(e["effect"]), None if e["joint"] is None else int(e["joint"])) for e in entry["changed"]
-    )
+    changed = tuple(map(_effect, entry["changed"]))
     return SessionStep(number, parent, kind, changed, joint_errors(entry["joints"]), verdict)
+
+
+def _effect(entry: Mapping[str, Any]) -> PlacedEffect:
+    effect, joint = entry["effect"], entry["joint"]
+    if not _NAME.fullmatch(effect) or not (joint is None or (isinstance(joint, int) and joint > 0)):
+        raise ValueError(f"{effect!r} at {joint!r} is no effect")
+    return PlacedEffect(effect, joint)
 
 
 def joint_errors(entries: Sequence[Mapping[str, Any]]) -> tuple[JointError, ...]:

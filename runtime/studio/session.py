@@ -12,6 +12,7 @@ The folder may come from somebody else: nothing in it is run, and no name in it 
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
@@ -113,8 +114,9 @@ class StudioSession:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise SessionError(f"{folder}: is not empty; expected a new folder for the session, or that of one")
         session = cls(folder, SessionState())
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # recordings are the user's alone
         for name in ("given", "recordings", "steps"):
-            (folder / name).mkdir(parents=True, exist_ok=True)
+            (folder / name).mkdir()
         session._write()
         return session
 
@@ -124,11 +126,27 @@ class StudioSession:
         path = folder / FILE
         if not path.is_file():
             raise SessionError(f"{folder}: is no session of the studio; expected a folder with {FILE}")
+        linked = next((p for p in folder.rglob("*") if p.is_symlink()), None)
+        if linked is not None:
+            raise SessionError(f"{linked}: is a link, which may lead out of the session; it cannot be opened")
         session = cls(folder, _read(path))
         missing = [given.file for given in session._given() if not session.given(given).is_file()]
         if missing:
             raise SessionError(f"{folder}: lacks given/{missing[0]}, which {FILE} names; the session cannot be opened")
         return session
+
+    def claimed(self) -> int:
+        """A descriptor that holds the session for one server; closed, or its process ended, another may open it.
+
+        Raises SessionError where it is open already.
+        """
+        held = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(held)
+            raise SessionError(f"{self.folder}: is open in another studio; close that one first") from error
+        return held
 
     def tidy(self) -> None:
         """Take away what a process left that was ended."""

@@ -38,7 +38,7 @@ class Studio:
     """A session and its work.
 
     effects   a file of the user's own effects, whose Python is run
-    Raises SessionError where the session was made with such a file, and none is given.
+    Raises SessionError where the session was made with such a file and none is given, or is open already.
     """
 
     def __init__(self, session: StudioSession, effects: Path | None = None) -> None:
@@ -48,12 +48,16 @@ class Studio:
         self._effects = effects
         self._version = 0
         self._lock = threading.RLock()  # what a process found is taken in another thread than a click is
+        self._held: int | None = session.claimed()
         session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
 
     def close(self) -> None:
-        """End the process of the session. The folder stays."""
+        """End the process of the session. The folder stays, and may be opened again."""
         self._work.close()
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
 
     @property
     def version(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -172,6 +173,9 @@ STEP = {"number": 0, "parent": None, "kind": "given", "changed": [], "joints": [
         ("history", "steps", [{**STEP, "kind": "<script>"}]),
         ("history", "steps", [{**STEP, "joints": [{"os": 1}]}]),
         ("history", "steps", [{**STEP, "verdict": 1}]),
+        ("history", "steps", [{**STEP, "changed": [{"effect": "a\nrm -rf b", "joint": 1}]}]),
+        ("history", "steps", [{**STEP, "changed": [{"effect": "coulomb", "joint": "1; b"}]}]),
+        ("history", "steps", [{**STEP, "changed": [{"effect": ["coulomb"], "joint": 1}]}]),
         ("history", "current", 3),
         ("history", "current", "0"),
         ("history", "undone", [1]),
@@ -216,6 +220,43 @@ def test_effects_of_ones_own_are_code_and_never_run_unasked(session):
     (session.folder / FILE).write_text(json.dumps({**GOOD, "inputs": {**GOOD["inputs"], "effects": "/tmp/evil.py"}}))
     with pytest.raises(SessionError, match="open it with --effects"):
         Studio(StudioSession.open(session.folder))
+
+
+@pytest.mark.parametrize("name", ["given", "steps", "work", "session.json", "given/model.toml", "steps/0"])
+def test_no_link_leads_out_of_a_session_of_somebody_else(session, tmp_path, name):
+    target = tmp_path / "elsewhere"
+    target.mkdir()
+    place = session.folder / name
+    if place.is_dir():
+        place.rmdir()
+    elif place.exists():
+        place = place.rename(target / "session.json") and place
+    place.symlink_to(target / "session.json" if name == "session.json" else target)
+    with pytest.raises(SessionError, match="is a link"):
+        StudioSession.open(session.folder)
+
+
+def test_a_session_is_open_in_one_studio_at_a_time(session):
+    first = Studio(session)
+    with pytest.raises(SessionError, match="open in another studio"):
+        Studio(StudioSession.open(session.folder))
+    first.close()
+    Studio(StudioSession.open(session.folder)).close()
+
+
+def test_a_session_is_the_users_alone(session):
+    assert session.folder.stat().st_mode & 0o077 == 0
+
+
+def test_no_name_of_a_file_begins_a_line_of_a_script():
+    way = History().with_step(step(History()))
+    way = way.with_step(step(way, PlacedEffect("coulomb", 1), kind="without"))
+    file = GivenFile("arm.toml", "arm\nrm -rf x.toml")
+    script = "\n".join(commands(Inputs(file, None, (GivenRecording(file),)), way.path(1)))
+    # What a shell makes of it: whole words, and comments.
+    words = shlex.split(script, comments=True)
+    assert "rm" not in words
+    assert "arm\nrm -rf x.toml" in words
 
 
 # --- what a browser sends ---
@@ -307,5 +348,7 @@ def test_a_signal_set_is_found_by_its_name(studio):
 
 def test_a_number_of_a_step_is_one(session):
     session.change(history=replace(History().with_step(step(History()))))
+    made = Studio(session)
     with pytest.raises(HistoryError):
-        Studio(session).model_text(1)
+        made.model_text(1)
+    made.close()

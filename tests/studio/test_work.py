@@ -185,6 +185,7 @@ time.sleep(600)
 
 
 def test_a_session_outlives_a_server_that_is_killed_and_the_process_does_not(studio):
+    studio.close()
     command = [sys.executable, "-c", SERVER, str(studio.session.folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         group = int(server.stdout.readline())
