@@ -254,7 +254,7 @@
       ];
       const list = make("dl", {}, ...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
       this.said.toggleAttribute("data-lit", Boolean(this.lit));
-      this.said.replaceChildren(list, ...(found.estimated && this.lit ? [make("p", {}, `Mean and rms of ${some.count.toLocaleString("en")} of them, picked at random.`)] : []));
+      this.said.replaceChildren(list, ...(found.estimated ? [make("p", {}, `Mean and rms of ${some.count.toLocaleString("en")} of them, picked at random.`)] : []));
     }
 
     /* --- pointer and keys --- */
