@@ -159,7 +159,7 @@ def test_a_million_samples_under_the_hand() -> None:
         browser.close()
     harness.show(
         f"Moving a view of {SAMPLES} samples of three signals",
-        ("", "of the recording seen", "ms a frame, median", "slowest of 20", "s to the first picture"),
+        ("", "seen of it", "ms, median", "1 of 20 over", "s at first"),
         rows,
         (
             "Chromium without a graphics card; a frame is from the movement to the end of its drawing; the wait for",

@@ -541,7 +541,7 @@ def test_text_of_the_user_stays_text(improvement):
     read = Reader(page)
     assert HOSTILE in read.text
     assert "<img" not in page
-    assert [tag for tag, _ in read.tags].count("script") == 3  # the motion, what shows it, the result
+    assert [tag for tag, _ in read.tags].count("script") == 5  # the motion, the signals, what shows each, the result
     assert json.loads(read.scripts[-1])["reason"] == HOSTILE
 
 

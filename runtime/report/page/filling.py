@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from runtime import files
 from runtime.report.page import NAME
-from runtime.report.signals import STATIC
+from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 """What is run; a script with a type is data."""
@@ -24,7 +24,7 @@ _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 def filled(template: str, holes: Mapping[str, Any]) -> str:
     """A template of this room; the same bytes for the same holes."""
-    page = _environment().get_template(template).render(holes, colours=colours())
+    page = _environment().get_template(template).render(holes, **_style())
     first = '<meta charset="utf-8">'
     return page.replace(first, f'{first}\n<meta http-equiv="Content-Security-Policy" content="{policy(page)}">', 1)
 
@@ -43,7 +43,7 @@ def part(template: str, macro: str, *holes: Any) -> Markup:
 
 def stylesheet() -> str:
     """The report's style, for a page that shows the same parts."""
-    return _environment().get_template("report.css.j2").render(colours=colours())
+    return _environment().get_template("report.css.j2").render(**_style())
 
 
 def script() -> str:
@@ -51,9 +51,15 @@ def script() -> str:
     return _environment().get_template("arm_motion.js.j2").render()
 
 
-def colours() -> Markup:
-    """The colours of the pages, light and dark."""
-    return Markup((STATIC / "colours.css").read_text(encoding="utf-8"))
+def looking() -> Markup:
+    """What draws signals whose numbers are in the page."""
+    return Markup("\n".join((STATIC / name).read_text(encoding="utf-8") for name in EMBEDDED_SCRIPTS))
+
+
+def _style() -> dict[str, Markup]:
+    """What the report's style takes from that of the signals."""
+    texts = {"colours": "colours.css", "signals_style": "signals.css"}
+    return {name: Markup((STATIC / file).read_text(encoding="utf-8")) for name, file in texts.items()}
 
 
 @cache

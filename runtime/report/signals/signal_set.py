@@ -6,6 +6,7 @@ the samples of a selection. Arrays travel as little-endian numbers without a hea
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 from collections.abc import Mapping
@@ -28,6 +29,9 @@ MOST_ROWS = 20_000
 rms."""
 MOST_COLUMNS = 8_192
 """Of one answer: a view of 8K with a margin."""
+
+EMBEDDED_COLUMNS, EMBEDDED_ROWS = 1_000, 3_000
+"""Of a page that stands alone, a joint: some 100 kB, so that a report of an arm can still be sent to others."""
 
 
 class AskedWrongly(ValueError):
@@ -127,6 +131,14 @@ class SignalSet:
             return np.array(count, "<f8").tobytes() + rows.astype("<f8").tobytes(), "application/octet-stream"
         raise AskedWrongly(f"no {what!r}; expected spec, columns or rows")
 
+    def embedded(self) -> dict[str, Any]:
+        """For a page that stands alone: the spec, a drawing's worth of columns, and a cloud's worth of samples, in
+        whole numbers of 16 bits: the signals must be finite."""
+        begin, end = (float(self.t[0]), float(self.t[-1])) if len(self.t) else (0.0, 1.0)
+        columns = self.columns(begin, np.nextafter(end, np.inf), EMBEDDED_COLUMNS)
+        rows = self.rows({}, EMBEDDED_ROWS)[1]
+        return {"spec": self.spec(), "columns": [_packed(r) for r in columns], "rows": [_packed(r) for r in rows]}
+
     # --- a file ---
 
     def save(self, path: Path) -> None:
@@ -154,6 +166,13 @@ class SignalSet:
                 document["floor"],
                 document["unit"],
             )
+
+
+def _packed(values: Array) -> dict[str, Any]:
+    """Numbers between their ends, in steps of 1/65535, as text."""
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+    steps = np.rint((values - low) * (65535 / ((high - low) or 1.0))).astype("<u2")
+    return {"low": low, "high": high, "data": f"base64,{base64.b64encode(steps.tobytes()).decode()}"}
 
 
 def _finite(text: str) -> float:

@@ -45,7 +45,6 @@ def build(studio: Studio) -> None:
 def _head() -> None:
     """Styles and scripts: those of the report, of the signals, and the page's own."""
     ui.add_head_html(f"<style>{stylesheet()}</style>")
-    ui.add_head_html('<link rel="stylesheet" href="/static/signals/signals.css">')
     ui.add_head_html('<link rel="stylesheet" href="/static/page/studio.css">')
     ui.add_body_html(f"<script>{script()}</script>")
     for name in SCRIPTS:

@@ -1,5 +1,6 @@
 "use strict";
-/* Where the numbers come from: a server that reduces them, or the page itself. Both answer the same three questions. */
+/* Numbers of signals: as blocks over time, as a table of samples, and what is said of a selection; those of a page that
+   has them in itself. */
 Object.assign(globalThis.TendonSignals, (() => {
   /* The first place in ascending numbers whose value is not below x. */
   function place(values, x) {
@@ -32,39 +33,9 @@ Object.assign(globalThis.TendonSignals, (() => {
     return { count, signals };
   }
 
-  class Served {
-    constructor(address) { this.address = address; }
-
-    async ask(what, query) {
-      const text = new URLSearchParams(query).toString();
-      const answer = await fetch(`${this.address}/${what}${text ? `?${text}` : ""}`, { credentials: "same-origin" });
-      if (!answer.ok) throw new Error(`the signals could not be read (${answer.status})`);
-      return answer;
-    }
-
-    async numbers(what, query) {
-      return new Float64Array(await (await this.ask(what, query)).arrayBuffer());
-    }
-
-    async open() {
-      this.spec = await (await this.ask("spec", {})).json();
-      return this.spec;
-    }
-
-    async columns(begin, end, columns) {
-      return blocks(await this.numbers("columns", { begin, end, columns }), this.spec.lines.length);
-    }
-
-    async rows(ranges) {
-      const query = Object.fromEntries(Object.entries(ranges).map(([name, [low, high]]) => [name, `${low},${high}`]));
-      const numbers = await this.numbers("rows", query);
-      return { total: numbers[0], ...table(numbers.subarray(1), this.spec.signals) };
-    }
-  }
-
   /* Numbers that stand in the page: whole ones of 16 bits between a low and a high end. */
   function unpacked({ low, high, data }) {
-    const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+    const bytes = Uint8Array.from(atob(data.slice(data.indexOf(",") + 1)), (letter) => letter.charCodeAt(0));
     return Float64Array.from(new Uint16Array(bytes.buffer), (k) => low + (high - low) * k / 65535);
   }
 
@@ -119,5 +90,5 @@ Object.assign(globalThis.TendonSignals, (() => {
     };
   }
 
-  return { place, Served, Embedded, statistics };
+  return { place, blocks, table, Embedded, statistics };
 })());
