@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import re
 import subprocess
 import sys
@@ -13,6 +14,8 @@ from typing import Any
 import pytest
 
 from tests.studio.browser import ROOT, Watched, chromium, studio
+
+PICTURE = ROOT / "runtime" / "studio" / "page" / "picture.png"
 
 SOON = 20_000
 """ms for what the page does by itself, on a machine that is busy with other tests."""
@@ -173,6 +176,18 @@ def test_by_the_keyboard_alone(browser: Any, fitted: Path, tmp_path: Path) -> No
             page.keyboard.press(key)
         page.wait_for_selector(".signals-said[data-lit]", timeout=SOON)
         assert 0 < page.evaluate("(s => s.lit.total / s.rows.total)(document.querySelector('tendon-signals'))") < 0.7
+
+
+def test_the_picture_of_the_guide(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    """What the README shows is the page, as large as that is here; TENDON_PICTURE=write makes it anew."""
+    with studio(tmp_path, reopened(fitted, tmp_path)) as address:
+        page = Watched(browser, address).page
+        page.wait_for_selector("tendon-signals[data-ready]", timeout=SOON)
+        picture = page.screenshot()
+    if os.environ.get("TENDON_PICTURE") == "write":
+        PICTURE.write_bytes(picture)
+    kept = PICTURE.read_bytes()
+    assert kept[:24] == picture[:24]  # signature, width and height
 
 
 @pytest.mark.slow

@@ -26,7 +26,8 @@ def banner(view: PageView) -> None:
     if found is not None and found["more"]:
         put("p", found["more"])
     elif found is None and step.parent is not None:
-        put("p", view.shown["sentence"])
+        quiet = all(joint["at_floor"] for joint in view.shown["joints"])
+        put("p", "What is left of every joint's torque is at its noise floor." if quiet else view.shown["sentence"])
     _facts(view, step)
     for cure in view.shown["cures"]:
         with put("p", classes="warning"):
