@@ -7,7 +7,7 @@ from nicegui import ui
 from runtime.report.page.filling import script, stylesheet
 from runtime.report.signals import SCRIPTS
 from runtime.studio.page import arm, joint_views, library, start, steps, trying, verdict, working
-from runtime.studio.page.parts import Section, put
+from runtime.studio.page.parts import PageSection, put
 from runtime.studio.page.view import PageView
 from runtime.studio.studio import Studio
 
@@ -52,7 +52,7 @@ def _head() -> None:
     ui.add_body_html('<script src="/static/page/studio.js"></script>')
 
 
-def _sections(view: PageView) -> list[Section]:
+def _sections(view: PageView) -> list[PageSection]:
     """In the order of the page. Of what depends on a step the key says which, and what is known of it."""
     studio = view.studio
 
@@ -73,18 +73,18 @@ def _sections(view: PageView) -> list[Section]:
 
     with put("div", classes="at-work"):
         made = [
-            Section("div", "work", lambda: (working.state(view), view.wrong), lambda: working.work(view)),
-            Section("div", "progress", lambda: studio.work if view.busy else None, lambda: working.progress(view)),
+            PageSection("div", "work", lambda: (working.state(view), view.wrong), lambda: working.work(view)),
+            PageSection("div", "progress", lambda: studio.work if view.busy else None, lambda: working.progress(view)),
         ]
     made += [
-        Section(
+        PageSection(
             "section",
             "start",
             lambda: None if view.here else (studio.inputs, view.busy),
             lambda: start.start(view),
             classes="short",
         ),
-        Section(
+        PageSection(
             "section",
             "verdict",
             lambda: joint() and (joint(), view.busy),
@@ -95,26 +95,26 @@ def _sections(view: PageView) -> list[Section]:
     with put("div", classes="columns"):
         with put("div"):
             made += [
-                Section("section", "errors", joint, lambda: arm.joints(view)),
-                Section(
+                PageSection("section", "errors", joint, lambda: arm.joints(view)),
+                PageSection(
                     "section",
                     "history",
                     lambda: step() and (step(), joint(), studio.history),
                     lambda: steps.history(view),
                 ),
-                Section("section", "model", lambda: step() and (step(), joint()), lambda: steps.model(view)),
+                PageSection("section", "model", lambda: step() and (step(), joint()), lambda: steps.model(view)),
             ]
         made.append(
-            Section("section", "motion", lambda: step() and (view.here, studio.inputs), lambda: arm.picture(view))
+            PageSection("section", "motion", lambda: step() and (view.here, studio.inputs), lambda: arm.picture(view))
         )
     made += [
-        Section("section", "joint", lambda: joint() and (joint(), view.held_out), signals),
-        Section("section", "findings", found, lambda: verdict.cards(view)),
-        Section("section", "try", lambda: step() and (step(), view.offered), lambda: library.library(view)),
-        Section("section", "ask", lambda: trying.key(view), lambda: trying.trying(view)),
-        Section("section", "change", lambda: step() and (step(), view.against), lambda: steps.change(view)),
-        Section("section", "beside", judged, lambda: verdict.beside(view)),
-        Section(
+        PageSection("section", "joint", lambda: joint() and (joint(), view.held_out), signals),
+        PageSection("section", "findings", found, lambda: verdict.cards(view)),
+        PageSection("section", "try", lambda: step() and (step(), view.offered), lambda: library.library(view)),
+        PageSection("section", "ask", lambda: trying.key(view), lambda: trying.trying(view)),
+        PageSection("section", "change", lambda: step() and (step(), view.against), lambda: steps.change(view)),
+        PageSection("section", "beside", judged, lambda: verdict.beside(view)),
+        PageSection(
             "section",
             "recordings",
             lambda: (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None,

@@ -62,7 +62,7 @@ def folded(title: str, open_: bool = False) -> Iterator[None]:
         yield
 
 
-class Section:
+class PageSection:
     """A part of the page that is drawn anew when what it shows is another: `key` says what that is.
 
     A key of None: it is not shown.
