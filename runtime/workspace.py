@@ -6,7 +6,7 @@ The one place where equations and recordings meet: command line, notebooks and p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -136,6 +136,12 @@ class Source:
         from symbolic.model_file import editor
 
         return editor.add_effect(text, str(self.path), self.described, effect, joint, values)
+
+    def leave_out(self, text: str, effect: str, joint: int | None) -> str:
+        """`text` without one of its effects."""
+        from symbolic.model_file import editor
+
+        return editor.remove_effect(text, str(self.path), self.described, effect, joint)
 
     def name_of_next(self, effect: str, joint: int | None) -> str:
         """Under which name the file gets an effect more: several of one kind are numbered."""
@@ -340,3 +346,34 @@ def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> So
 def open_model(path: Path | str, effects_file: Path | None = None) -> Model:
     """The model of a model file, ready to evaluate: for notebooks, and as every verb does it."""
     return Source.read(Path(path), effects_file).model()
+
+
+def mapping(entries: Sequence[str] | None) -> dict[str, str]:
+    """`--map name=column`, several times, and `--columns name,name` as a dictionary; what is mapped by itself stands
+    before what a list of columns says of it, and a later sign or unit of a field before an earlier one.
+    """
+    from runtime.recordings.nameless import in_order
+
+    given = entries or ()
+    lists = [entry for entry in given if "=" not in entry and "," in entry]
+    ordered = _named(entry for columns in lists for entry in in_order(columns))
+    return ordered | _named(entry for entry in given if entry not in lists)
+
+
+def _named(entries: Iterable[str]) -> dict[str, str]:
+    result: dict[str, str] = {}
+    for entry in entries:
+        name, equals, column = entry.partition("=")
+        if not equals or not name.strip() or not column.strip():
+            raise UsageError(f'--map {entry}: expected NAME=COLUMN, for example --map q1="Position1 [deg]"')
+        if _field(result.get(name.strip(), column)) != _field(column):
+            raise UsageError(f"--map {name.strip()}: given twice")
+        result[name.strip()] = column.strip()
+    return result
+
+
+def _field(column: str) -> str:
+    """A field without sign and unit: who types a cure behind what was typed before corrects it."""
+    from runtime.recordings.cures import bare
+
+    return bare(column.strip().removeprefix("-"))

@@ -52,6 +52,7 @@ runtime.report
 runtime.study
 runtime.workspace
 runtime.notebook
+runtime.studio
 runtime.import_name
 runtime.cli
 """
@@ -59,7 +60,7 @@ runtime.cli
 side and may lean on those left of them."""
 
 ORDER = [room for line in ROOMS.splitlines() for room in line.split()]
-BOTH_ENDS = {"runtime.workspace", "runtime.notebook", "runtime.import_name", "runtime.cli"}
+BOTH_ENDS = {"runtime.workspace", "runtime.notebook", "runtime.studio", "runtime.import_name", "runtime.cli"}
 """They alone may see the equations and the generators from the side of the recordings."""
 PLAIN = {
     f"symbolic.{name}"

@@ -28,6 +28,7 @@ from runtime.cli import (
     paper,
     places,
     simulate,
+    studio,
     sweep,
     verify,
 )
@@ -53,6 +54,7 @@ for _verb in (
     simulate,
     experiment,
     demo,
+    studio,
     optimize,
     execute,
     sweep,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from runtime.cli.places import READ, WRITTEN, Role, check_writable
-from runtime.recordings.cures import bare
-from runtime.recordings.nameless import in_order
 from runtime.report import page
 from runtime.workspace import UsageError, is_name
+from runtime.workspace import mapping as mapping
 
 ModelFile = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps, ur10, panda."), READ
@@ -71,30 +69,3 @@ def nearby(path: Path) -> Path:
     """The path as one would type it from here, where it lies below."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path
-
-
-def mapping(entries: Sequence[str] | None) -> dict[str, str]:
-    """`--map name=column`, several times, and `--columns name,name` as a dictionary; what is mapped by itself stands
-    before what a list of columns says of it, and a later sign or unit of a field before an earlier one.
-    """
-    given = entries or ()
-    lists = [entry for entry in given if "=" not in entry and "," in entry]
-    ordered = _named(entry for columns in lists for entry in in_order(columns))
-    return ordered | _named(entry for entry in given if entry not in lists)
-
-
-def _named(entries: Iterable[str]) -> dict[str, str]:
-    result: dict[str, str] = {}
-    for entry in entries:
-        name, equals, column = entry.partition("=")
-        if not equals or not name.strip() or not column.strip():
-            raise UsageError(f'--map {entry}: expected NAME=COLUMN, for example --map q1="Position1 [deg]"')
-        if _field(result.get(name.strip(), column)) != _field(column):
-            raise UsageError(f"--map {name.strip()}: given twice")
-        result[name.strip()] = column.strip()
-    return result
-
-
-def _field(column: str) -> str:
-    """A field without sign and unit: who types a cure behind what was typed before corrects it."""
-    return bare(column.strip().removeprefix("-"))

@@ -132,15 +132,28 @@ def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
 
 def series(identification: Identification) -> tuple[JointSeries, ...]:
     """Every joint's torque and prediction on the rows that count."""
-    model, motion, fit = identification.model, identification.motion, identification.fit
+    motion, fit, found = identification.motion, identification.fit, repeats.find(identification.motion)
+    floors = []
+    for i, residual in enumerate(fit.residual):
+        noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
+        floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
+    return laid_open(identification, motion, fit.residual, floors)
+
+
+def laid_open(
+    identification: Identification, motion: Motion, residuals: Sequence[Array], floors: Sequence[Floor]
+) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction on a motion, that of the fit or another one, on the rows that count.
+
+    residuals   per joint (M,) what the fit leaves of the torque on it     floors   of every joint there
+    """
+    model, fit = identification.model, identification.fit
     regressors = Regressors(model, motion, fit.prediction)
-    found = repeats.find(motion)
     loads = np.concatenate([s.loads[:, p.centres] for s, p in _pairs(regressors)], axis=1)
     out = []
     for i, joint in enumerate(model.joints):
         use = motion.moving(i)
         tau = motion.recorded(i, fit.skew)
-        noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
         warm = all(bool(p.measured[i]) for p in motion.pieces)
         out.append(
             JointSeries(
@@ -155,8 +168,8 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
                 loads[i, use],
                 motion.rows("warmth")[i, use] if warm else None,
                 tau[use],
-                (tau - fit.residual[i])[use],
-                floor(motion, found, i, fit.residual[i], fit.coefficients @ noise + fixed_noise),
+                (tau - residuals[i])[use],
+                floors[i],
                 joint.name,
             )
         )

@@ -1,10 +1,11 @@
-"""The noise floor of recordings that were held out: what a perfect model would leave of them."""
+"""Recordings that were held out: what a fit leaves of them, and their noise floor, which a perfect model would."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from runtime.diagnosis.steps import residuals_elsewhere
+from runtime.estimation.compare import JointSeries, laid_open
 from runtime.estimation.identify import Identification, without_tip_rests
 from runtime.estimation.problem import Problem
 from runtime.motion import repeats
@@ -15,14 +16,19 @@ from runtime.recordings.recording import Recording
 
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
     """Floor of every joint on recordings that were not fitted, in the band of the fit; empty without recordings."""
+    return tuple(joint.floor for joint in series(identification, recordings))
+
+
+def series(identification: Identification, recordings: Sequence[Recording]) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction on recordings that were not fitted; empty without recordings."""
     if not recordings:
         return ()
     model, fit = identification.model, identification.fit
     motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
-    found = repeats.find(motion)
+    found, residuals = repeats.find(motion), residuals_elsewhere(identification, motion)
     floors = []
-    for i, residual in enumerate(residuals_elsewhere(identification, motion)):
+    for i, residual in enumerate(residuals):
         noise, fixed_noise = problem.noise_rows(i, fit.shapes)
         floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
-    return tuple(floors)
+    return laid_open(identification, motion, residuals, floors)

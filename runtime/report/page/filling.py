@@ -7,13 +7,16 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
+from markupsafe import Markup
 
 from runtime import files
 from runtime.report.page import NAME
+from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 """What is run; a script with a type is data."""
@@ -21,16 +24,53 @@ _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 def filled(template: str, holes: Mapping[str, Any]) -> str:
     """A template of this room; the same bytes for the same holes."""
-    environment = Environment(
+    page = _environment().get_template(template).render(holes, **_style())
+    first = '<meta charset="utf-8">'
+    return page.replace(first, f'{first}\n<meta http-equiv="Content-Security-Policy" content="{policy(page)}">', 1)
+
+
+def part(template: str, macro: str, *holes: Any) -> Markup:
+    """What a macro of a template of this room makes of its arguments, for the middle of another page.
+
+    Raises ValueError where something that it shows is not among them.
+    """
+    try:
+        made: Markup = getattr(_environment().get_template(template).module, macro)(*holes)
+    except UndefinedError as error:
+        raise ValueError(f"{macro}: {error}") from error
+    return made
+
+
+def stylesheet() -> str:
+    """The report's style, for a page that shows the same parts."""
+    return _environment().get_template("report.css.j2").render(**_style())
+
+
+def script() -> str:
+    """What sets the arm's picture in motion."""
+    return _environment().get_template("arm_motion.js.j2").render()
+
+
+def looking() -> Markup:
+    """What draws signals whose numbers are in the page."""
+    return Markup("\n".join((STATIC / name).read_text(encoding="utf-8") for name in EMBEDDED_SCRIPTS))
+
+
+def _style() -> dict[str, Markup]:
+    """What the report's style takes from that of the signals."""
+    texts = {"colours": "colours.css", "signals_style": "signals.css"}
+    return {name: Markup((STATIC / file).read_text(encoding="utf-8")) for name, file in texts.items()}
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.get_template(template).render(holes)
-    first = '<meta charset="utf-8">'
-    return page.replace(first, f'{first}\n<meta http-equiv="Content-Security-Policy" content="{policy(page)}">', 1)
 
 
 def policy(page: str) -> str:

@@ -15,7 +15,8 @@ from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
 from runtime.report.page import recorded_motion
-from runtime.report.page.filling import embedded, filled, written
+from runtime.report.page.filling import embedded, filled, looking, written
+from runtime.report.signals import joint_signals
 from runtime.report.summary import Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence
 
@@ -39,7 +40,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
     joints = range(len(first.joints))
     return {
         "model": first.identification.model.name,
-        "verdict": _verdict(summary),
+        "verdict": verdict(summary),
         "short": _short(summary),
         "held_out": first.held_out is not None,
         "errors": [_error_block(summary, i) for i in summary.telling],
@@ -62,6 +63,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "skew": parameters.skew(last.identification.inference),
         "warnings": summary.document["warnings"],
         "document": embedded(summary.document),
+        "looking": looking(),
     }
 
 
@@ -77,7 +79,8 @@ _TAGS = {
 }
 
 
-def _verdict(summary: ResultSummary) -> Row:
+def verdict(summary: ResultSummary) -> Row:
+    """The answer: its kind, that in words, a sentence, and what is to be added to it."""
     diagnosis = summary.diagnosis
     if diagnosis is None:
         return {"kind": "comparison", "tag": _TAGS["comparison"], "sentence": _compared(summary), "more": ""}
@@ -237,15 +240,25 @@ def _quiet(summary: ResultSummary, joint: int) -> str | None:
 
 def _joint(summary: ResultSummary, joint: int) -> Row:
     first, last = summary.first, summary.last
+    quiet = _quiet(summary, joint)
     findings = summary.findings_at(joint)
     return {
         "number": joint + 1,
         "called": summary.called(joint),
-        "quiet": _quiet(summary, joint),
+        "quiet": quiet,
         "improved": last is not first,
         "added": " and ".join(dict.fromkeys(f.term.effect for f in findings)),
         "figures": figures.of_joint(first, last, joint, findings),
+        "signals": None if quiet else _signals(summary, joint),
     }
+
+
+def _signals(summary: ResultSummary, joint: int) -> str | None:
+    """Of a joint that is looked into, its signals with their numbers; None where it never moves."""
+    if len(summary.first.joints[joint].t) < 2:
+        return None
+    added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
+    return embedded(joint_signals.of_joint(summary.first, summary.last, joint, added).embedded())
 
 
 # --- what to type, and what was recorded ---

@@ -146,15 +146,15 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
     motion, before = first.identification.motion, first.joints[joint]
     left, cutoff = last.identification.fit.residual[joint], motion.band.cutoff
-    frequency, density = _density(first, joint)
+    frequency, before_density = density(first, joint)
     line = spectrum.strongest_line(left, motion.row_rate)
     peaks = spectrum.peaks(left, last.identification.motion.row_rate, cutoff)
     if line is not None:
         peaks = [line.frequency, *(p for p in peaks if abs(p - line.frequency) > 2 * frequency[1])]
     figure = joint_plots.spectrum(
         frequency,
-        density,
-        None if last is first else _density(last, joint)[1],
+        before_density,
+        None if last is first else density(last, joint)[1],
         before.floor.spectrum / np.sqrt(cutoff),
         cutoff,
         before.force_unit,
@@ -169,7 +169,7 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     return drawn(figure, f"spectrum{joint + 1}", caption)
 
 
-def _density(step: Step, joint: int) -> tuple[Array, Array]:
+def density(step: Step, joint: int) -> tuple[Array, Array]:
     """Frequencies, Hz, and amplitude density of a joint's residual."""
     frequency, power = spectrum.density(step.identification.fit.residual[joint], step.identification.motion.row_rate)
     return frequency, np.sqrt(power)
@@ -246,20 +246,21 @@ def axis_of(series: JointSeries, signal: str) -> joint_plots.PlotAxis:
     units = {
         "velocity": f"velocity, {position}/s (stretched about 0)",
         "position": f"position, {position}",
+        "acceleration": f"acceleration, {position}/s²",
         "load": f"load: predicted torque on the link, {force}",
         "temperature": "temperature above the start, K",
         "time": "time, s",
     }
     values = series.signals()[signal]
     if signal == "time":
-        values = _clock(series)[0]
+        values = clock(series)[0]
     return joint_plots.PlotAxis(
         units[signal], values, None if signal == "velocity" else forward, creep=signal == "velocity"
     )
 
 
 def _trace(before: JointSeries, after: JointSeries | None) -> tuple[time_plots.Trace, bool]:
-    t, end_to_end = _clock(before)
+    t, end_to_end = clock(before)
     predicted = None if after is None else after.predicted
     trace = time_plots.Trace(
         t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit
@@ -267,12 +268,16 @@ def _trace(before: JointSeries, after: JointSeries | None) -> tuple[time_plots.T
     return trace, end_to_end
 
 
-def _clock(series: JointSeries) -> tuple[Array, bool]:
+def clock(series: JointSeries) -> tuple[Array, bool]:
+    """Time (M,) of a joint's rows that always runs forwards, as `running_clock`."""
+    return running_clock(series.t, series.piece)
+
+
+def running_clock(t: Array, piece: NDArray[np.integer[Any]]) -> tuple[Array, bool]:
     """Time (M,) that always runs forwards, and whether recordings or runs were put end to end for it."""
-    starts = np.flatnonzero(np.diff(series.piece)) + 1
-    t = series.t.copy()
+    t = t.copy()
     moved = False
-    for start in starts:
+    for start in np.flatnonzero(np.diff(piece)) + 1:
         if t[start] <= t[start - 1]:
             t[start:] += t[start - 1] - t[start] + 1.0
             moved = True

@@ -27,11 +27,12 @@ _FOLLOWS = 0.02
 
 
 def findings(summary: ResultSummary) -> list[Row]:
-    """Every finding with its evidence, its rivals and the other candidates for its place."""
-    return [_finding(summary, k) for k in range(len(summary.findings))]
+    """Every finding with its evidence, its rivals, the other candidates for its place, and figures."""
+    return [card(summary, k) | {"figures": _figures(summary, k)} for k in range(len(summary.findings))]
 
 
-def _finding(summary: ResultSummary, number_: int) -> Row:
+def card(summary: ResultSummary, number_: int) -> Row:
+    """A finding in words and numbers: evidence, law, values, rivals and the other candidates for its place."""
     diagnosis, finding = summary.diagnosis, summary.findings[number_]
     assert diagnosis is not None
     i = finding.joint_index
@@ -56,8 +57,14 @@ def _finding(summary: ResultSummary, number_: int) -> Row:
         "candidates": _candidates(summary, finding),
         "remainder": finding_json(diagnosis, number_)["remainder"],
         "command": summary.adding()[number_].line,
-        "figures": figures.of_finding(finding, info, f"finding{number_ + 1}", len(summary.findings_at(i)) == 1),
     }
+
+
+def _figures(summary: ResultSummary, number_: int) -> list[figures.Drawn]:
+    """What a finding explains."""
+    finding, i = summary.findings[number_], summary.findings[number_].joint_index
+    info = summary.first.identification.model.library.effects[finding.term.effect]
+    return figures.of_finding(finding, info, f"finding{number_ + 1}", len(summary.findings_at(i)) == 1)
 
 
 def name(term: Term) -> str:

@@ -55,6 +55,14 @@ class PlotAxis:
         """Values of places on the axis, the inverse."""
         return self.width * np.sinh(x) if self.creep else x
 
+    def sides(self) -> list[NDArray[np.bool_]]:
+        """Which samples are averaged together: each direction of motion on its own; a rate is broken at standstill."""
+        if self.creep:
+            return [self.values < 0, self.values > 0]
+        if self.forward is None:
+            return [np.ones(len(self.values), dtype=bool)]
+        return [self.forward, ~self.forward]
+
 
 # --- the error ---
 
@@ -177,10 +185,7 @@ def _cloud(ax: Axes, axis: PlotAxis, residual: Array, colour: str) -> None:
 
 def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
     """Running mean, of each direction of motion on its own; over a rate, broken at standstill."""
-    if axis.creep:
-        sides = [axis.values < 0, axis.values > 0]
-    else:
-        sides = [np.ones(len(y), dtype=bool)] if axis.forward is None else [axis.forward, ~axis.forward]
+    sides = axis.sides()
     names = ["", ""] if axis.creep or len(sides) < 2 else ["+", "−"]
     for side, name, shift in zip(sides, names, (4, -4), strict=False):
         x, mean = running_mean(axis.stretched()[side], y[side])

@@ -71,10 +71,16 @@ def styled(make: Callable[P, Figure]) -> Callable[P, Figure]:
     return made
 
 
+def residual_reach(residuals: Sequence[NDArray[np.float64]], floor: float) -> float:
+    """How far a scale of residuals reaches on either side of 0: a few outliers do not set it, and it shows the noise
+    floor."""
+    reach = max((float(np.quantile(np.abs(r), 0.997)) for r in residuals if len(r)), default=0.0)
+    return max(1.15 * reach, 2.5 * floor)
+
+
 def residual_scale(ax: Axes, residuals: Sequence[NDArray[np.float64]], floor: float) -> None:
-    """A vertical scale, symmetric about 0, that a few outliers do not set and that shows the noise floor."""
-    reach = max(float(np.quantile(np.abs(r), 0.997)) for r in residuals)
-    reach = max(1.15 * reach, 2.5 * floor)
+    """A vertical scale, symmetric about 0, as far as `residual_reach` says."""
+    reach = residual_reach(residuals, floor)
     ax.set_ylim(-reach, reach)
 
 

@@ -1,0 +1,124 @@
+"""The verb that opens the loop in a browser: studio."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from runtime.cli.options import AllowGaps, EffectsFile, Map, mapping
+from runtime.cli.places import FILLED, READ
+from runtime.workspace import UsageError, is_name
+
+if TYPE_CHECKING:
+    from runtime.studio.session import StudioSession
+    from runtime.studio.studio import Studio
+
+app = typer.Typer()
+
+FOLDER = Path("studio-session")
+
+
+@app.command(epilog="Example: tendon studio drive.toml run1.csv --held-out run2.csv")
+def studio(
+    model: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[MODEL]",
+            help="Model file (TOML), URDF or MJCF, or drive, vishard4, emps, ur10, panda; or the folder of a session.",
+        ),
+        READ,
+    ] = None,
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(metavar="[RECORDING...]", help="As for diagnose."), READ
+    ] = None,
+    held_out: Annotated[
+        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted."), READ
+    ] = None,
+    demo: Annotated[bool, typer.Option("--demo", help="A simulated drive with a hidden effect.")] = False,
+    session: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help=f"New folder for the session; default: ./{FOLDER}, or the next free."),
+        FILLED,
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in the browser.")] = True,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+) -> None:
+    """The whole loop in the browser. Compare, see where it fails, name it, add it, watch the error fall.
+
+    Served on this machine alone; a session is a folder, and tendon studio FOLDER opens it again.
+    """
+    from runtime.studio.server import needed, serve
+    from runtime.studio.studio import Studio
+
+    needed()
+    mapping(maps)
+    opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps))
+    made = Studio(opened or _new(session), effects)
+    if opened is None:
+        with _kept_whole(made):
+            _give(made, model, recordings or [], held_out or [], demo)
+            if maps or allow_gaps:
+                made.read_as(maps or (), allow_gaps)
+    if made.inputs.complete and not made.history.steps:
+        made.begin()
+    typer.echo(f"Session: {made.session.folder}")
+    serve(made, port, lambda address: typer.echo(f"Studio: {address}"), browser)
+
+
+def _reopened(folder: Path | None, more: bool) -> StudioSession | None:
+    """The session whose folder was given; None if a model was."""
+    from runtime.studio.session import FILE, StudioSession
+
+    if folder is None or not (folder / FILE).is_file():
+        return None
+    if more:
+        raise UsageError(f"{folder}: is a session and is opened as it is; give nothing else beside it")
+    return StudioSession.open(folder)
+
+
+def _new(wanted: Path | None) -> StudioSession:
+    from runtime.studio.session import StudioSession
+
+    if wanted is not None:
+        return StudioSession.create(wanted)
+    number = 1
+    while (folder := FOLDER if number == 1 else Path(f"{FOLDER}-{number}")).exists():
+        number += 1
+    return StudioSession.create(folder)
+
+
+@contextmanager
+def _kept_whole(studio: Studio) -> Iterator[None]:
+    """A session that cannot be begun leaves no folder."""
+    try:
+        yield
+    except BaseException:
+        studio.close()
+        shutil.rmtree(studio.session.folder)
+        raise
+
+
+def _give(studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], demo: bool) -> None:
+    if demo:
+        if model is not None or recordings or held_out:
+            raise UsageError("--demo brings a model and recordings; give none beside it")
+        studio.give_demo()
+        return
+    if model is None and held_out:
+        raise UsageError("--held-out needs a model and a recording that is fitted; give them first")
+    if model is not None and is_name(model):
+        studio.give_arm(model.name)
+    elif model is not None:
+        studio.give_model(model)
+    for path in recordings:
+        studio.give_recording(path)
+    for path in held_out:
+        studio.give_recording(path, held_out=True)

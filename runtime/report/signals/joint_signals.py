@@ -1,0 +1,191 @@
+"""Which signals of a joint are shown, and over what: the same numbers as the figures of report/plots, to look into."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.steps import Step
+from runtime.estimation.compare import JointSeries, structure_shares
+from runtime.motion import spectrum
+from runtime.recordings.recording import Recording
+from runtime.report.page import page_figures as figures
+from runtime.report.plots.joint_plots import PlotAxis, running_mean
+from runtime.report.plots.style import residual_reach
+from runtime.report.signals.panels import Colour, DrawnCurve, DrawnLine, SignalPanel, around, curve
+from runtime.report.signals.signal_set import SignalSet
+from runtime.wording import numbered, percent
+
+Array = NDArray[np.float64]
+
+MEASURED, PREDICTED, RESIDUAL = "measured", "predicted", "residual"
+BEFORE, AFTER = " before", " after"
+_SHOWN = ("velocity", "position", "load", "temperature", "acceleration")
+"""The same order for every joint and recording, so that they can be compared at a glance."""
+
+
+def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
+    """A joint (0-based) as fitted, before and after what was added, as that is called; one model where both steps are
+    the same."""
+    before = first.joints[joint]
+    after = None if last is first else last.joints[joint]
+    return of_series(before, after, added, (_spectrum(first, last, joint),))
+
+
+def of_series(
+    before: JointSeries, after: JointSeries | None, added: str = "", more: Sequence[SignalPanel] = ()
+) -> SignalSet:
+    """A joint's series on the same rows, before and after what was added: none if `after` is None."""
+    models: list[tuple[str, Colour, JointSeries]] = [(BEFORE if after else "", "before", before)]
+    if after is not None:
+        models.append((AFTER, "after", after))
+    lines = {MEASURED: before.tau}
+    for suffix, _, series in models:
+        lines[PREDICTED + suffix] = series.predicted
+        lines[RESIDUAL + suffix] = series.residual
+    floor = (after or before).floor.value
+    residuals = tuple(DrawnLine(RESIDUAL + suffix, RESIDUAL + suffix, colour) for suffix, colour, _ in models)
+    torque = "force" if before.force_unit == "N" else "torque"
+    drawn = (
+        DrawnLine(MEASURED, MEASURED, "ink"),
+        *(DrawnLine(PREDICTED + suffix, PREDICTED + suffix, colour) for suffix, colour, _ in models),
+    )
+    reach = residual_reach([before.residual], floor)
+    panels = [
+        SignalPanel(
+            "time",
+            f"{torque.capitalize()} over time",
+            "time",
+            ("time, s", f"{torque}, {before.force_unit}"),
+            *around([lines[line.line] for line in drawn]),
+            drawn,
+        ),
+        SignalPanel(
+            "time",
+            "Residual over time",
+            "time",
+            ("time, s", f"residual, {before.force_unit}"),
+            -reach,
+            reach,
+            residuals,
+            band=floor,
+        ),
+    ]
+    share = structure_shares(before)
+    axes = {name: figures.axis_of(before, name) for name in (*figures.signals(before), "acceleration")}
+    axes = {name: axis for name, axis in axes.items() if name != "time"}
+    for name in _SHOWN:
+        if name not in axes:
+            continue
+        panels.append(_over(name, axes[name], models, residuals, reach, floor, added, share[name]))
+    return SignalSet(
+        f"Joint {numbered(before.joint, before.name)}",
+        figures.clock(before)[0],
+        lines,
+        {name: axis.values for name, axis in axes.items()},
+        (*panels, *more),
+        floor,
+        before.force_unit,
+    )
+
+
+def of_recording(recording: Recording, joint: int) -> SignalSet:
+    """A joint (0-based) of a recording as it was read: every sample, nothing filtered."""
+    turns = recording.types[joint] == "revolute"
+    force, position = ("N m", "rad") if turns else ("N", "m")
+    torque = "torque" if turns else "force"
+    rows = {torque: (recording.tau[joint], force), "position": (recording.q[joint], position)}
+    if recording.qd is not None and np.isfinite(recording.qd[joint]).any():
+        rows["velocity"] = (recording.qd[joint], f"{position}/s")
+    warmth = recording.temperature[joint]
+    if warmth is not None:
+        rows["temperature"] = (warmth, "°C")
+    panels = tuple(
+        SignalPanel(
+            "time",
+            f"{name.capitalize()} over time",
+            "time",
+            ("time, s", f"{name}, {unit}"),
+            *around([values]),
+            (DrawnLine(name, name, "ink"),),
+        )
+        for name, (values, unit) in rows.items()
+    )
+    lines = {name: values for name, (values, _) in rows.items()}
+    t = figures.running_clock(recording.t, recording.run)[0]
+    return SignalSet(f"Joint {joint + 1} as recorded", t, lines, {}, panels, 0.0, force)
+
+
+def _over(
+    name: str,
+    axis: PlotAxis,
+    models: Sequence[tuple[str, Colour, JointSeries]],
+    residuals: tuple[DrawnLine, ...],
+    reach: float,
+    floor: float,
+    added: str,
+    share: float,
+) -> SignalPanel:
+    """The residual over a signal, with its running means and the curve of what was added."""
+    curves: list[DrawnCurve] = []
+    for suffix, colour, series in models:
+        curves += _means(axis, series.residual, RESIDUAL + suffix, colour)
+    if len(models) > 1 and added:
+        curves += _means(axis, models[1][2].predicted - models[0][2].predicted, added, "ink", dashed=True)
+    when = BEFORE if len(models) > 1 else ""
+    return SignalPanel(
+        "over",
+        f"Residual over {name}",
+        name,
+        (axis.label, f"residual, {models[0][2].force_unit}"),
+        -reach,
+        reach,
+        residuals,
+        tuple(curves),
+        floor,
+        axis.width if axis.creep else 0.0,
+        note=f"{name.capitalize()} explains {percent(share, 0)} of the residual's variance{when}.",
+    )
+
+
+def _means(axis: PlotAxis, y: Array, name: str, colour: Colour, dashed: bool = False) -> list[DrawnCurve]:
+    """Running means of each direction of motion, in the place of the axis's own values."""
+    found = []
+    for side in axis.sides():
+        x, mean = running_mean(axis.stretched()[side], y[side])
+        found.append(curve(name, colour, axis.unstretched(x), mean, dashed))
+    return found
+
+
+def _spectrum(first: Step, last: Step, joint: int) -> SignalPanel:
+    """The residual over the frequency, with the white noise of the instruments and the peaks that stand out."""
+    motion, before = first.identification.motion, first.joints[joint]
+    cutoff = motion.band.cutoff
+    steps: list[tuple[str, Colour, Step]] = [(BEFORE if last is not first else "", "before", first)]
+    if last is not first:
+        steps.append((AFTER, "after", last))
+    curves = []
+    for suffix, colour, step in steps:
+        frequency, density = figures.density(step, joint)
+        use = (frequency > 0) & (frequency <= cutoff) & (density > 0)
+        curves.append(curve(RESIDUAL + suffix, colour, frequency[use], density[use]))
+    drawn = [y for c in curves for y in c.y if y is not None]
+    noise = float(before.floor.spectrum / np.sqrt(cutoff))
+    low, high = (min(drawn), max(drawn)) if drawn else (1.0, 1.0)
+    peaks = spectrum.peaks(last.identification.fit.residual[joint], last.identification.motion.row_rate, cutoff)
+    return SignalPanel(
+        "curves",
+        "Residual over frequency",
+        "frequency",
+        ("frequency, Hz", f"residual, {before.force_unit}/√Hz"),
+        0.7 * min(low, noise or low),
+        1.6 * high,
+        (),
+        tuple(curves),
+        noise,
+        log=True,
+        marks=tuple(float(f) for f in peaks),
+        note="Grey: the noise of the instruments alone, if it is white.",
+    )

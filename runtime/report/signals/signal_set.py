@@ -1,0 +1,192 @@
+"""All that is shown of one joint, or of a recording as it was read: its numbers, its panels, and answers to a browser.
+
+A browser asks for the spec once, for the table once, for columns whenever a view has moved out of what it has, and for
+the samples of a selection. Arrays travel as little-endian numbers without a header; the spec says their shape.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime import files
+from runtime.report.signals.panels import SignalPanel
+from runtime.report.signals.reduction import Pyramid
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 20_000
+"""Samples of a table: as many dots as a cloud needs, drawn in a part of a frame, and enough for three digits of an
+rms."""
+MOST_COLUMNS = 8_192
+"""Of one answer: a view of 8K with a margin."""
+
+EMBEDDED_COLUMNS, EMBEDDED_ROWS = 1_000, 3_000
+"""Of a page that stands alone, a joint: some 100 kB, so that a report of an arm can still be sent to others."""
+
+
+class AskedWrongly(ValueError):
+    """A browser's question that has no answer; the message says why."""
+
+
+@dataclass(frozen=True)
+class SignalSet:
+    """Signals of one joint or recording (M samples), and the panels in which they are shown.
+
+    title   what it is
+    t       (M,) s, never falling
+    lines   (M,) each, drawn over time or as clouds
+    axes    (M,) each, that clouds are drawn over
+    floor   noise floor of the residuals, in `unit`; 0: there is none
+    unit    of the torque
+    """
+
+    title: str
+    t: Array
+    lines: Mapping[str, Array]
+    axes: Mapping[str, Array]
+    panels: tuple[SignalPanel, ...]
+    floor: float
+    unit: str
+
+    @cached_property
+    def pyramid(self) -> Pyramid:
+        """Of the lines that are drawn over time."""
+        drawn = {line.line for panel in self.panels if panel.kind == "time" for line in panel.lines}
+        return Pyramid.of(self.t, {name: self.lines[name] for name in self.lines if name in drawn})
+
+    @cached_property
+    def signals(self) -> dict[str, Array]:
+        """All that a sample has, by name: its time, then what clouds are drawn over, then the lines."""
+        return {"time": self.t, **{k: v for k, v in self.axes.items() if k != "time"}, **self.lines}
+
+    @property
+    def step(self) -> float:
+        """Median step, s."""
+        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 1.0
+
+    def spec(self) -> dict[str, Any]:
+        """What signals.js needs to know before it asks for numbers."""
+        return {
+            "title": self.title,
+            "samples": len(self.t),
+            "begin": float(self.t[0]) if len(self.t) else 0.0,
+            "end": float(self.t[-1]) if len(self.t) else 1.0,
+            "step": self.step,
+            "lines": list(self.pyramid.names),
+            "signals": list(self.signals),
+            "floor": self.floor,
+            "unit": self.unit,
+            "panels": [panel.to_json() for panel in self.panels],
+        }
+
+    # --- numbers ---
+
+    def columns(self, begin: float, end: float, columns: int) -> Array:
+        """(1 + 2 L, B): as `Pyramid.columns`, of the lines in the order of the spec."""
+        return self.pyramid.columns(begin, end, columns)
+
+    def rows(self, ranges: Mapping[str, tuple[float, float]], most: int = MOST_ROWS) -> tuple[int, Array]:
+        """How many samples lie in all ranges, ends included, and at most so many of them (S, K), in their order.
+
+        Of more the same ones are picked each time, at random. Raises AskedWrongly for a signal that is not there.
+        """
+        inside = np.ones(len(self.t), dtype=bool)
+        for name, (low, high) in ranges.items():
+            if name not in self.signals:
+                raise AskedWrongly(f"no signal {name!r}")
+            inside &= (self.signals[name] >= low) & (self.signals[name] <= high)
+        found = np.flatnonzero(inside)
+        picked = found
+        if len(found) > most:
+            picked = np.sort(np.random.default_rng(0).choice(found, most, replace=False))
+        return len(found), np.array([signal[picked] for signal in self.signals.values()])
+
+    # --- a browser's questions ---
+
+    def answer(self, what: str, query: Mapping[str, str]) -> tuple[bytes, str]:
+        """Body and media type of an answer. Raises AskedWrongly.
+
+        spec     JSON
+        columns  ?begin=&end=&columns= : float64, as `columns`
+        rows     ?NAME=low,high&... : float64, the number of samples and then (S, K), as `rows`; all without a range
+        """
+        if what == "spec":
+            return json.dumps(self.spec(), allow_nan=False).encode(), "application/json"
+        if what == "columns":
+            columns = int(min(max(_finite(query.get("columns", "")), 1), MOST_COLUMNS))
+            found = self.columns(_finite(query.get("begin", "")), _finite(query.get("end", "")), columns)
+            return found.astype("<f8").tobytes(), "application/octet-stream"
+        if what == "rows":
+            count, rows = self.rows({name: _range(text) for name, text in query.items()})
+            return np.array(count, "<f8").tobytes() + rows.astype("<f8").tobytes(), "application/octet-stream"
+        raise AskedWrongly(f"no {what!r}; expected spec, columns or rows")
+
+    def embedded(self) -> dict[str, Any]:
+        """For a page that stands alone: the spec, a drawing's worth of columns, and a cloud's worth of samples, in
+        whole numbers of 16 bits: the signals must be finite."""
+        begin, end = (float(self.t[0]), float(self.t[-1])) if len(self.t) else (0.0, 1.0)
+        columns = self.columns(begin, np.nextafter(end, np.inf), EMBEDDED_COLUMNS)
+        rows = self.rows({}, EMBEDDED_ROWS)[1]
+        return {"spec": self.spec(), "columns": [_packed(r) for r in columns], "rows": [_packed(r) for r in rows]}
+
+    # --- a file ---
+
+    def save(self, path: Path) -> None:
+        """As .npz. Raises OSError."""
+        kept = {"title": self.title, "floor": self.floor, "unit": self.unit, "lines": list(self.lines)}
+        document = {**kept, "axes": list(self.axes), "panels": [panel.to_json() for panel in self.panels]}
+        arrays = {f"line{k}": v for k, v in enumerate(self.lines.values())}
+        arrays |= {f"axis{k}": v for k, v in enumerate(self.axes.values())}
+        buffer = io.BytesIO()
+        text = json.dumps(document, allow_nan=False).encode()
+        np.savez(buffer, allow_pickle=False, document=np.frombuffer(text, dtype=np.uint8), t=self.t, **arrays)
+        files.replace(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: Path) -> SignalSet:
+        """As `save` wrote it. Raises OSError, ValueError or KeyError where it did not."""
+        with np.load(path, allow_pickle=False) as kept:
+            document = json.loads(kept["document"].tobytes())
+            return cls(
+                document["title"],
+                kept["t"],
+                {name: kept[f"line{k}"] for k, name in enumerate(document["lines"])},
+                {name: kept[f"axis{k}"] for k, name in enumerate(document["axes"])},
+                tuple(SignalPanel.from_json(panel) for panel in document["panels"]),
+                document["floor"],
+                document["unit"],
+            )
+
+
+def _packed(values: Array) -> dict[str, Any]:
+    """Numbers between their ends, in steps of 1/65535, as text."""
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+    steps = np.rint((values - low) * (65535 / ((high - low) or 1.0))).astype("<u2")
+    return {"low": low, "high": high, "data": f"base64,{base64.b64encode(steps.tobytes()).decode()}"}
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise AskedWrongly(f"{text!r} is no finite number")
+    return value
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, comma, high = text.partition(",")
+    if not comma:
+        raise AskedWrongly(f"{text!r} is no range; expected low,high")
+    return _finite(low), _finite(high)

@@ -1,0 +1,116 @@
+"""A session as its process has it: what was given, read and fitted, kept from one task to the next."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from runtime.diagnosis.diagnose import begin as begun
+from runtime.diagnosis.search import Search
+from runtime.diagnosis.steps import Step
+from runtime.inspection.inspection import Inspection, inspect
+from runtime.plain_json import plain
+from runtime.recordings.recording import Recording
+from runtime.studio.session import Inputs, SessionError, StudioSession
+from runtime.workspace import Source, mapping
+
+Found = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Tell:
+    """Whom to tell what is being done: a part of the work, and a line of what was found."""
+
+    part: Callable[[str], None]
+    said: Callable[[str], None]
+
+
+class Bench:
+    """A session as its process has it: what was given, read and fitted."""
+
+    def __init__(self, folder: Path, effects: Path | None) -> None:
+        self.folder = folder.resolve()
+        self.effects = effects
+        self._inputs: Inputs | None = None
+        self._opened: Opened | None = None
+
+    def opened(self) -> Opened:
+        """What was given, as it is now."""
+        session = StudioSession.open(self.folder)
+        if self._opened is None or session.inputs != self._inputs:
+            self._inputs, self._opened = session.inputs, Opened(session, self.effects)
+        self._opened.session = session
+        return self._opened
+
+
+class Opened:
+    """Given files, read: a model file and its recordings, and the steps that were fitted in this process."""
+
+    def __init__(self, session: StudioSession, effects: Path | None) -> None:
+        self.session = session
+        self.effects = effects
+        self.searches: dict[int, Search] = {}
+        self.steps: dict[int, Step] = {}
+
+    @property
+    def inputs(self) -> Inputs:
+        return self.session.inputs
+
+    @cached_property
+    def source(self) -> Source:
+        if self.inputs.model is None:
+            raise SessionError("there is no model yet; give one")
+        return Source.read(self.session.given(self.inputs.model), self.effects)
+
+    @cached_property
+    def inspections(self) -> list[Inspection]:
+        joints = None if self.inputs.model is None else self.source.described_joints()
+        columns = mapping(self.inputs.maps)
+        paths = [self.session.given(r.given) for r in self.inputs.recordings]
+        return [inspect(path, joints, columns, self.inputs.allow_gaps) for path in paths]
+
+    def recordings(self, held: bool) -> list[Recording]:
+        """Those that are fitted, or those that are held out. Raises SessionError."""
+        found = []
+        for given, inspection in zip(self.inputs.recordings, self.inspections, strict=True):
+            if given.held_out == held:
+                if inspection.problem is not None or inspection.recording is None:
+                    raise SessionError(inspection.problem or f"{given.given.name}: cannot be read")
+                found.append(inspection.recording)
+        return found
+
+    def text(self, number: int) -> str:
+        """The model file of a step, before the fit."""
+        return (self.session.step(number) / "model.toml").read_text(encoding="utf-8")
+
+    def fitted_text(self, number: int) -> str:
+        """The same with the values of the fit."""
+        return (self.session.step(number) / "fitted.toml").read_text(encoding="utf-8")
+
+    def values_found(self, number: int) -> dict[tuple[str, int | None], dict[str, float]]:
+        """Of the effects that a step's diagnosis has named."""
+        document = self.session.document(self.session.step(number) / "found.json") or {"values": []}
+        entries = document["values"]
+        return {(e["effect"], e["joint"]): {k: v for k, v in e["values"].items() if v is not None} for e in entries}
+
+    def search(self, number: int, text: str) -> Search:
+        """A model fitted, as a diagnosis begins."""
+        if number not in self.searches:
+            search = begun(self.source.model(text), self.recordings(False), self.recordings(True))
+            self.searches[number], self.steps[number] = search, search.steps[0]
+        return self.searches[number]
+
+
+def empty(folder: Path) -> Path:
+    """A new folder."""
+    folder.mkdir(parents=True)
+    return folder
+
+
+def write(path: Path, document: Any) -> None:
+    """A document as JSON."""
+    path.write_text(json.dumps(plain(document), ensure_ascii=False, allow_nan=False), encoding="utf-8")

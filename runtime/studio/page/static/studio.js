@@ -1,0 +1,85 @@
+"use strict";
+/* The page's own elements: a place to drop files, the choice of light and dark, and what a list was set to. */
+(() => {
+  document.addEventListener("change", (event) => {
+    const from = event.target;
+    if (from instanceof Element && from.hasAttribute("data-emit")) from.dispatchEvent(new CustomEvent("chosen", { detail: from.value }));
+  });
+  document.addEventListener("input", (event) => {
+    const from = event.target;
+    if (from instanceof HTMLInputElement && from.hasAttribute("data-emit")) from.dispatchEvent(new CustomEvent("moved", { detail: from.value }));
+  });
+
+  /* A part of the page that is drawn anew gives the focus back to what had it. */
+  const KEYS = ["data-do", "data-emit", "data-step", "data-joint"];
+  let focused = null;
+  document.addEventListener("focusin", (event) => {
+    const key = KEYS.find((name) => event.target.hasAttribute(name));
+    focused = key ? `[${key}="${CSS.escape(event.target.getAttribute(key))}"]` : null;
+  });
+  document.addEventListener("pointerdown", () => { focused = null; });
+  new MutationObserver(() => {
+    if (focused && document.activeElement === document.body) document.querySelector(focused)?.focus({ preventScroll: true });
+  }).observe(document.body, { childList: true, subtree: true });
+
+  customElements.define("file-drop", class extends HTMLElement {
+    connectedCallback() {
+      if (this.firstChild) return;
+      const label = document.createElement("label"), input = document.createElement("input"), text = document.createElement("span");
+      this.said = document.createElement("p");
+      this.said.setAttribute("role", "status");
+      Object.assign(input, { type: "file", multiple: this.getAttribute("as") !== "model" });
+      text.textContent = this.getAttribute("label");
+      label.append(text, input);
+      this.append(label, this.said);
+      input.addEventListener("change", () => { this.send([...input.files]); input.value = ""; });
+      for (const name of ["dragenter", "dragover"]) this.addEventListener(name, (event) => { event.preventDefault(); this.setAttribute("data-over", ""); });
+      this.addEventListener("dragleave", () => this.removeAttribute("data-over"));
+      this.addEventListener("drop", (event) => {
+        event.preventDefault();
+        this.removeAttribute("data-over");
+        this.send([...event.dataTransfer.files]);
+      });
+    }
+
+    async send(files) {
+      for (const file of files) {
+        this.say(`Reading ${file.name} …`);
+        const query = new URLSearchParams({ as: this.getAttribute("as"), name: file.name });
+        try {
+          const answer = await fetch(`/given?${query}`, { method: "POST", body: file, credentials: "same-origin" });
+          if (!answer.ok) { this.say((await answer.text()).trim(), true); return; }
+        } catch { this.say(`${file.name} could not be sent; is the studio still running?`, true); return; }
+        this.say(`${file.name} is there.`);
+      }
+    }
+
+    say(text, wrong = false) {
+      this.said.textContent = text;
+      this.said.className = wrong ? "warning" : "of";
+    }
+  });
+
+  const THEMES = ["system", "light", "dark"], KEPT = "tendon-theme";
+  const chosen = () => { try { return localStorage.getItem(KEPT) ?? "system"; } catch { return "system"; } };
+  const dress = (theme) => { if (theme === "system") document.documentElement.removeAttribute("data-theme"); else document.documentElement.dataset.theme = theme; };
+  dress(chosen());
+
+  customElements.define("theme-switch", class extends HTMLElement {
+    connectedCallback() {
+      if (this.firstChild) return;
+      const button = document.createElement("button");
+      let theme = chosen();
+      const show = () => { button.textContent = { system: "Light or dark: as the system", light: "Light", dark: "Dark" }[theme]; };
+      button.type = "button";
+      button.addEventListener("click", () => {
+        theme = THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length];
+        try { localStorage.setItem(KEPT, theme); } catch { /* then it lasts as long as the page */ }
+        dress(theme);
+        show();
+      });
+      show();
+      this.append(button);
+    }
+  });
+})();

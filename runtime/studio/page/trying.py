@@ -1,0 +1,165 @@
+"""What may be asked of the fitted model: other values of an effect, an effect hidden in the motion, and the motion that
+tells rivals apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from nicegui.events import GenericEventArguments
+
+from runtime.studio.history import PlacedEffect
+from runtime.studio.page.parts import button, choice, put
+from runtime.studio.page.view import PageView
+from runtime.studio.shown import Row, TriedShown
+from runtime.wording import number, percent, quantity, sentence
+
+STEPS = 100
+"""of a slider over its range: what a hand can tell on a screen."""
+
+
+def key(view: PageView) -> object:
+    """What the section shows: another step, other answers, work that begins or ends."""
+    if view.here is None:
+        return None
+    step, studio = view.here.number, view.studio
+    answers = repr((studio.tried(step), studio.hidden(step), studio.experiment(step)))
+    return step, view.here.verdict, view.busy, view.tried_effect, view.hidden_effect, answers
+
+
+def trying(view: PageView) -> None:
+    """Three questions, and their answers."""
+    put("h2", "Ask the model")
+    _other_values(view)
+    _hiding(view)
+    if view.verdict is not None and view.verdict["findings"]:
+        _deciding(view)
+
+
+# --- other values ---
+
+
+def _other_values(view: PageView) -> None:
+    """A slider for each parameter of an effect that the model has."""
+    put("h3", "What would be left with other values?")
+    active = {str(_effect(e)): e for e in view.shown["active"] if any(map(_movable, e["ranges"]))}
+    if not active:
+        put("p", "The model has no effect whose values could be tried; add one.", "of")
+        return
+    put("p", "Everything else stays as it was fitted, and nothing is written into the model.", "of")
+    name = view.tried_effect if view.tried_effect in active else next(reversed(active))
+    with put("div", classes="acts"):
+        choice("effect", [(n, n) for n in active], name, lambda value: view.set(tried_effect=value))
+    answer = _answer(view, _effect(active[name]))
+    units = {row["name"]: row["unit"] for row in active[name]["parameters"]}
+    for entry in filter(_movable, active[name]["ranges"]):
+        _slider(view, _effect(active[name]), entry, {} if answer is None else answer["values"], units[entry["name"]])
+    if answer is not None:
+        _left(view, answer)
+
+
+def _effect(row: Row) -> PlacedEffect:
+    return PlacedEffect(row["effect"], row["joint"])
+
+
+def _movable(entry: Row) -> bool:
+    """Whether there is a range of values to try."""
+    return None not in (entry["value"], entry["low"], entry["high"]) and bool(entry["high"] > entry["low"])
+
+
+def _answer(view: PageView, effect: PlacedEffect) -> TriedShown | None:
+    """What was tried of an effect last, if that was the last one."""
+    assert view.here is not None
+    found = view.studio.tried(view.here.number)
+    return found if found is not None and PlacedEffect(found["effect"], found["joint"]) == effect else None
+
+
+def _slider(view: PageView, effect: PlacedEffect, entry: Row, tried: dict[str, float], unit: str) -> None:
+    name, low, high = entry["name"], entry["low"], entry["high"]
+
+    def chosen(event: GenericEventArguments) -> None:
+        values = {**tried, name: float(event.args["detail"])}
+        view.act(lambda: view.studio.try_values(effect, values))
+
+    value = tried.get(name, entry["value"])
+    with put("div", classes="acts"), put("label", classes="choice"):
+        put("span", f"{name}: {number(value)} {unit}, fitted {number(entry['value'])}")
+        slider = put("input", type="range", min=low, max=high, step=(high - low) / STEPS, value=value, data_emit="")
+        slider.props["data-do"], slider.props["disabled"] = f"try-{name}", view.busy or None
+        slider.on("chosen", chosen, ["detail"])
+
+
+def _left(view: PageView, answer: TriedShown) -> None:
+    """The error with the values that were tried, and the residual before and after."""
+    fitted = {j["joint"]: j["relative"] for j in view.shown["joints"]}
+    for joint in answer["joints"]:
+        was, is_ = percent(fitted[joint["joint"]]), percent(joint["relative"])
+        put("p", f"Joint {joint['joint']}: error {was} as fitted, {is_} with these values.", role="status")
+        put("tendon-signals", src=f"/data/{joint['signals']}")
+
+
+# --- an effect hidden in the motion ---
+
+
+def _hiding(view: PageView) -> None:
+    """Choose an effect; the model is recorded with it along the user's motion, and that recording is diagnosed."""
+    assert view.here is not None
+    put("h3", "Would I see an effect in this motion?")
+    put("p", "Hidden in a simulation along your motion, of moderate size, beside the noise of your recording.", "of")
+    offered = {e["effect"]: e["places"] for e in view.studio.library(view.here.number) if e["places"]}
+    if not offered:
+        put("p", "Every effect of the library is in the model.", "of")
+        return
+    name, joint = view.hidden_effect or ("", None)
+    name = name if name in offered else next(iter(offered))
+    places = {"arm" if p is None else str(p): p for p in offered[name]}
+    place = joint if joint in offered[name] else offered[name][0]
+    with put("div", classes="acts"):
+        choice("effect", [(e, e) for e in offered], name, lambda value: view.set(hidden_effect=(value, place)))
+        if len(places) > 1:
+            where = [(text, f"joint {text}") for text in places]
+            choice("where", where, str(place), lambda text: view.set(hidden_effect=(name, places[text])))
+        ask = partial(view.act, partial(view.studio.hide, PlacedEffect(name, place), {}))
+        button(f"Hide {PlacedEffect(name, place)}", ask, disabled=view.busy, data_do="hide")
+    _seen(view)
+
+
+def _seen(view: PageView) -> None:
+    """The answer to what was hidden last."""
+    assert view.here is not None
+    answer = view.studio.hidden(view.here.number)
+    if answer is None:
+        return
+    values = ", ".join(f"{name} {number(value)}" for name, value in answer["values"].items())
+    with put("p", role="status"):
+        put("strong", "Yes, it would be named: " if answer["seen"] else "No, it would not be named: ")
+        noise = f"beside noise of {percent(answer['noise'])} of the torque"
+        put("span", f"{PlacedEffect(answer['effect'], answer['joint'])}{f' with {values}' if values else ''}, {noise}.")
+    if answer["problem"] is not None:
+        put("p", sentence(answer["problem"]), "of")
+
+
+# --- the motion that decides ---
+
+
+def _deciding(view: PageView) -> None:
+    """For every finding, a motion that tells it from its rivals, or from the model as it is."""
+    assert view.here is not None
+    assert view.verdict is not None
+    put("h3", "Which motion would decide?")
+    put("p", "Designed within the limits of the model file and tried in simulation; that takes some minutes.", "of")
+    with put("div", classes="acts"):
+        for card in view.verdict["findings"]:
+            _designing(view, [_effect(row) for row in (card, *card["rival_terms"])])
+    answer = view.studio.experiment(view.here.number)
+    if answer is not None:
+        put("p", sentence(answer["reason"]), role="status")
+        put("p", f"{quantity(answer['motion']['seconds'], 's', 3)}: {', '.join(answer['motion']['pieces'])}")
+    if view.studio.motion(view.here.number) is not None:
+        href = f"/download/motion?step={view.here.number}"
+        put("a", "Download the motion for your controller (CSV)", href=href, download="")
+
+
+def _designing(view: PageView, effects: Sequence[PlacedEffect]) -> None:
+    ask = partial(view.act, partial(view.studio.design, *effects))
+    button(f"Design a motion: {' or '.join(map(str, effects))}", ask, disabled=view.busy, data_do="design")

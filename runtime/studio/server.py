@@ -1,0 +1,187 @@
+"""The studio's server: the page, the signals of its drawings, what is sent to it and what is taken from it.
+
+Only this module and the page know of NiceGUI, which is an extra.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import socket
+import sys
+import webbrowser
+from collections.abc import AsyncIterator, Callable
+from functools import lru_cache
+from pathlib import Path
+
+import runtime
+from runtime.report.signals.signal_set import AskedWrongly, SignalSet
+from runtime.studio.guard import App, Guard, new_token
+from runtime.studio.session import SessionError, safe_name
+from runtime.studio.settings import MOST_MESSAGE, MOST_SETS
+from runtime.studio.studio import Studio
+
+HOST = "127.0.0.1"
+GIVEN = "/given"
+_DOWNLOADED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
+"""What a file of the session that a browser shows may do: the folder may come from somebody else."""
+
+
+class StudioError(RuntimeError):
+    """A server that cannot be started; the message says why and what to do."""
+
+
+def needed() -> None:
+    """Refuse before any work is done where NiceGUI is not installed. Raises StudioError."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise StudioError(
+            "the studio needs NiceGUI, the extra `studio` (pip install -e '.[studio]'); "
+            f"run: {sys.executable} -m pip install 'nicegui>=3'"
+        )
+
+
+def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) -> None:
+    """Serve a session until Ctrl-C.
+
+    port      0: any that is free
+    say       hears the address
+    browser   open it there
+    Raises StudioError.
+    """
+    import uvicorn
+
+    listening = _bound(port)
+    port, token = listening.getsockname()[1], new_token()
+    # NiceGUI keeps what belongs to a user in a folder, which is then the session's.
+    os.environ["NICEGUI_STORAGE_PATH"] = str(studio.session.folder / "browser")
+    config = uvicorn.Config(
+        Guard(application(studio), token, port, [GIVEN]),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        date_header=False,
+        ws_max_size=MOST_MESSAGE,
+        timeout_graceful_shutdown=1,
+    )
+    address = f"http://{HOST}:{port}/?token={token}"
+    say(address)
+    if browser:
+        webbrowser.open(address)
+    try:
+        uvicorn.Server(config).run([listening])
+    finally:
+        studio.close()
+
+
+def _bound(port: int) -> socket.socket:
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+        listening.listen()  # who comes before the server is ready waits, and is not refused
+    except OSError as error:
+        listening.close()
+        raise StudioError(
+            f"port {port} of {HOST} cannot be used: {error.strerror}; choose another with --port"
+        ) from error
+    return listening
+
+
+def application(studio: Studio) -> App:
+    """Everything that is served, without the guard."""
+    from fastapi import FastAPI
+    from nicegui import ui
+    from starlette.staticfiles import StaticFiles
+
+    from runtime.studio.page.page import build
+
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    _answers(app, studio)
+    home = Path(runtime.__file__).parent
+    app.mount("/static/signals", StaticFiles(directory=home / "report" / "signals" / "static"))
+    app.mount("/static/page", StaticFiles(directory=home / "studio" / "page" / "static"))
+
+    @ui.page("/")
+    def page() -> None:
+        build(studio)
+
+    ui.run_with(
+        app,
+        title="Tendon studio",
+        dark=None,
+        tailwind=False,
+        show_welcome_message=False,
+        gzip_middleware_factory=None,  # nothing leaves this machine, and the guard reads the pages
+    )
+    return app
+
+
+def _answers(app: App, studio: Studio) -> None:
+    """What is asked for beside the page."""
+    from fastapi import FastAPI, Request
+    from starlette.responses import PlainTextResponse, Response
+
+    assert isinstance(app, FastAPI)
+    sets = lru_cache(maxsize=MOST_SETS)(_loaded)
+
+    def data(request: Request) -> Response:
+        found = studio.signals(request.path_params["name"])
+        if found is None:
+            return PlainTextResponse("there is no such signal set\n", 404)
+        try:
+            kept = sets(found, found.stat().st_mtime_ns)
+            body, kind = kept.answer(request.path_params["what"], dict(request.query_params))
+        except (AskedWrongly, OSError, ValueError, KeyError) as error:
+            return PlainTextResponse(f"{error}\n", 400)
+        return Response(body, media_type=kind, headers={"cache-control": "no-store"})
+
+    async def given(request: Request) -> Response:
+        role, name = request.query_params.get("as", ""), request.query_params.get("name", "")
+        try:
+            await _take(studio, role, name, request.stream())
+        except SessionError as error:
+            return PlainTextResponse(f"{error}\n", 413 if "larger" in str(error) else 400)
+        return Response(status_code=204)
+
+    def download(request: Request) -> Response:
+        try:
+            name, body, kind = _file(studio, request.path_params["what"], int(request.query_params.get("step", "")))
+        except ValueError as error:
+            return PlainTextResponse(f"{error}\n", 404)
+        headers = {"content-disposition": f'attachment; filename="{name}"', "content-security-policy": _DOWNLOADED}
+        return Response(body, media_type=kind, headers=headers)
+
+    app.add_route("/data/{name}/{what}", data, ["GET"])
+    app.add_route(GIVEN, given, ["POST"])
+    app.add_route("/download/{what}", download, ["GET"])
+
+
+def _loaded(path: Path, _changed: int) -> SignalSet:
+    """Kept for as long as the file is the same."""
+    return SignalSet.load(path)
+
+
+async def _take(studio: Studio, role: str, name: str, chunks: AsyncIterator[bytes]) -> None:
+    """A file that the browser sends. Raises SessionError."""
+    if role == "model":
+        await studio.send_model(name, chunks)
+    elif role in ("fitted", "held_out"):
+        await studio.send_recording(name, chunks, role == "held_out")
+    else:
+        raise SessionError("a file is sent as model, as fitted or as held_out")
+
+
+def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
+    """Name, content and type of what is downloaded. Raises ValueError."""
+    model = "model.toml" if studio.inputs.model is None else safe_name(studio.inputs.model.name)
+    if what == "model":
+        return model, studio.model_text(step).encode(), "application/toml"
+    if what == "commands":
+        lines = ["#!/bin/sh", *studio.commands(step)]
+        return "commands.sh", ("\n".join(lines) + "\n").encode(), "text/x-shellscript"
+    motion, report = studio.motion(step), studio.report(step)
+    if what == "motion" and motion is not None:
+        return f"motion-{step}.csv", motion.read_bytes(), "text/csv"
+    if what == "report" and report is not None:
+        return f"report-{step}.html", report.read_bytes(), "text/html"
+    raise ValueError("there is no such file")

@@ -1,0 +1,156 @@
+"""The work of a session, task by task: what is read, fitted and diagnosed is written into the session's `work` folder,
+and what is fitted once is kept for the next task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime import files
+from runtime.diagnosis.branches import complete
+from runtime.diagnosis.diagnose import conclude
+from runtime.diagnosis.steps import Finding, Step
+from runtime.estimation.compare import Comparison, JointSeries, as_written
+from runtime.inspection.inspection import Inspection
+from runtime.loop import held_out
+from runtime.report.follow_up import about
+from runtime.report.page.html_page import render
+from runtime.report.signals.joint_signals import of_joint, of_recording, of_series
+from runtime.report.summary import ResultSummary
+from runtime.studio import describe
+from runtime.studio.bench import Bench, Found, Opened, Tell, empty, write
+from runtime.studio.commands import invocation
+from runtime.studio.history import PlacedEffect
+from runtime.wording import percent
+
+# --- tasks: (bench, tell, what the server says) -> what the server takes ---
+
+
+def begin(bench: Bench, tell: Tell) -> Found:
+    """Look at the recordings, and where they can be used fit the model as given: step 0."""
+    opened = bench.opened()
+    tell.part("reading the recordings")
+    for number, inspection in enumerate(opened.inspections, 1):
+        _keep_recording(opened, number, inspection)
+    problems = [i.problem for i in opened.inspections if i.problem is not None]
+    if problems or not opened.inputs.complete or opened.session.history.steps:
+        return {"step": None, "problems": problems}
+    return {"step": _fitted(opened, tell, 0, opened.source.text, None, "given", ())}
+
+
+def fit(bench: Bench, tell: Tell, step: int, number: int, kind: str, changed: Sequence[Mapping[str, Any]]) -> Found:
+    """A step's model with effects more, or without one, fitted: the next step.
+
+    Where the diagnosis of the step has named an effect, its fit begins at what was found.
+    """
+    opened, source = bench.opened(), bench.opened().source
+    values = opened.values_found(step)
+    text, done = opened.text(step), []
+    for entry in changed:
+        effect, joint = str(entry["effect"]), entry["joint"]
+        if kind == "added":
+            before = text
+            text = source.add(before, effect, joint, values.get((effect, joint)))
+            effect = replace(source, text=before).name_of_next(effect, joint)
+        else:
+            text = source.leave_out(text, effect, joint)
+        done.append(PlacedEffect(effect, joint))
+    return {"step": _fitted(opened, tell, number, text, step, kind, done)}
+
+
+def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
+    """Which effects a step's model lacks."""
+    opened = bench.opened()
+    tell.part("fitting the model")
+    pristine = opened.search(step, opened.text(step))
+    del opened.searches[step]  # a diagnosis goes on from it, and so changes it
+    tell.part("looking for missing effects")
+    search = complete(pristine, lambda reached: tell.said(_progress(reached)))
+    tell.part("weighing what would have been seen")
+    result = conclude(search, opened.source.guesses)
+    tell.part("drawing what was found")
+    given = invocation(opened.inputs, about(opened.source.text))
+    floors = held_out.floors(result.steps[-1].identification, opened.recordings(True))
+    summary = ResultSummary(result, given, floors)
+    work = empty(opened.session.scratch / "verdict")
+    write(work / "verdict.json", describe.verdict(summary))
+    write(work / "found.json", {"values": _values(result.findings, result.steps[-1])})
+    files.replace(work / "report.html", render(summary).encode())
+    for joint in range(len(summary.first.joints)):
+        added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
+        of_joint(summary.first, summary.last, joint, added).save(work / f"joint{joint + 1}.npz")
+    return {"judged": step, "verdict": result.verdict}
+
+
+TASKS: dict[str, Callable[..., Found]] = {"begin": begin, "fit": fit, "diagnose": diagnose}
+
+
+# --- what they have in common ---
+
+
+def _fitted(
+    opened: Opened, tell: Tell, number: int, text: str, parent: int | None, kind: str, changed: Sequence[PlacedEffect]
+) -> Found:
+    """A step, written; what the server needs of it for the history."""
+    tell.part("deriving and compiling the model")
+    opened.source.model(text)
+    tell.part("fitting the model")
+    search = opened.search(number, text)
+    step = search.steps[0]
+    held = held_out.series(step.identification, opened.recordings(True))
+    comparison = Comparison(step.identification, step.joints, as_written(step.identification))
+    summary = ResultSummary(comparison, invocation(opened.inputs, about(opened.source.text)))
+    work = empty(opened.session.scratch / "step")
+    (work / "model.toml").write_text(text, encoding="utf-8")
+    put = opened.source.put(text, step.identification.to_json())
+    (work / "fitted.toml").write_text(put, encoding="utf-8")
+    write(work / "shown.json", describe.step(number, summary, held, search.suspicions))
+    write(work / "library.json", describe.offered(search))
+    before = None if parent is None else opened.steps.get(parent)
+    _keep_signals(work, step, held, before, ", ".join(map(str, changed)))
+    return {
+        "parent": parent,
+        "kind": kind,
+        "changed": [{"effect": e.effect, "joint": e.joint} for e in changed],
+        "joints": describe.errors(step, held),
+    }
+
+
+def _keep_signals(work: Path, step: Step, held: Sequence[JointSeries], before: Step | None, changed: str) -> None:
+    """The signal sets of a step; before: the step that it changes, if this process has fitted it."""
+    for k, series in enumerate(step.joints):
+        comparable = before is not None and np.array_equal(before.joints[k].t, series.t)
+        of_joint(before if before and comparable else step, step, k, changed).save(work / f"joint{k + 1}.npz")
+    for k, series in enumerate(held):
+        of_series(series, None).save(work / f"held{k + 1}.npz")
+
+
+def _keep_recording(opened: Opened, number: int, inspection: Inspection) -> None:
+    """What was read of a recording, in its folder."""
+    target = opened.session.recording(number)
+    if (target / "recording.json").is_file():
+        return
+    work = empty(opened.session.scratch / "recording")
+    joints = 0 if inspection.recording is None else len(inspection.recording.q)
+    for joint in range(joints):
+        assert inspection.recording is not None
+        of_recording(inspection.recording, joint).save(work / f"joint{joint + 1}.npz")
+    given = opened.inputs.recordings[number - 1]
+    write(work / "recording.json", describe.recording(number, given, inspection, joints))
+    target.parent.mkdir(exist_ok=True)
+    work.rename(target)
+
+
+def _values(findings: Sequence[Finding], last: Step) -> list[Found]:
+    """Where the fit of a model with the findings may begin."""
+    terms = [f.term for f in findings]
+    return [{"effect": t.name, "joint": t.joint, "values": dict(last.values[t])} for t in terms if t in last.values]
+
+
+def _progress(step: Step) -> str:
+    what = "as in the file" if step.added is None else f"with {step.added}"
+    return f"{what}: error {', '.join(percent(r) for r in step.fitted.relative)}"

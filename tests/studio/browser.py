@@ -1,0 +1,78 @@
+"""A real browser, and a studio for it to open: the verb itself, in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser without a window; the test is skipped, with the reason, where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no browser: pip install playwright")
+    if CHROMIUM is None:
+        pytest.skip("no browser: apt-get install chromium")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def studio(folder: Path, *arguments: object) -> Iterator[str]:
+    """The address of `tendon studio ARGUMENTS`, run in a folder and ended afterwards."""
+    pytest.importorskip("nicegui", reason="no studio: pip install 'tendon[studio]'")
+    command = [sys.executable, "-c", "from runtime.cli.main import main; main()", "studio", "--no-browser"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    with (folder / "studio.log").open("w") as log:
+        process = subprocess.Popen(
+            [*command, *map(str, arguments)], cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=log, text=True
+        )
+        assert process.stdout is not None
+        try:
+            said = next((found for line in process.stdout if (found := re.search(r"http://\S+", line))), None)
+            assert said is not None, (folder / "studio.log").read_text()
+            yield said[0]
+        finally:
+            process.terminate()
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            process.stdout.close()
+
+
+class Watched:
+    """A page, everything that it asked for, and everything that went wrong in it."""
+
+    def __init__(self, browser: Any, address: str, width: int = 1360, scheme: str = "light") -> None:
+        context = browser.new_context(
+            viewport={"width": width, "height": 950}, color_scheme=scheme, reduced_motion="reduce"
+        )
+        self.page = context.new_page()
+        self.asked: list[str] = []
+        self.wrong: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("websocket", lambda socket: self.asked.append(socket.url))
+        self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
+        self.page.goto(address)
+
+    def outside(self) -> list[str]:
+        """What was asked of anybody else than the studio."""
+        own = re.compile(r"(http|ws)://127\.0\.0\.1:\d+/|data:|blob:")
+        return [url for url in self.asked if not own.match(url)]

@@ -1,0 +1,53 @@
+"""What is asked of a fitted model by clicks: other values of an effect, and an effect hidden in the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from runtime.cli import output
+from runtime.cli.main import app
+from tests import one_joint
+from tests.studio import browser
+
+MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
+PATIENCE = 120_000
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory) -> Iterator[str]:
+    """A studio with a model that lacks nothing."""
+    folder = tmp_path_factory.mktemp("asked")
+    known = MODEL.replace("coulomb]", "coulomb]\ntorque = 0.5").replace("viscous]", "viscous]\ncoefficient = 0.8")
+    (folder / "drive.toml").write_text(known)
+    arguments = [str(folder / "drive.toml"), "--out", str(folder / "run.csv"), "--seconds", "16"]
+    assert output.run(app, ["simulate", *arguments]) == 0
+    with browser.studio(folder, "drive.toml", "run.csv") as said:
+        yield said
+
+
+def test_a_slider_says_what_would_be_left_and_a_hidden_effect_whether_it_would_be_named(address):
+    with browser.chromium() as chromium:
+        watched = browser.Watched(chromium, address)
+        page = watched.page
+        ask = page.locator("#ask")
+        ask.get_by_label("effect").first.wait_for(timeout=PATIENCE)
+        ask.get_by_label("effect").first.select_option("coulomb@1")
+        slider = page.locator("[data-do=try-torque]")
+        slider.wait_for()
+        slider.focus()
+        page.keyboard.press("End")
+        said = ask.get_by_text("with these values")
+        said.wait_for(timeout=PATIENCE)
+        fitted, tried = (float(text.split(" %")[0].split()[-1]) for text in said.inner_text().split("as fitted"))
+        assert tried > 5 * fitted
+        ask.locator("tendon-signals").wait_for()
+        hide = page.locator("[data-do=hide]")
+        ask.get_by_label("effect").last.select_option("stribeck")
+        ask.get_by_text("Hide stribeck@1").wait_for()
+        hide.click()
+        ask.get_by_text("Yes, it would be named").wait_for(timeout=PATIENCE)
+        assert "stribeck@1" in ask.get_by_role("status").last.inner_text()
+        assert watched.wrong == []
+        assert watched.outside() == []

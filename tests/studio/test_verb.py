@@ -1,0 +1,104 @@
+"""The verb: what it opens, and what it refuses in one line before anything is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.studio import server
+from runtime.studio.session import StudioSession
+from tests import one_joint
+
+MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder with a model, where nothing is served: what would be is kept in `served`."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(MODEL)
+    monkeypatch.setattr(server, "needed", lambda: None)
+    return tmp_path
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """The studios that were opened."""
+    found = []
+
+    def serve(studio, port, _say, browser) -> None:
+        found.append((studio, port, browser))
+        studio.close()
+
+    monkeypatch.setattr(server, "serve", serve)
+    return found
+
+
+def test_a_new_session_is_made_each_time_and_opened_again(here, served, capsys):
+    for name in ("studio-session", "studio-session-2"):
+        assert output.run(app, ["studio", "arm.toml", "--port", "8123", "--no-browser"]) == 0
+        assert capsys.readouterr().out == f"Session: {here / name}\n"
+        studio, port, browser = served[-1]
+        assert (studio.session.folder, port, browser) == (here / name, 8123, False)
+        assert studio.inputs.model.typed == "arm.toml"
+    assert output.run(app, ["studio", "studio-session"]) == 0
+    assert served[-1][0].session.folder == here / "studio-session"
+    assert served[-1][0].inputs.model.typed == "arm.toml"
+    assert sorted(p.name for p in here.iterdir()) == ["arm.toml", "studio-session", "studio-session-2"]
+
+
+def test_an_arm_of_tendon_and_a_robot_description(here, served):
+    urdf = """<robot name="bench"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    (here / "bench.urdf").write_text(urdf)
+    assert output.run(app, ["studio", "drive"]) == 0
+    assert (served[-1][0].inputs.like, served[-1][0].inputs.model.file) == ("drive", "drive.toml")
+    assert output.run(app, ["studio", "bench.urdf"]) == 0
+    made = served[-1][0]
+    assert made.inputs.model.file == "bench.toml"
+    assert 'name = "hinge"' in made.given_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["absent.toml"], "absent.toml"),
+        (["broken.toml"], "broken.toml"),
+        (["broken.urdf"], "broken.urdf"),
+        (["--demo", "arm.toml"], "--demo brings a model"),
+        (["--held-out", "run.csv"], "--held-out needs a model"),
+        (["arm.toml", "absent.csv"], "absent.csv"),
+        (["arm.toml", "--session", "arm.toml"], "is a file"),
+        (["arm.toml", "--session", "."], "is not empty"),
+        (["arm.toml", "--map", "q1"], "expected NAME=COLUMN"),
+        (["arm.toml", "--port", "70000"], "--port"),
+        (["old", "--demo"], "give nothing else beside it"),
+        (["nothing"], "nothing"),
+    ],
+)
+def test_what_is_wrong_is_one_line(here, served, capsys, arguments, expected):
+    (here / "broken.toml").write_text("name = 3")
+    (here / "broken.urdf").write_text("<robot")
+    StudioSession.create(Path("old"))
+    before = sorted(p.name for p in here.iterdir())
+    assert output.run(app, ["studio", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert expected in err
+    assert "given/" not in err
+    assert sorted(p.name for p in here.iterdir()) == before
+    assert served == []
+
+
+def test_without_nicegui_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(server.importlib.util, "find_spec", lambda _: None)
+    assert output.run(app, ["studio", "--demo"]) == 2
+    assert "pip install -e '.[studio]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
