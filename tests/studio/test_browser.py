@@ -15,7 +15,7 @@ import pytest
 
 from tests.studio.browser import ROOT, Watched, chromium, studio
 
-PICTURE = ROOT / "runtime" / "studio" / "page" / "picture.png"
+PICTURE = ROOT / ".images" / "studio.png"
 
 SOON = 20_000
 """ms for what the page does by itself, on a machine that is busy with other tests."""

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from runtime.report.page import filling
+from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 from runtime.report.signals.panels import DrawnLine, SignalPanel, around, curve
 from runtime.report.signals.reduction import Pyramid
 from runtime.report.signals.signal_set import MOST_ROWS, AskedWrongly, SignalSet
@@ -138,3 +140,26 @@ def test_the_canvas_draws_zooms_and_tells() -> None:
         assert "3,000" in page.inner_text(".signals-said")
         assert page.locator("tendon-signals b b").count() == 0
         assert "<b>1</b>" in page.get_attribute("canvas", "aria-label")
+
+
+def test_a_page_that_stands_alone_draws_and_selects_the_same(tmp_path: Path) -> None:
+    """Its numbers are those of the set but for the steps in which they are written; nothing is asked of anybody."""
+    shown = signals(2500)
+    scripts = "".join(f"<script>{(STATIC / name).read_text()}</script>" for name in EMBEDDED_SCRIPTS)
+    data = f'<script type="application/json">{filling.embedded(shown.embedded())}</script>'
+    path = tmp_path / "page.html"
+    path.write_text(f'<meta charset="utf-8"><tendon-signals>{data}</tendon-signals>{scripts}')
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 900, "height": 900})
+        asked: list[str] = []
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(path.as_uri())
+        page.wait_for_selector("tendon-signals[data-ready]")
+        for name, values in shown.signals.items():
+            there = np.array(page.evaluate(f"[...document.querySelector('tendon-signals').rows.signals['{name}']]"))
+            assert np.allclose(there, values, rtol=0, atol=np.ptp(values) / 65535)
+        page.evaluate("document.querySelector('tendon-signals').select({ noise: [0, 10] })")
+        page.wait_for_selector(".signals-said[data-lit]")
+        lit = page.evaluate("document.querySelector('tendon-signals').lit.count")
+        assert abs(lit - np.count_nonzero(shown.lines["noise"] >= 0)) <= 2
+        assert asked == [path.as_uri()]

@@ -85,7 +85,7 @@ def _bar(name: str, before: float | None, after: float, floor: float | None, lon
             if before is not None:
                 put("span", classes="bar ghost", style=f"width:{100 * before / longest:.2f}%")
             style = f"width:{100 * after / longest:.2f}%;--from:{100 * start / longest:.2f}%"
-            put("span", classes="bar now" if before is not None else "bar", style=style)
+            put("span", classes="bar bar-now" if before is not None else "bar", style=style)
             if floor is not None:
                 put("span", classes="bar-floor", style=f"left:{100 * floor / longest:.2f}%")
         put("span", said, "bar-value")
