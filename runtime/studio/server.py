@@ -20,6 +20,7 @@ from runtime.studio.guard import App, Guard, new_token
 from runtime.studio.session import SessionError, safe_name
 from runtime.studio.settings import MOST_MESSAGE, MOST_SETS
 from runtime.studio.studio import Studio
+from runtime.studio.work import WorkError
 
 HOST = "127.0.0.1"
 GIVEN = "/given"
@@ -139,7 +140,7 @@ def _answers(app: App, studio: Studio) -> None:
         role, name = request.query_params.get("as", ""), request.query_params.get("name", "")
         try:
             await _take(studio, role, name, request.stream())
-        except SessionError as error:
+        except (SessionError, WorkError) as error:
             return PlainTextResponse(f"{error}\n", 413 if "larger" in str(error) else 400)
         return Response(status_code=204)
 
@@ -165,14 +166,20 @@ async def _take(studio: Studio, role: str, name: str, chunks: AsyncIterator[byte
     """A file that the browser sends. Raises SessionError."""
     if role == "model":
         await studio.send_model(name, chunks)
+    elif role == "plan":
+        await studio.send_plan(name, chunks)
     elif role in ("fitted", "held_out"):
         await studio.send_recording(name, chunks, role == "held_out")
     else:
-        raise SessionError("a file is sent as model, as fitted or as held_out")
+        raise SessionError("a file is sent as model, as fitted, as held_out or as plan")
 
 
 def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
     """Name, content and type of what is downloaded. Raises ValueError."""
+    if what == "trajectory" and (plan := studio.plans.file(step, "trajectory.json")) is not None:
+        return f"trajectory-{step}.json", plan.read_bytes(), "application/json"
+    if what == "executed" and (run := studio.plans.file(step, "recording.csv.gz")) is not None:
+        return f"executed-{step}.csv.gz", run.read_bytes(), "application/gzip"
     model = "model.toml" if studio.inputs.model is None else safe_name(studio.inputs.model.name)
     if what == "model":
         return model, studio.model_text(step).encode(), "application/toml"

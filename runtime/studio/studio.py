@@ -6,6 +6,7 @@ ends in the session's folder; the page looks at `version`, which is another numb
 
 from __future__ import annotations
 
+import asyncio
 import difflib
 import os
 import re
@@ -20,15 +21,18 @@ from runtime import files
 from runtime.simulation.demo import record_files
 from runtime.studio import commands as typed
 from runtime.studio.history import History, HistoryError, Kind, PlacedEffect, SessionStep, joint_errors
+from runtime.studio.plans import PlanShelf, most_bytes
 from runtime.studio.session import GivenFile, GivenRecording, Inputs, SessionError, StudioSession
-from runtime.studio.settings import MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
+from runtime.studio.settings import ASKED_EVERY, MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
 from runtime.studio.shown import EffectOffered, HiddenShown, RecordingShown, Row, StepShown, TriedShown, VerdictShown
 from runtime.studio.work import Work, WorkState
 from runtime.workspace import Source, effects_described
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
 
-_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held|tried)(?P<joint>\d{1,4})", re.ASCII)
+_SET = re.compile(
+    r"(?P<of>step|recording|plan)(?P<number>\d{1,6})-(?P<kind>joint|held|tried|executed)(?P<joint>\d{1,4})", re.ASCII
+)
 
 _FOREIGN = (".urdf", ".xml", ".mjcf")
 """Endings of files of which a model file is made."""
@@ -51,6 +55,7 @@ class Studio:
         self._held: int | None = session.claimed()
         session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
+        self.plans = PlanShelf(session, self._work.begin)
 
     def close(self) -> None:
         """End the process of the session. The folder stays, and may be opened again."""
@@ -106,6 +111,21 @@ class Studio:
     async def send_recording(self, name: str, chunks: AsyncIterator[bytes], held_out: bool = False) -> None:
         """A recording from a browser."""
         self._give_recording(await self._received(name, chunks, MOST_UPLOADED), held_out)
+
+    def open_plans(self, *paths: Path) -> None:
+        """Open plans of this machine: trajectories, scenarios, tables of sweeps. Raises WorkError, too."""
+        for path in paths:
+            most_bytes(path.name)
+        self.plans.open([self.session.copied(path) for path in paths])
+
+    async def send_plan(self, name: str, chunks: AsyncIterator[bytes]) -> None:
+        """The same from a browser; what was sent before is opened first."""
+        most = most_bytes(name)
+        while self._work.busy and self.work is not None and self.work.task == "open_plans":
+            await asyncio.sleep(ASKED_EVERY)
+        if self._work.busy:
+            raise SessionError("something is being worked on; wait for it, or cancel it")
+        self.plans.open([await self._received(name, chunks, most)])
 
     def hold_out(self, number: int, held_out: bool) -> None:
         """Whether a recording, from 1, is held out."""
@@ -235,8 +255,8 @@ class Studio:
         known = _SET.fullmatch(name)
         if known is None:
             return None
-        home = self.session.recording if known["of"] == "recording" else self.session.step
-        path = home(int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
+        homes = {"recording": self.session.recording, "step": self.session.step, "plan": self.plans.home}
+        path = homes[known["of"]](int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
         return path if path.is_file() else None
 
     def report(self, number: int) -> Path | None:
@@ -280,6 +300,7 @@ class Studio:
                 self.session.change(history=self.history.judged(int(found["judged"]), str(found["verdict"])))
             elif work.state == "done" and "answered" in found:
                 self._put("answer", int(found["answered"]))
+            self.plans.finished(work)
             self.session.tidy()
 
     def _put(self, made: str, number: int) -> None:
