@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,25 +60,26 @@ def studio(
 
     Served on this machine alone; a session is a folder, and tendon studio FOLDER opens it again.
     """
-    from runtime.studio.server import needed, serve
+    from runtime.studio.server import bound, needed, serve
     from runtime.studio.studio import Studio
 
     needed()
     mapping(maps)
     _check_plans(plans or [], bool(recordings or held_out or demo))
     opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps or plans))
-    made = Studio(opened or _new(session), effects)
-    if opened is None:
-        with _kept_whole(made):
-            _give(made, model, recordings or [], held_out or [], demo)
-            if maps or allow_gaps:
-                made.read_as(maps or (), allow_gaps)
-            if plans:
-                made.open_plans(*plans)
-    if made.inputs.complete and not made.history.steps:
-        made.begin()
-    typer.echo(f"Session: {made.session.folder}")
-    serve(made, port, lambda address: typer.echo(f"Studio: {address}"), browser)
+    with closing(bound(port)) as listening:
+        made = Studio(opened or _new(session), effects)
+        if opened is None:
+            with _kept_whole(made):
+                _give(made, model, recordings or [], held_out or [], demo)
+                if maps or allow_gaps:
+                    made.read_as(maps or (), allow_gaps)
+                if plans:
+                    made.open_plans(*plans)
+        if made.inputs.complete and not made.history.steps:
+            made.begin()
+        typer.echo(f"Session: {made.session.folder}")
+        serve(made, listening, lambda address: typer.echo(f"Studio: {address}"), browser)
 
 
 def _check_plans(plans: list[Path], recordings: bool) -> None:

@@ -41,17 +41,15 @@ def needed() -> None:
         )
 
 
-def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) -> None:
+def serve(studio: Studio, listening: socket.socket, say: Callable[[str], None], browser: bool) -> None:
     """Serve a session until Ctrl-C.
 
-    port      0: any that is free
-    say       hears the address
-    browser   open it there
-    Raises StudioError.
+    listening  as `bound` gives it
+    say        hears the address
+    browser    open it there
     """
     import uvicorn
 
-    listening = _bound(port)
     port, token = listening.getsockname()[1], new_token()
     # NiceGUI keeps what belongs to a user in a folder, which is then the session's.
     os.environ["NICEGUI_STORAGE_PATH"] = str(studio.session.folder / "browser")
@@ -66,15 +64,26 @@ def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) 
     )
     address = f"http://{HOST}:{port}/?token={token}"
     say(address)
-    if browser:
-        webbrowser.open(address)
+    door = studio.session.folder / "open.html"
     try:
+        if browser:
+            write_door(door, address)
+            webbrowser.open(door.as_uri())
         uvicorn.Server(config).run([listening])
     finally:
+        door.unlink(missing_ok=True)
         studio.close()
 
 
-def _bound(port: int) -> socket.socket:
+def write_door(path: Path, address: str) -> None:
+    """A file that leads to an address, for its owner alone: a browser's command line is there for everyone to read."""
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as out:
+        out.write(f'<!doctype html><title>Tendon studio</title><meta http-equiv="refresh" content="0;url={address}">\n')
+
+
+def bound(port: int) -> socket.socket:
+    """What listens on a port of this machine; 0: any that is free. Raises StudioError."""
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

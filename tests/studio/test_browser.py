@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from runtime.studio.server import write_door
 from tests.studio.browser import ROOT, Watched, chromium, studio
 
 PICTURE = ROOT / ".images" / "studio.png"
@@ -83,6 +84,15 @@ def test_the_loop_by_clicks_alone_and_opened_again(browser: Any, fitted: Path, t
             page.click("a.download:has-text('model file')")
         assert "stribeck" in Path(begun.value.path()).read_text()
         assert seen.wrong == []
+
+
+def test_the_file_that_a_browser_is_handed_leads_to_the_page(browser: Any, tmp_path: Path) -> None:
+    """From a file, which is another site to the browser, to a page that has its cookie."""
+    with studio(tmp_path) as address:
+        write_door(tmp_path / "open.html", address)
+        seen = Watched(browser, (tmp_path / "open.html").as_uri())
+        seen.page.wait_for_selector("[data-do=demo]", timeout=SOON)
+        assert "token" not in seen.page.url
 
 
 def test_a_selection_is_lit_in_every_view(browser: Any, fitted: Path, tmp_path: Path) -> None:

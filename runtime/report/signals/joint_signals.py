@@ -115,7 +115,8 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
     )
     lines = {name: values for name, (values, _) in rows.items()}
     t = figures.running_clock(recording.t, recording.run)[0]
-    return SignalSet(f"Joint {joint + 1} as recorded", t, lines, {}, panels, 0.0, force)
+    units = {name: unit for name, (_, unit) in rows.items()}
+    return SignalSet(f"Joint {joint + 1} as recorded", t, lines, {}, panels, 0.0, force, units)
 
 
 def _over(

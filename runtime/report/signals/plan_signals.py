@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,30 +45,42 @@ def of_plan(document: Document, joint: int) -> SignalSet:
         _panel(f"{name} over one cycle", f"{name.lower()}, {unit}", shown, lines, (stated, unit), ends)
         for name, unit, shown, stated in rows
     )
-    return SignalSet(_title(entry), np.array(samples["t"]), lines, {}, panels, 0.0, force)
+    units = {"position": position, "speed": f"{position}/s"}
+    return SignalSet(_title(entry), np.array(samples["t"]), lines, {}, panels, 0.0, force, units)
 
 
 def of_execution(called: str, cycles: JointCycles) -> SignalSet:
-    """Position, tracking error and torque of a joint, planned and executed, all cycles one over the other."""
+    """Position, tracking error and torque of a joint, planned and executed: the mean of all cycles, and their ends."""
     position, force = cycles.position_unit, cycles.force_unit
-    lines = {"planned position": cycles.q_planned, "planned torque": cycles.torque_planned}
-    drawn: dict[str, list[DrawnLine]] = {"position": [], "error": [], "torque": []}
-    for k, (q, torque) in enumerate(zip(cycles.q, cycles.torque, strict=True), 1):
-        values = {"position": q, "error": q - cycles.q_planned, "torque": torque}
-        for name, row in values.items():
-            lines[f"{name} of cycle {k}"] = row
-            drawn[name].append(DrawnLine(f"{name} of cycle {k}", EXECUTED, "after"))
-    drawn["position"].append(DrawnLine("planned position", PLANNED, "ink"))
-    drawn["torque"].append(DrawnLine("planned torque", PLANNED, "ink"))
-    if cycles.spring is not None:
-        lines[SPRING] = cycles.spring
-        drawn["torque"].append(DrawnLine(SPRING, SPRING, "before"))
-    titles = {"position": ("Position", position), "error": ("Off the plan", position), "torque": ("Torque", force)}
-    panels = tuple(
-        _panel(title, f"{name}, {unit}", drawn[name], lines, (None, unit), np.empty(0))
-        for name, (title, unit) in titles.items()
+    error = cycles.q - cycles.q_planned
+    rows = (
+        ("Position", "position", position, cycles.q, cycles.q_planned),
+        ("Off the plan", "error", position, error, None),
+        ("Torque", "torque", force, cycles.torque, cycles.torque_planned),
     )
-    return SignalSet(f"Joint {called}", cycles.t, lines, {}, panels, 0.0, force)
+    lines: dict[str, Array] = {}
+    panels = []
+    for title, name, unit, values, planned in rows:
+        lines[name] = values.mean(axis=0)
+        drawn = [DrawnLine(name, EXECUTED, "after")]
+        if planned is not None:
+            lines[f"planned {name}"] = planned
+            drawn.append(DrawnLine(f"planned {name}", PLANNED, "ink"))
+        if name == "torque" and cycles.spring is not None:
+            lines[SPRING] = cycles.spring
+            drawn.append(DrawnLine(SPRING, SPRING, "before"))
+        panel = _panel(title, f"{name}, {unit}", drawn, lines, (None, unit), np.empty(0))
+        panels.append(replace(panel, curves=_ends(cycles.t, values)))
+    units = dict.fromkeys(("position", "planned position", "error"), position)
+    return SignalSet(f"Joint {called}", cycles.t, lines, {}, tuple(panels), 0.0, force, units)
+
+
+def _ends(t: Array, values: Array) -> tuple[DrawnCurve, ...]:
+    """The smallest and largest values (K, F) of all cycles; none of a single one."""
+    if len(values) < 2:
+        return ()
+    name = f"least and most of {len(values)} cycles"
+    return tuple(curve(name, "faint", t, end(values, axis=0), dashed=True) for end in (np.min, np.max))
 
 
 def _panel(

@@ -14,6 +14,13 @@ from runtime.studio.plan_shown import ExecutedShown, PlanShown
 from runtime.studio.shown import Row
 from runtime.wording import sentence
 
+SIMULATION = (
+    "Trials on the simulated arm, driven by the controller of its firmware, with noise of its sensors; planned and "
+    "executed are then shown beside each other."
+)
+SAME = 1e-3
+"""Of a cost: two plans that differ by less are the same one, as far as a solver tells on another machine."""
+
 
 def sections(view: PageView) -> list[PageSection]:
     """What is open, then the sweep, the plan and the joint that are looked at."""
@@ -106,11 +113,26 @@ class PlanPart:
         put("h2", f"Plan: {plan['name']}")
         with put("div", classes="beside plan-beside"):
             with put("div", data_plan=""):
-                put("h3", "Planned")
-                self._planned(plan)
+                with put("div"):
+                    put("h3", "Planned")
+                    _planned(plan)
+                self._arm(plan["arm"])
+                phases = [{"name": f"phase {k}", "value": text} for k, text in enumerate(plan["phases"], 1)]
+                _facts([*plan["facts"], *phases])
             with put("div", data_executed=""):
-                put("h3", "Executed in simulation")
-                self._executed(number, executed)
+                with put("div"):
+                    put("h3", "Executed in simulation")
+                    self._run(number, executed)
+                if executed is not None and executed["arm"] is not None:
+                    self._arm(executed["arm"])
+                    _facts(executed["facts"])
+        _table("What the plan asks of every joint", plan["table"])
+        if executed is not None:
+            _table("What was executed", executed["table"])
+        self._taken(number, plan)
+
+    def _taken(self, number: int, plan: PlanShown) -> None:
+        """What can be done with a plan elsewhere."""
         with put("div", classes="acts"):
             put("a", "Download the trajectory", "download", href=f"/download/trajectory?step={number}", download="")
             if self._shelf.file(number, "recording.csv.gz") is not None:
@@ -121,40 +143,16 @@ class PlanPart:
         with folded("In a terminal"):
             put("pre", plan["command"], data_plan_command="")
 
-    def _planned(self, plan: PlanShown) -> None:
-        put("p", f"{sentence(plan['headline'])}", role="status")
-        for line in plan["springs"]:
-            put("p", line)
-        swept = plan["swept"]
-        if swept is not None:
-            _compared(swept["cost"], swept["swept_cost"])
-        self._arm(plan["arm"])
-        _facts([*plan["facts"], *({"name": f"phase {k}", "value": text} for k, text in enumerate(plan["phases"], 1))])
-        _table(plan["table"])
-        for note in plan["notes"]:
-            put("p", note, "warning")
-
-    def _executed(self, number: int, executed: ExecutedShown | None) -> None:
-        if executed is None:
-            put("p", "Three trials on the simulated arm, driven by the firmware's controller, with sensor noise.", "of")
+    def _run(self, number: int, executed: ExecutedShown | None) -> None:
+        """The button, and what came of it."""
+        if executed is not None:
+            _came_of(executed)
+        else:
+            put("p", SIMULATION, "of")
+        text, classes = ("Execute it in simulation", "first") if executed is None else ("Execute it again", "")
         run = partial(self._view.act, partial(self._shelf.execute, number))
-        text = "Execute it in simulation" if executed is None else "Execute it again"
-        classes = "first" if executed is None else ""
         with put("div", classes="acts"):
             button(text, run, classes, disabled=self._view.busy, data_do="execute")
-        if executed is None:
-            return
-        with put("p", role="status"):
-            put("span", executed["tag"], f"tag {executed['kind']}")
-            put("span", f" {sentence(executed['headline'])}")
-        if executed["reason"]:
-            put("p", sentence(executed["reason"]), "warning", role="alert")
-        if executed["arm"] is not None:
-            self._arm(executed["arm"])
-        _facts(executed["facts"])
-        _table(executed["table"])
-        for note in executed["notes"]:
-            put("p", note, "of")
 
     def _arm(self, picture: Row) -> None:
         def pressed(event: GenericEventArguments) -> None:
@@ -192,6 +190,28 @@ class PlanPart:
                     put("tendon-signals", src=f"/data/plan{number}-executed{joint}", data_mark=mark)
 
 
+def _planned(plan: PlanShown) -> None:
+    """What a plan came to, in words."""
+    put("p", f"{plan['headline']}.", role="status")
+    for line in plan["springs"]:
+        put("p", line)
+    if plan["swept"] is not None:
+        _compared(plan["swept"]["cost"], plan["swept"]["swept_cost"])
+    for note in plan["notes"]:
+        put("p", sentence(note), "warning")
+
+
+def _came_of(executed: ExecutedShown) -> None:
+    """What an execution came to, in words."""
+    with put("p", role="status"):
+        put("span", executed["tag"], f"tag {executed['kind']}")
+        put("span", f" {executed['headline']}.")
+    if executed["reason"]:
+        put("p", sentence(executed["reason"]), "warning", role="alert")
+    for note in executed["notes"]:
+        put("p", note, "of")
+
+
 def _compared(cost: float, swept: float) -> None:
     """Whether a point that is planned again is what the sweep found."""
     near = abs(cost - swept) <= SAME * abs(swept)
@@ -203,10 +223,6 @@ def _compared(cost: float, swept: float) -> None:
     put("p", text, "of" if near else "warning")
 
 
-SAME = 1e-3
-"""Of a cost: two plans that differ by less are the same one, as far as a solver tells on another machine."""
-
-
 def _facts(facts: list[Row]) -> None:
     with put("dl", classes="facts"):
         for fact in facts:
@@ -215,11 +231,12 @@ def _facts(facts: list[Row]) -> None:
                 put("dd", fact["value"])
 
 
-def _table(table: Row) -> None:
+def _table(title: str, table: Row) -> None:
     """As the report has it: on a narrow screen a row is a card."""
     heads = table["heads"]
     if not table["rows"]:
         return
+    put("h3", title)
     with put("div", classes="scroll"), put("table", classes="stack"):
         with put("thead"), put("tr"):
             for head in heads:

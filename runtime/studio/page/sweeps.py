@@ -64,10 +64,12 @@ class SweepPart:
         put("h2", f"Sweep: {shown['name']}")
         said = f"{shown['jobs']} jobs, {len(shown['points']) + shown['more']} variations of {', '.join(shown['axes'])}"
         put("p", f"{said}. Press a point, in the figure or the table, to see its plan.", "of")
-        _figure(shown, self._press, self._point)
-        if self._point is not None:
-            self._one(shown, self._point, plans)
-        _table(shown, self._press, self._point, plans)
+        with put("div", classes="beside"):
+            with put("div"):
+                _figure(shown, self._press, self._point)
+                if self._point is not None:
+                    self._one(shown, self._point, plans)
+            _table(shown, self._press, self._point, plans)
         if shown["more"]:
             put("p", f"{shown['more']} more variations are in the table's file and are not shown.", "of")
         away = partial(self._view.act, partial(self._shelf.take_away, "sweeps", sweep))

@@ -247,8 +247,8 @@
         [this.lit ? "selected" : "all samples", `${found.samples.toLocaleString("en")} ${this.lit ? `(${percent(found.share)})` : ""}`],
         ["time", found.samples ? `${number(found.from, 4)} … ${number(found.to, 4)} s` : "–"],
         ...found.lines.filter((line) => !this.off.has(line.name)).flatMap((line) => [
-          [`${line.name}, mean`, `${number(line.mean)} ${spec.unit}`],
-          [`${line.name}, rms`, `${number(line.rms)} ${spec.unit}${spec.floor ? ` = ${number(line.floors)} × floor` : ""}`],
+          [`${line.name}, mean`, `${number(line.mean)} ${spec.units[line.name] ?? spec.unit}`],
+          [`${line.name}, rms`, `${number(line.rms)} ${spec.units[line.name] ?? spec.unit}${spec.floor ? ` = ${number(line.floors)} × floor` : ""}`],
           ...(this.lit && spec.floor ? [[`of all squares of ${line.name}`, percent(line.squares)]] : []),
         ]),
       ];
