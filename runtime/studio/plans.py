@@ -10,14 +10,14 @@ A plan has its arm's model beside it, so that it can be executed whatever else t
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, cast
 
 from runtime.studio.plan_shown import ExecutedShown, PlanShown, SweepShown
 from runtime.studio.session import GivenFile, SessionError, StudioSession
 from runtime.studio.settings import MOST_MODEL, MOST_PLANS, MOST_TABLE
-from runtime.studio.work import WorkError, WorkState
+from runtime.studio.work import Work, WorkError, WorkState
 from runtime.workspace import SCENARIOS
 from symbolic.model_file.checks import quote
 
@@ -38,13 +38,10 @@ def most_bytes(name: str) -> int:
 
 
 class PlanShelf:
-    """The plans and sweeps of a session, by number from 1.
+    """The plans and sweeps of a session, by number from 1."""
 
-    begin   begins a task of the session's process: its kind, what it is in words, what it is told
-    """
-
-    def __init__(self, session: StudioSession, begin: Callable[[str, str, Mapping[str, Any]], None]) -> None:
-        self._session, self._begin = session, begin
+    def __init__(self, session: StudioSession, work: Work) -> None:
+        self._session, self._work = session, work
         self._opening: tuple[GivenFile, ...] = ()
         self.newest: tuple[Shelf, int] | None = None
         """What was opened last."""
@@ -105,14 +102,18 @@ class PlanShelf:
     def plan_point(self, sweep: int, point: int, scenario: str) -> None:
         """Plan a sweep's point, as the sweep has: a scenario of `scenarios`."""
         told = {"sweep": sweep, "point": point, "scenario": scenario}
-        self._begin("plan_point", "planning a point of the sweep", told)
+        self._work.begin("plan_point", "planning a point of the sweep", told)
 
     def execute(self, number: int) -> None:
         """Execute a plan on the simulated arm."""
-        self._begin("execute_plan", f"executing {self.plan(number)['name']} on the simulated arm", {"plan": number})
+        self._work.begin(
+            "execute_plan", f"executing {self.plan(number)['name']} on the simulated arm", {"plan": number}
+        )
 
     def take_away(self, shelf: Shelf, number: int) -> None:
-        """Do without a plan or a sweep."""
+        """Do without a plan or a sweep. Raises SessionError while something is worked on."""
+        if self._work.busy:
+            raise SessionError("something is being worked on; wait for it, or cancel it")
         shutil.rmtree(self.folder(shelf, number), ignore_errors=True)
 
     def finished(self, work: WorkState) -> None:
@@ -139,18 +140,23 @@ class PlanShelf:
         names = ", ".join(file.name for file in given)
         told = [{"file": file.file, "name": file.name} for file in given]
         self._opening = tuple(given)
-        self._begin("open_plans", f"opening {names}", {"files": told})
+        self._work.begin("open_plans", f"opening {names}", {"files": told})
 
     def _away(self, given: Sequence[GivenFile]) -> None:
         for file in given:
             self._session.given(file).unlink(missing_ok=True)
 
     def _take(self, shelf: Shelf, made: Path) -> None:
-        number = max(self.numbers(shelf), default=0) + 1
+        number = max([*self.numbers(shelf), *self._named(shelf)], default=0) + 1
         target = self.folder(shelf, number)
         target.parent.mkdir(exist_ok=True)
         made.rename(target)
         self.newest = (shelf, number)
+
+    def _named(self, shelf: Shelf) -> list[int]:
+        """Of sweeps, those that plans name, whether they are still there or not."""
+        swept = [self.plan(number)["swept"] for number in self.numbers("plans")] if shelf == "sweeps" else []
+        return [one["sweep"] for one in swept if one is not None]
 
     def _has_scenario(self, number: int) -> bool:
         return (self.home(number) / "scenario.toml").is_file()

@@ -55,7 +55,7 @@ class Studio:
         self._held: int | None = session.claimed()
         session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
-        self.plans = PlanShelf(session, self._work.begin)
+        self.plans = PlanShelf(session, self._work)
 
     def close(self) -> None:
         """End the process of the session. The folder stays, and may be opened again."""

@@ -50,7 +50,7 @@ def of_plan(document: Document, joint: int) -> SignalSet:
 
 
 def of_execution(called: str, cycles: JointCycles) -> SignalSet:
-    """Position, tracking error and torque of a joint, planned and executed: the mean of all cycles, and their ends."""
+    """Position, tracking error and torque of a joint, planned and executed: the mean of all cycles."""
     position, force = cycles.position_unit, cycles.force_unit
     error = cycles.q - cycles.q_planned
     rows = (
@@ -61,26 +61,25 @@ def of_execution(called: str, cycles: JointCycles) -> SignalSet:
     lines: dict[str, Array] = {}
     panels = []
     for title, name, unit, values, planned in rows:
-        lines[name] = values.mean(axis=0)
-        drawn = [DrawnLine(name, EXECUTED, "after")]
+        drawn = []
         if planned is not None:
             lines[f"planned {name}"] = planned
             drawn.append(DrawnLine(f"planned {name}", PLANNED, "ink"))
         if name == "torque" and cycles.spring is not None:
             lines[SPRING] = cycles.spring
             drawn.append(DrawnLine(SPRING, SPRING, "before"))
+        lines[name] = values.mean(axis=0)
+        drawn.append(DrawnLine(name, EXECUTED, "after"))
         panel = _panel(title, f"{name}, {unit}", drawn, lines, (None, unit), np.empty(0))
-        panels.append(replace(panel, curves=_ends(cycles.t, values)))
+        panels.append(replace(panel, note=_cycles(values, unit)))
     units = dict.fromkeys(("position", "planned position", "error"), position)
     return SignalSet(f"Joint {called}", cycles.t, lines, {}, tuple(panels), 0.0, force, units)
 
 
-def _ends(t: Array, values: Array) -> tuple[DrawnCurve, ...]:
-    """The smallest and largest values (K, F) of all cycles; none of a single one."""
-    if len(values) < 2:
-        return ()
-    name = f"least and most of {len(values)} cycles"
-    return tuple(curve(name, "faint", t, end(values, axis=0), dashed=True) for end in (np.min, np.max))
+def _cycles(values: Array, unit: str) -> str:
+    """Of how many cycles (K, F) a mean is, and how far they are apart; of a single one nothing."""
+    apart = quantity(float(np.ptp(values, axis=0).max()), unit, 2)
+    return "" if len(values) < 2 else f"The mean of {len(values)} cycles, which differ by up to {apart}."
 
 
 def _panel(

@@ -28,6 +28,7 @@ def sections(view: PageView) -> list[PageSection]:
     return [
         PageSection("section", "plans", part.key_of_all, part.all),
         PageSection("section", "sweep", part.sweep.key, part.sweep.draw),
+        PageSection("section", "sweep-point", part.sweep.key_of_point, part.sweep.point),
         PageSection("section", "plan", part.key, part.draw),
         PageSection("section", "plan-joint", part.key_of_joint, part.joint),
     ]

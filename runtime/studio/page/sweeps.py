@@ -51,13 +51,13 @@ class SweepPart:
         self._view.changed()
 
     def key(self) -> object:
-        """What is shown; None: there is no sweep."""
+        """What the figure and the table show; None: there is no sweep."""
         if self.chosen is None:
             return None
-        return self.chosen, self._point, self._scenario, self._view.busy, repr(self._shelf.plans_of(self.chosen))
+        return self.chosen, self._point, repr(self._shelf.plans_of(self.chosen))
 
     def draw(self) -> None:
-        """The figure, the point that was pressed, and the table."""
+        """The points, as a figure and as a table."""
         sweep = self.chosen
         assert sweep is not None
         shown, plans = self._shelf.sweep(sweep), self._shelf.plans_of(sweep)
@@ -65,13 +65,23 @@ class SweepPart:
         said = f"{shown['jobs']} jobs, {len(shown['points']) + shown['more']} variations of {', '.join(shown['axes'])}"
         put("p", f"{said}. Press a point, in the figure or the table, to see its plan.", "of")
         with put("div", classes="beside"):
-            with put("div"):
-                _figure(shown, self._press, self._point)
-                if self._point is not None:
-                    self._one(shown, self._point, plans)
+            _figure(shown, self._press, self._point)
             _table(shown, self._press, self._point, plans)
         if shown["more"]:
             put("p", f"{shown['more']} more variations are in the table's file and are not shown.", "of")
+
+    def key_of_point(self) -> object:
+        """What is shown of the point that was pressed; None: there is no sweep."""
+        return self.key() and (self.key(), self._scenario, self._view.busy)
+
+    def point(self) -> None:
+        """What came of the point that was pressed, and its plan: a table has none, so it is planned again."""
+        sweep = self.chosen
+        assert sweep is not None
+        if self._point is not None:
+            shown, plans = self._shelf.sweep(sweep), self._shelf.plans_of(sweep)
+            with put("article", classes="card", data_point=self._point):
+                self._one(shown["points"][self._point], self._point in plans)
         away = partial(self._view.act, partial(self._shelf.take_away, "sweeps", sweep))
         with put("div", classes="acts"):
             button("Take the sweep away", away, disabled=self._view.busy, data_do="sweep-away")
@@ -85,29 +95,22 @@ class SweepPart:
             self._look_at_plan(plan)
         self._view.changed()
 
-    def _one(self, shown: SweepShown, point: int, plans: dict[int, int]) -> None:
-        """What came of a point, and its plan: a table has none, so it is planned again."""
-        found = shown["points"][point]
-        with put("article", classes="card", data_point=point):
-            put("h3", _words(found["at"]))
-            if found["cost"] is None:
-                put(
-                    "p", f"There is no plan: {sentence(found['reason'] or 'the job did not come to an end')}", "warning"
-                )
-                return
-            put("p", f"The best of {found['jobs']}: cost {number(found['cost'])}, seed {found['seed']}.")
-            if point in plans:
-                put("p", "Its plan is shown below.", role="status")
-                return
-            put("p", "The table holds no motion; it is planned again from the scenario of the sweep.", "of")
-            scenarios = self._shelf.scenarios()
-            name = self._scenario if self._scenario in scenarios else next(iter(scenarios))
-            with put("div", classes="acts"):
-                choice("scenario", list(scenarios.items()), name, self._of)
-                plan = partial(self._shelf.plan_point, self._chosen or 0, point, name)
-                button(
-                    "Plan this point", partial(self._view.act, plan), "first", disabled=self._view.busy, data_do="point"
-                )
+    def _one(self, found: PointShown, is_planned: bool) -> None:
+        put("h3", _words(found["at"]))
+        if found["cost"] is None:
+            put("p", f"There is no plan: {sentence(found['reason'] or 'the job did not come to an end')}", "warning")
+            return
+        put("p", f"The best of {found['jobs']}: cost {number(found['cost'])}, seed {found['seed']}.")
+        if is_planned:
+            put("p", "Its plan is shown below.", role="status")
+            return
+        put("p", "The table holds no motion; it is planned again from the scenario of the sweep.", "of")
+        scenarios = self._shelf.scenarios()
+        name = self._scenario if self._scenario in scenarios else next(iter(scenarios))
+        plan = partial(self._shelf.plan_point, self._chosen or 0, self._point or 0, name)
+        with put("div", classes="acts"):
+            choice("scenario", list(scenarios.items()), name, self._of)
+            button("Plan this point", partial(self._view.act, plan), "first", disabled=self._view.busy, data_do="point")
 
     def _of(self, scenario: str) -> None:
         self._scenario = scenario
