@@ -81,7 +81,7 @@ class SweepPart:
         if self._point is not None:
             shown, plans = self._shelf.sweep(sweep), self._shelf.plans_of(sweep)
             with put("article", classes="card", data_point=self._point):
-                self._one(shown["points"][self._point], self._point in plans)
+                self._one(shown["points"][self._point], plans.get(self._point))
         away = partial(self._view.act, partial(self._shelf.take_away, "sweeps", sweep))
         with put("div", classes="acts"):
             button("Take the sweep away", away, disabled=self._view.busy, data_do="sweep-away")
@@ -95,22 +95,25 @@ class SweepPart:
             self._look_at_plan(plan)
         self._view.changed()
 
-    def _one(self, found: PointShown, is_planned: bool) -> None:
+    def _one(self, found: PointShown, plan: int | None) -> None:
         put("h3", _words(found["at"]))
         if found["cost"] is None:
             put("p", f"There is no plan: {sentence(found['reason'] or 'the job did not come to an end')}", "warning")
             return
         put("p", f"The best of {found['jobs']}: cost {number(found['cost'])}, seed {found['seed']}.")
-        if is_planned:
-            put("p", "Its plan is shown below.", role="status")
+        if plan is not None:
+            with put("div", classes="acts"):
+                button("Show its plan", partial(self._look_at_plan, plan), data_do="point-plan")
             return
         put("p", "The table holds no motion; it is planned again from the scenario of the sweep.", "of")
         scenarios = self._shelf.scenarios()
         name = self._scenario if self._scenario in scenarios else next(iter(scenarios))
-        plan = partial(self._shelf.plan_point, self._chosen or 0, self._point or 0, name)
+        begin = partial(self._shelf.plan_point, self._chosen or 0, self._point or 0, name)
         with put("div", classes="acts"):
             choice("scenario", list(scenarios.items()), name, self._of)
-            button("Plan this point", partial(self._view.act, plan), "first", disabled=self._view.busy, data_do="point")
+            button(
+                "Plan this point", partial(self._view.act, begin), "first", disabled=self._view.busy, data_do="point"
+            )
 
     def _of(self, scenario: str) -> None:
         self._scenario = scenario
