@@ -8,6 +8,7 @@ import csv
 import json
 import re
 from collections.abc import AsyncIterator, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -218,15 +219,13 @@ CELLS = st.sampled_from(["", "1.2", "nan", "1e999", "A", "True", "False", "x" * 
 
 
 @given(st.lists(st.lists(CELLS, max_size=7), max_size=4), st.booleans())
-def test_a_table_of_anything_is_read_or_refused_in_a_line(tmp_path_factory, lines, headed):
+def test_a_table_of_anything_is_read_or_refused(tmp_path_factory, lines, headed):
     path = tmp_path_factory.mktemp("any") / "table.csv"
     head = ["cycle_time,case,seed,feasible,cost,iterations,message"] if headed else []
     path.write_text("\n".join([*head, *(",".join(line) for line in lines)]))
-    try:
+    with suppress(TableError):
         for row in reading.read(path, 3):
             assert (row.cost is not None) == (row.feasible is True)
-    except TableError as error:
-        refused = str(error)
 
 
 def test_the_best_of_the_seeds_stands_for_a_variation(tmp_path):
