@@ -94,8 +94,6 @@ def _recording(view: PageView, place: int, given: GivenRecording, shown: Recordi
         put("p", rate + (f", {clock['gaps']} gaps" if clock["gaps"] else ""), "of")
     if shown["problem"]:
         put("p", shown["problem"], "warning", role="alert")
-    for suspicion in shown["inspection"].get("suspicions", []):
-        put("p", str(suspicion), "warning")
     cures(view, shown["cures"])
     for name in shown["signals"]:
         with folded(
