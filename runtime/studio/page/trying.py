@@ -65,7 +65,7 @@ def values(view: PageView, row: Row, prefix: str = "") -> None:
         tried = {} if answer is None else answer["values"]
         _slider(view, effect, entry, tried, (units[entry["name"]], f"try-{prefix}{entry['name']}"))
     if answer is not None:
-        _left(view, answer)
+        _left(answer)
 
 
 def _effect(row: Row) -> PlacedEffect:
@@ -100,7 +100,7 @@ def _slider(view: PageView, effect: PlacedEffect, entry: Row, tried: dict[str, f
         slider.on("chosen", chosen, ["detail"])
 
 
-def _left(view: PageView, answer: TriedShown) -> None:
+def _left(answer: TriedShown) -> None:
     """The error with the values that were tried, and the residual before and after."""
     for joint in answer["joints"]:
         was, is_ = percent(joint["fitted"]), percent(joint["relative"])
