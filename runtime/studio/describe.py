@@ -64,6 +64,7 @@ def _joint(index: int, series: JointSeries, held: bool) -> JointShown:
         "rms": series.rms,
         "relative": series.relative,
         "floor": floor,
+        "instruments": relative_floor(series) * series.floor.spectrum / floor if floor else 0.0,
         "floor_source": series.floor.source,
         "floors": series.rms / floor if floor else None,
         "at_floor": not len(series.t) or series.rms < MORE_THAN_NOISE * floor,

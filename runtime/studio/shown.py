@@ -25,6 +25,7 @@ class Cure(TypedDict):
 class JointShown(TypedDict):
     """A joint: what is left of its torque, and over which signals that is structured, with their shares.
 
+    instruments      the noise of torque and encoder alone, part of the torque; the floor may hold more than that
     signals, held    names of its signal sets for /data: of what was fitted, None where it never moves, and of what was
                      held out, None where nothing was
     """
@@ -36,6 +37,7 @@ class JointShown(TypedDict):
     rms: float
     relative: float
     floor: float
+    instruments: float
     floor_source: str
     floors: float | None
     at_floor: bool

@@ -108,9 +108,14 @@ def cures(view: PageView, found: list[Cure]) -> None:
     for cure in found:
         with put("div", classes="cure"):
             put("p", cure["said"])
-            if cure["maps"] or cure["gaps"]:
-                text = "Split at the gaps" if cure["gaps"] else f"Read it with {', '.join(cure['maps'])}"
-                button(text, partial(view.act, _cure, view, cure), "first", disabled=view.busy, data_do="cure")
+            cure_button(view, cure)
+
+
+def cure_button(view: PageView, cure: Cure) -> None:
+    """Where no person must decide, the button that puts it right and compares again."""
+    if cure["maps"] or cure["gaps"]:
+        text = "Split at the gaps" if cure["gaps"] else f"Read it with {', '.join(cure['maps'])}"
+        button(text, partial(view.act, _cure, view, cure), "first", disabled=view.busy, data_do="cure")
 
 
 def _cure(view: PageView, cure: Cure) -> None:

@@ -160,7 +160,7 @@ def _deciding(view: PageView) -> None:
     put("p", "Designed within the limits of the model file and tried in simulation; that takes some minutes.", "of")
     with put("div", classes="acts"):
         for card in view.verdict["findings"]:
-            _designing(view, [_effect(row) for row in (card, *card["rival_terms"])])
+            designing(view, [_effect(row) for row in (card, *card["rival_terms"])])
     answer = view.studio.experiment(view.here.number)
     if answer is not None:
         put("p", sentence(answer["reason"]), role="status")
@@ -170,6 +170,7 @@ def _deciding(view: PageView) -> None:
         put("a", "Download the motion for your controller (CSV)", href=href, download="")
 
 
-def _designing(view: PageView, effects: Sequence[PlacedEffect]) -> None:
+def designing(view: PageView, effects: Sequence[PlacedEffect]) -> None:
+    """A button that designs the motion which tells effects apart, or one from the model as it is."""
     ask = partial(view.act, partial(view.studio.design, *effects))
     button(f"Design a motion: {' or '.join(map(str, effects))}", ask, disabled=view.busy, data_do="design")

@@ -8,7 +8,7 @@ from typing import Any
 from runtime.studio.history import PlacedEffect, SessionStep
 from runtime.studio.page import trying
 from runtime.studio.page.parts import button, filled_part, folded, put
-from runtime.studio.page.start import cures
+from runtime.studio.page.start import cure_button, cures
 from runtime.studio.page.view import PageView
 from runtime.studio.shown import Row, VerdictShown
 from runtime.wording import number, percent
@@ -35,8 +35,11 @@ def banner(view: PageView) -> None:
         quiet = all(joint["at_floor"] for joint in view.shown["joints"])
         put("p", "What is left of every joint's torque is at its noise floor." if quiet else view.shown["sentence"])
     _facts(view, step)
-    cures(view, view.shown["cures"])
+    if kind != "refused":
+        cures(view, view.shown["cures"])
     with put("div", classes="acts"):
+        for cure in view.shown["cures"] if kind == "refused" else ():
+            cure_button(view, cure)  # the sentence says what is wrong
         _next(view, found)
 
 
@@ -64,6 +67,8 @@ def _facts(view: PageView, step: SessionStep) -> None:
         return percent(after) if step.number == 0 else f"{percent(before)} → {percent(after)}"
 
     facts = [("error", fall(given.relative, here.relative)), ("noise floor", percent(here.relative_floor))]
+    if view.verdict is not None and view.verdict["left_over"]:
+        facts.append(("noise of the instruments alone", percent(view.joint["instruments"])))
     if here.held is not None and given.held is not None:
         facts.append(("error, held out", fall(given.held, here.held)))
         if here.held_floor is not None:
@@ -96,7 +101,7 @@ def _next(view: PageView, found: VerdictShown | None) -> None:
         put("a", "What to record", href="#record")
     if found["limits"]:
         put("a", "What was looked for and not found", href="#limits")
-    if not effects:
+    if not effects and found["kind"] != "refused":
         put("a", "Would I see an effect in this motion?", href="#ask")
 
 
@@ -121,6 +126,7 @@ def cards(view: PageView) -> None:
                 for rival in card["rival_terms"]:
                     effect = placed(rival)
                     _add(view, effect, f"Try {effect} instead")
+                trying.designing(view, [placed(card), *map(placed, card["rival_terms"])])
             filled_part("finding_of", {**card, "figures": []})
             with put("div", data_values=card["title"]):
                 put("h4", "Try other values before it is added")
