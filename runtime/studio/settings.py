@@ -19,6 +19,9 @@ MOST_MESSAGE: Final = 1_000_000
 MOST_SETS: Final = 24
 """number of signal sets that are kept in memory, with their pyramids: three steps of seven joints; a choice."""
 
+MOST_DOCUMENTS: Final = 200
+"""number of documents of a session that are kept in memory: those of some thirty steps; a choice."""
+
 MOST_NAME: Final = 100
 """bytes of a file's name in the session folder: file systems take 255; a choice."""
 

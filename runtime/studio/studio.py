@@ -15,11 +15,12 @@ import threading
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar
 
 from runtime import files
 from runtime.simulation.demo import record_files
 from runtime.studio import commands as typed
+from runtime.studio.documents import Documents
 from runtime.studio.history import History, HistoryError, Kind, PlacedEffect, SessionStep, joint_errors
 from runtime.studio.plans import PlanShelf, most_bytes
 from runtime.studio.session import GivenFile, GivenRecording, Inputs, SessionError, StudioSession
@@ -29,6 +30,8 @@ from runtime.studio.work import Work, WorkState
 from runtime.workspace import Source, effects_described
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
+
+T = TypeVar("T")
 
 _SET = re.compile(
     r"(?P<of>step|recording|plan)(?P<number>\d{1,6})-(?P<kind>joint|held|tried|executed)(?P<joint>\d{1,4})", re.ASCII
@@ -50,6 +53,7 @@ class Studio:
             raise SessionError(f"{session.folder}: was made with effects of your own; open it with --effects")
         self.session = session
         self._effects = effects
+        self._documents = Documents(session)
         self._version = 0
         self._lock = threading.RLock()  # what a process found is taken in another thread than a click is
         self._held: int | None = session.claimed()
@@ -195,36 +199,33 @@ class Studio:
 
     def recordings(self) -> list[RecordingShown]:
         """What was read, in the order of `inputs.recordings`, as far as it was looked at."""
-        found = []
-        for number in range(1, len(self.inputs.recordings) + 1):
-            document = self.session.document(self.session.recording(number) / "recording.json")
-            if document is not None:
-                found.append(cast(RecordingShown, document))
-        return found
+        places = (self.session.recording(number) for number in range(1, len(self.inputs.recordings) + 1))
+        found = (self._documents.read(place / "recording.json", RecordingShown) for place in places)
+        return [document for document in found if document is not None]
 
     def shown(self, number: int) -> StepShown:
         """A fitted model."""
-        return cast(StepShown, self._of_step(number, "shown.json"))
+        return self._known(number, "shown.json", StepShown)
 
     def verdict(self, number: int) -> VerdictShown | None:
         """The diagnosis of a step; None: not asked for."""
-        return cast(VerdictShown | None, self.session.document(self.session.step(number) / "verdict.json"))
+        return self._documents.read(self.session.step(number) / "verdict.json", VerdictShown)
 
     def library(self, number: int) -> list[EffectOffered]:
         """The effects that may be added to a step's model."""
-        return cast(list[EffectOffered], self._of_step(number, "library.json"))
+        return self._known(number, "library.json", list[EffectOffered])
 
     def tried(self, number: int) -> TriedShown | None:
         """The answer to `try_values` at a step; None: not asked for."""
-        return cast(TriedShown | None, self.session.document(self.session.step(number) / "tried.json"))
+        return self._documents.read(self.session.step(number) / "tried.json", TriedShown)
 
     def hidden(self, number: int) -> HiddenShown | None:
         """The answer to `hide` at a step; None: not asked for."""
-        return cast(HiddenShown | None, self.session.document(self.session.step(number) / "hidden.json"))
+        return self._documents.read(self.session.step(number) / "hidden.json", HiddenShown)
 
     def experiment(self, number: int) -> Row | None:
         """The answer to `design` at a step, as `tendon experiment --json`; None: not asked for."""
-        return cast(Row | None, self.session.document(self.session.step(number) / "experiment.json"))
+        return self._documents.read(self.session.step(number) / "experiment.json", Row)
 
     def motion(self, number: int) -> Path | None:
         """The motion that was designed at a step, for the arm; None where there is none."""
@@ -318,9 +319,9 @@ class Studio:
         step = SessionStep(number, found["parent"], found["kind"], changed, joint_errors(found["joints"]))
         self.session.change(history=self.history.with_step(step))
 
-    def _of_step(self, number: int, name: str) -> Any:
+    def _known(self, number: int, name: str, kind: type[T]) -> T:
         path = self.session.step(self.history.step(number).number) / name
-        document = self.session.document(path)
+        document = self._documents.read(path, kind)
         if document is None:
             raise SessionError(f"{path}: is missing")
         return document

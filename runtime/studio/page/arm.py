@@ -66,9 +66,12 @@ def _joint(view: PageView, before: JointError, after: JointError, here: SessionS
     pressed = put("button", classes="bar-joint", type="button", aria_pressed=json.dumps(chosen), data_joint=after.joint)
     with pressed.on("click", lambda _: view.set(chosen=after.joint)):
         with put("span", classes="bar-head"):
-            put("span", classes="spot", data_level=level(after.floors))
+            unexplained = view.verdict is not None and after.joint in [
+                row["joint"] for row in view.verdict["left_over"]
+            ]
+            put("span", classes="spot", data_level="2" if unexplained else level(after.floors))
             put("b", f"Joint {after.called}")
-            put("span", _floors(after), "of")
+            put("span", "what is left is no noise of the instruments" if unexplained else _floors(after), "of")
         changed = here.number > 0
         _bar("fitted", before.relative if changed else None, after.relative, after.relative_floor, longest)
         if after.held is not None:

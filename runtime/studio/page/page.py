@@ -67,7 +67,9 @@ def _sections(view: PageView) -> list[PageSection]:
         return None if view.here is None or view.verdict is None else (view.here, view.busy, view.joint["joint"])
 
     def found() -> tuple[object, ...] | None:
-        return judged() if view.verdict is not None and view.verdict["findings"] else None
+        if view.here is None or view.verdict is None or not view.verdict["findings"]:
+            return None
+        return judged(), repr(studio.tried(view.here.number))
 
     def signals() -> None:
         joint_views.signals(view, f"{view.here.number}-{view.here.verdict}" if view.here else "")
