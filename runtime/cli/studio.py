@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,6 +39,11 @@ def studio(
     held_out: Annotated[
         list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted."), READ
     ] = None,
+    plans: Annotated[
+        list[Path] | None,
+        typer.Option("--plan", metavar="FILE", help="A trajectory, a scenario to plan, or a sweep's table."),
+        READ,
+    ] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated drive with a hidden effect.")] = False,
     session: Annotated[
         Path | None,
@@ -55,22 +60,36 @@ def studio(
 
     Served on this machine alone; a session is a folder, and tendon studio FOLDER opens it again.
     """
-    from runtime.studio.server import needed, serve
+    from runtime.studio.server import bound, needed, serve
     from runtime.studio.studio import Studio
 
     needed()
     mapping(maps)
-    opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps))
-    made = Studio(opened or _new(session), effects)
-    if opened is None:
-        with _kept_whole(made):
-            _give(made, model, recordings or [], held_out or [], demo)
-            if maps or allow_gaps:
-                made.read_as(maps or (), allow_gaps)
-    if made.inputs.complete and not made.history.steps:
-        made.begin()
-    typer.echo(f"Session: {made.session.folder}")
-    serve(made, port, lambda address: typer.echo(f"Studio: {address}"), browser)
+    _check_plans(plans or [], bool(recordings or held_out or demo))
+    opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps or plans))
+    with closing(bound(port)) as listening:
+        made = Studio(opened or _new(session), effects)
+        if opened is None:
+            with _kept_whole(made):
+                _give(made, model, recordings or [], held_out or [], demo)
+                if maps or allow_gaps:
+                    made.read_as(maps or (), allow_gaps)
+                if plans:
+                    made.open_plans(*plans)
+        if made.inputs.complete and not made.history.steps:
+            made.begin()
+        typer.echo(f"Session: {made.session.folder}")
+        serve(made, listening, lambda address: typer.echo(f"Studio: {address}"), browser)
+
+
+def _check_plans(plans: list[Path], recordings: bool) -> None:
+    """Refuse what would be worked on at the same time, and a file that nobody can open."""
+    from runtime.studio.plans import most_bytes
+
+    if plans and recordings:
+        raise UsageError("--plan opens plans of MODEL without recordings; drop the plans on the page of the other")
+    for path in plans:
+        most_bytes(path.name)
 
 
 def _reopened(folder: Path | None, more: bool) -> StudioSession | None:

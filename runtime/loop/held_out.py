@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import residuals_elsewhere
 from runtime.estimation.compare import JointSeries, laid_open
 from runtime.estimation.identify import Identification, without_tip_rests
 from runtime.estimation.problem import Problem
 from runtime.motion import repeats
-from runtime.motion.motion import prepare
+from runtime.motion.motion import Motion, prepare
 from runtime.motion.noise_floor import Floor, floor
 from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
 
 
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
@@ -19,10 +25,26 @@ def floors(identification: Identification, recordings: Sequence[Recording]) -> t
     return tuple(joint.floor for joint in series(identification, recordings))
 
 
+@dataclass(frozen=True)
+class HeldOut:
+    """What a fit leaves of recordings that were not fitted.
+
+    residuals   per joint (M,), on all rows of the motion
+    joints      torque and prediction of each, on the rows that count
+    """
+
+    motion: Motion
+    residuals: tuple[Array, ...]
+    joints: tuple[JointSeries, ...]
+
+
 def series(identification: Identification, recordings: Sequence[Recording]) -> tuple[JointSeries, ...]:
     """Every joint's torque and prediction on recordings that were not fitted; empty without recordings."""
-    if not recordings:
-        return ()
+    return left(identification, recordings).joints if recordings else ()
+
+
+def left(identification: Identification, recordings: Sequence[Recording]) -> HeldOut:
+    """What a fit leaves of recordings, of which there must be one."""
     model, fit = identification.model, identification.fit
     motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
@@ -31,4 +53,4 @@ def series(identification: Identification, recordings: Sequence[Recording]) -> t
     for i, residual in enumerate(residuals):
         noise, fixed_noise = problem.noise_rows(i, fit.shapes)
         floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
-    return laid_open(identification, motion, residuals, floors)
+    return HeldOut(motion, tuple(residuals), laid_open(identification, motion, residuals, floors))

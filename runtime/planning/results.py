@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from runtime.model.loader import Model
 from runtime.model.terms import Values
-from runtime.planning.evaluate import at_times
+from runtime.planning.evaluate import Effort, at_times, effort
 from runtime.planning.optimize import Infeasible, Plan, SpringChoice
 from runtime.planning.scenario import Scenario
 from runtime.planning.solve import Attempt
 from runtime.planning.springs import SoughtSpring, usual
+from runtime.planning.trajectory import Trajectory
+from symbolic.described import DescribedParameter
+from symbolic.model_file.fields import JointType
 
 SAMPLES = 400
 """Of one cycle, in the document."""
@@ -29,7 +32,7 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
         "cycle_time": plan.scenario.cycle_time,
         "friction": plan.scenario.friction,
         "objective": {**_goal(model, plan.scenario), "value": plan.cost, "smooth": plan.smooth_cost},
-        "joints": [_joint(model, plan, i) for i in range(model.n)],
+        "joints": [_joint(model, plan.effort, plan.scenario.ranges, i) for i in range(model.n)],
         "phases": [
             {"from": p.start, "to": p.end, "kind": p.kind, "duration": plan.scenario.cycle_time * p.part}
             for p in plan.scenario.phases
@@ -40,7 +43,7 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
         ],
         "catalogue": [{**_sizes(plan, choice), "cost": choice.cost} for choice in plan.choices],
         "trajectory": plan.trajectory.to_json(),
-        "samples": _samples(model, plan),
+        "samples": _samples(model, plan.trajectory),
         "solver": {
             "attempts": [_attempt(a) for a in plan.attempts],
             "refined": _attempt(plan.refined),
@@ -52,10 +55,41 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _joint(model: Model, plan: Plan, i: int) -> dict[str, Any]:
-    """What the plan asks of a joint (0-based), and its limits: those of the model file, and a scenario's narrower range
+def stated(model: Model, trajectory: Trajectory) -> dict[str, Any]:
+    """A trajectory that was read from its file: what can be said without its scenario, as `document` says it.
+
+    There is no goal; a phase has a kind and no points, and a joint the limits of the model file.
+    """
+    found = effort(model, trajectory)
+    return {
+        "scenario": trajectory.scenario,
+        "arm": model.name,
+        "cycle_time": trajectory.duration,
+        "friction": trajectory.friction,
+        "joints": [_joint(model, found, {}, i) for i in range(model.n)],
+        "phases": [
+            {"kind": "free" if phase.coordinates == "q" else "contact", "duration": phase.duration}
+            for phase in trajectory.phases
+        ],
+        "springs": [
+            {"joint": joint, **values, "text": _in_words(model, trajectory, joint)}
+            for joint, values in sorted(trajectory.springs.items())
+        ],
+        "samples": _samples(model, trajectory),
+    }
+
+
+def _in_words(model: Model, trajectory: Trajectory, joint: int) -> str:
+    """What a plan may choose of a spring, at the joint (1-based) of a trajectory."""
+    info = model.library[trajectory.spring(model.library, joint).effect]
+    planned = [p for p in info.parameters if p.planned]
+    return _words(planned, trajectory.springs[joint], model.joints[joint - 1].type)
+
+
+def _joint(model: Model, effort: Effort, ranges: Mapping[int, tuple[float, float]], i: int) -> dict[str, Any]:
+    """What a plan asks of a joint (0-based), and its limits: those of the model file, and a scenario's narrower range
     of positions."""
-    info, effort = model.joints[i], plan.effort
+    info = model.joints[i]
     return {
         "joint": i + 1,
         "name": info.name,
@@ -64,7 +98,7 @@ def _joint(model: Model, plan: Plan, i: int) -> dict[str, Any]:
         "peak_speed": float(np.abs(effort.motion.qd[i]).max()),
         "range": [float(effort.motion.q[i].min()), float(effort.motion.q[i].max())],
         "limits": {
-            "position": _listed_span(plan.scenario.ranges.get(i + 1, info.position_limits)),
+            "position": _listed_span(ranges.get(i + 1, info.position_limits)),
             "speed": info.speed_limit,
             "torque": info.torque_limit,
         },
@@ -79,13 +113,16 @@ def _listed_span(span: tuple[float, float] | None) -> list[float] | None:
 def _spring(model: Model, spring: SoughtSpring, values: Values, free: float) -> dict[str, Any]:
     """Values and size sought, and the same in words."""
     kind = model.joints[spring.plan.joint - 1].type
-    words = [
-        f"{p.name if p.says is None else p.says} {values[p.name]:.4g} {p.unit.text(kind)}".strip()
-        for p in spring.sought
-    ]
     foreign = {} if spring.info.name == usual(model.library.effects) else {"effect": spring.info.name}
-    unit = spring.size.unit.text(kind)
-    return {"joint": spring.plan.joint, **foreign, **values, "sought": free, "unit": unit, "text": ", ".join(words)}
+    unit, text = spring.size.unit.text(kind), _words(spring.sought, values, kind)
+    return {"joint": spring.plan.joint, **foreign, **values, "sought": free, "unit": unit, "text": text}
+
+
+def _words(parameters: Sequence[DescribedParameter], values: Values, kind: JointType) -> str:
+    """Parameters of a spring with their values."""
+    return ", ".join(
+        f"{p.name if p.says is None else p.says} {values[p.name]:.4g} {p.unit.text(kind)}".strip() for p in parameters
+    )
 
 
 def _sizes(plan: Plan, choice: SpringChoice) -> dict[str, dict[str, float]]:
@@ -134,9 +171,9 @@ def _goal(model: Model, scenario: Scenario) -> dict[str, Any]:
     return {"goal": goal, "joints": joints, "unit": UNIT.get(goal, squared)}
 
 
-def _samples(model: Model, plan: Plan) -> dict[str, Any]:
-    t = np.linspace(0.0, plan.trajectory.duration, SAMPLES, endpoint=False)
-    seen = at_times(model, plan.trajectory, t)
+def _samples(model: Model, trajectory: Trajectory) -> dict[str, Any]:
+    t = np.linspace(0.0, trajectory.duration, SAMPLES, endpoint=False)
+    seen = at_times(model, trajectory, t)
     motion = seen.motion
     series = {"q": motion.q, "qd": motion.qd, "qdd": motion.qdd, "tau": seen.tau, "spring": seen.spring}
     tip = {"tip": seen.tip}

@@ -176,20 +176,37 @@ class Trajectory:
 
 def read(path: Path, model: Model) -> Trajectory:
     """The trajectory in a JSON file, for this arm. Raises TrajectoryError."""
+    data = _document(path)
+    try:
+        return _parsed(Place(printable(str(path))), data, model)
+    except ModelError as error:
+        raise TrajectoryError(str(error)) from None
+
+
+def arm_of(path: Path) -> str:
+    """The name of the arm that the trajectory in a JSON file is for. Raises TrajectoryError."""
+    data = _document(path)
+    try:
+        _check_format(Place(printable(str(path))), data)
+    except ModelError as error:
+        raise TrajectoryError(str(error)) from None
+    arm = data.get("arm")
+    if not isinstance(arm, str):
+        raise TrajectoryError(f"{path}: arm: expected the name of the arm's model")
+    return arm
+
+
+def _document(path: Path) -> Any:
+    """What a file says, as far as it is JSON. Raises TrajectoryError."""
     if not path.exists():
         raise TrajectoryError(f"{path}: no such file; tendon optimize SCENARIO --out {path} makes one")
     try:
-        text = user_file.read_text(path, MOST_BYTES, "a trajectory of tendon optimize")
-        data = json.loads(text)
+        return json.loads(user_file.read_text(path, MOST_BYTES, "a trajectory of tendon optimize"))
     except ModelError as error:
         raise TrajectoryError(str(error)) from None
     except (ValueError, RecursionError) as error:  # ValueError: no JSON, or a number of thousands of digits
         why = str(error).split(";")[0]
         raise TrajectoryError(f"{path}: not valid JSON ({why}); expected a trajectory of tendon optimize") from error
-    try:
-        return _parsed(Place(printable(str(path))), data, model)
-    except ModelError as error:
-        raise TrajectoryError(str(error)) from None
 
 
 # --- the file ---
@@ -249,9 +266,13 @@ def _parameters(model: Model, effect: str) -> tuple[Field, ...]:
     )
 
 
-def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
+def _check_format(top: Place, data: Any) -> None:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         top.fail(f'not a trajectory; expected an object with "format": "{FORMAT}" (tendon optimize --out)')
+
+
+def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
+    _check_format(top, data)
     arm = data.get("arm", model.name)
     if arm != model.name:
         top.fail(f'is for the arm {quote(str(arm))}, and the model file is of "{model.name}"')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from runtime.diagnosis.diagnose import begin as begun
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
 from runtime.inspection.inspection import Inspection, inspect
+from runtime.loop.held_out import HeldOut, left
 from runtime.plain_json import plain
 from runtime.recordings.recording import Recording
 from runtime.studio.session import Inputs, SessionError, StudioSession
@@ -23,8 +24,13 @@ Found = dict[str, Any]
 
 @dataclass(frozen=True)
 class Tell:
-    """Whom to tell what is being done: a part of the work, and a line of what was found."""
+    """Whom to tell what is being done.
 
+    parts   hears at the beginning of which parts the work consists    part   each of them, as it begins
+    said    a line of what was found
+    """
+
+    parts: Callable[[Sequence[str]], None]
     part: Callable[[str], None]
     said: Callable[[str], None]
 
@@ -55,6 +61,8 @@ class Opened:
         self.effects = effects
         self.searches: dict[int, Search] = {}
         self.steps: dict[int, Step] = {}
+        self._held: dict[int, HeldOut] = {}
+        self._with: dict[tuple[int, str, int | None], Step] = {}
 
     @property
     def inputs(self) -> Inputs:
@@ -103,6 +111,24 @@ class Opened:
             search = begun(self.source.model(text), self.recordings(False), self.recordings(True))
             self.searches[number], self.steps[number] = search, search.steps[0]
         return self.searches[number]
+
+    def fitted(self, number: int) -> Step:
+        """A step's model, fitted."""
+        return self.steps[number] if number in self.steps else self.search(number, self.text(number)).steps[0]
+
+    def held(self, number: int) -> HeldOut | None:
+        """What a step's model leaves of what was held out; None where nothing was."""
+        if number not in self._held and self.inputs.held_out:
+            self._held[number] = left(self.fitted(number).identification, self.recordings(True))
+        return self._held.get(number)
+
+    def fitted_with(self, number: int, effect: str, joint: int | None) -> Step:
+        """A step's model with an effect more, fitted: from what its diagnosis found, where it has named it."""
+        place = number, effect, joint
+        if place not in self._with:
+            text = self.source.add(self.text(number), effect, joint, self.values_found(number).get((effect, joint)))
+            self._with[place] = begun(self.source.model(text), self.recordings(False)).steps[0]
+        return self._with[place]
 
 
 def empty(folder: Path) -> Path:

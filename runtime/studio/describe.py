@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import JointSeries, structure_json, warnings
+from runtime.estimation.estimate import Estimate
 from runtime.estimation.suspicions import Suspicion
 from runtime.inspection.inspection import Inspection
+from runtime.model.catalogue import EffectInfo
 from runtime.report import sensors_said
 from runtime.report.page import page_findings as cards
 from runtime.report.page import page_parameters as parameters
@@ -24,6 +26,7 @@ from runtime.studio.shown import (
     Cure,
     EffectOffered,
     JointShown,
+    ParameterRange,
     RecordingShown,
     Row,
     StepShown,
@@ -61,6 +64,7 @@ def _joint(index: int, series: JointSeries, held: bool) -> JointShown:
         "rms": series.rms,
         "relative": series.relative,
         "floor": floor,
+        "instruments": relative_floor(series) * series.floor.spectrum / floor if floor else 0.0,
         "floor_source": series.floor.source,
         "floors": series.rms / floor if floor else None,
         "at_floor": not len(series.t) or series.rms < MORE_THAN_NOISE * floor,
@@ -79,13 +83,17 @@ def _active(fitted: Step) -> list[Row]:
             "effect": term.name,
             "joint": term.joint,
             "parameters": parameters.estimates(values, library[term.effect]),
-            "ranges": [_range(library[term.effect].parameter(name), e.value) for name, e in values.items()],
+            "ranges": _ranges(library[term.effect], values),
         }
         for term, values in fitted.identification.inference.values.items()
     ]
 
 
-def _range(parameter: DescribedParameter, value: float) -> Row:
+def _ranges(info: EffectInfo, values: Mapping[str, Estimate]) -> list[ParameterRange]:
+    return [_range(info.parameter(name), e.value) for name, e in values.items()]
+
+
+def _range(parameter: DescribedParameter, value: float) -> ParameterRange:
     """Between which values a parameter may be tried: as far off as it is large, on both sides."""
     low, high = parameter.bounds
     size = abs(value) or parameter.scale
@@ -140,10 +148,13 @@ def verdict(summary: ResultSummary) -> VerdictShown:
 
 def _card(summary: ResultSummary, index: int) -> Row:
     finding = summary.findings[index]
+    fitted = finding.after.identification
+    library = fitted.model.library.effects
     return cards.card(summary, index) | {
         "effect": finding.term.name,
         "joint": finding.term.joint,
         "shows_at": finding.joint_index + 1,
+        "ranges": _ranges(library[finding.term.effect], fitted.inference.values.get(finding.term, {})),
         "rival_terms": [{"effect": t.name, "joint": t.joint} for t in finding.rivals],
     }
 

@@ -32,6 +32,10 @@ Headers = list[tuple[bytes, bytes]]
 _SCRIPT = re.compile(rb"<script(?![^>]*\ssrc=)[^>]*>(.*?)</script>", re.DOTALL)
 """A script that the page brings with it."""
 
+_HERE = '<!doctype html><title>Tendon studio</title><meta http-equiv="refresh" content="0;url=/?token={}">'
+"""For a tab that brings the token from a page elsewhere, as the file in which a browser is handed it: from here it goes
+on as from a page of this server, to which a browser sends its cookie."""
+
 _ALWAYS: Headers = [
     (b"x-content-type-options", b"nosniff"),
     (b"x-frame-options", b"DENY"),
@@ -66,10 +70,14 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = _headers(scope)
-        refused = self._foreign(headers)
-        if refused is None and scope["type"] == "http" and self._brings_token(scope):
-            await _answer(send, 303, "", [(b"location", b"/"), self._set_cookie()])
-            return
+        refused = self._misled(headers) or _of_another_site(headers)
+        if self._misled(headers) is None and scope["type"] == "http" and self._brings_token(scope):
+            if refused is None:
+                await _answer(send, 303, "", [(b"location", b"/"), self._set_cookie()])
+                return
+            if headers.get("sec-fetch-mode") == ["navigate"]:
+                await _answer(send, 200, _HERE.format(self._token), [], b"text/html")
+                return
         if refused is None and not self._known(headers):
             refused = "open the address that tendon studio has printed: it holds the key to this session"
         if refused is not None:
@@ -82,14 +90,12 @@ class Guard:
         else:
             await self._app(scope, receive, send)
 
-    def _foreign(self, headers: dict[str, list[str]]) -> str | None:
-        """What is wrong with where a request goes to or comes from."""
+    def _misled(self, headers: dict[str, list[str]]) -> str | None:
+        """What is wrong with where a request goes to, or says that it comes from."""
         if len(headers.get("host", [])) != 1 or headers["host"][0] not in self._hosts:
             return "this server is asked by another name than its own"
         if any(origin not in self._origins for origin in headers.get("origin", [])):
             return "the request comes from a page of another site"
-        if any(site not in ("same-origin", "none") for site in headers.get("sec-fetch-site", [])):
-            return "the request comes from a page of another site; open the address in a tab of its own"
         return None
 
     def _brings_token(self, scope: Scope) -> bool:
@@ -178,6 +184,13 @@ def _with(start: Message, rules: str) -> Message:
     return {**start, "headers": [*start["headers"], *_ALWAYS, *rule]}
 
 
+def _of_another_site(headers: dict[str, list[str]]) -> str | None:
+    """What is wrong with the page that a browser says had it ask."""
+    if any(site not in ("same-origin", "none") for site in headers.get("sec-fetch-site", [])):
+        return "the request comes from a page of another site; open the address in a tab of its own"
+    return None
+
+
 def _headers(scope: Scope) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for name, value in scope["headers"]:
@@ -198,9 +211,9 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, why: 
         await _answer(send, status, f"{why}\n", [])
 
 
-async def _answer(send: Send, status: int, text: str, headers: Headers) -> None:
+async def _answer(send: Send, status: int, text: str, headers: Headers, kind: bytes = b"text/plain") -> None:
     body = text.encode()
-    about = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    about = [(b"content-type", kind + b"; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     rule = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
     await send({"type": "http.response.start", "status": status, "headers": [*about, *_ALWAYS, rule, *headers]})
     await send({"type": "http.response.body", "body": body})

@@ -8,11 +8,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from math import isfinite
 from typing import Any, Literal, cast, get_args
 
 Kind = Literal["given", "added", "without"]
 """What made a step: the model as given; an effect, or several, that were added; one that was left out."""
 
+
+VERDICTS = (None, "effect", "clean", "unexplained", "refused")
+"""Of a step's diagnosis; None: not asked for."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
 """Of an effect: it stands in commands."""
@@ -168,7 +172,7 @@ def _history(document: Mapping[str, Any]) -> History:
 
 def _step(number: int, entry: Mapping[str, Any]) -> SessionStep:
     kind, parent, verdict = entry["kind"], entry["parent"], entry["verdict"]
-    if kind not in get_args(Kind) or entry["number"] != number or not (verdict is None or isinstance(verdict, str)):
+    if kind not in get_args(Kind) or entry["number"] != number or verdict not in VERDICTS:
         raise ValueError(f"step {number} is none")
     if (parent is None) != (number == 0) or (parent is not None and not 0 <= int(parent) < number):
         raise ValueError(f"step {number} follows no step before it")
@@ -185,7 +189,21 @@ def _effect(entry: Mapping[str, Any]) -> PlacedEffect:
 
 def joint_errors(entries: Sequence[Mapping[str, Any]]) -> tuple[JointError, ...]:
     """Of a step, from JSON. Raises TypeError where they are none."""
-    return tuple(JointError(**entry) for entry in entries)
+    return tuple(_joint_error(entry) for entry in entries)
+
+
+def _joint_error(entry: Mapping[str, Any]) -> JointError:
+    """Raises TypeError, ValueError."""
+    found = JointError(**entry)
+    numbers = (found.rms, found.relative, found.floor, found.relative_floor, found.held, found.held_floor)
+    for value in numbers:
+        if not (value is None or (isinstance(value, int | float) and isfinite(value) and value >= 0)):
+            raise ValueError(f"{value!r} is no error of a joint")
+    if None in numbers[:4] or type(found.joint) is not int or found.joint < 1:
+        raise ValueError("a joint lacks its number or its errors")
+    if not isinstance(found.called, str) or not isinstance(found.unit, str):
+        raise ValueError("a joint lacks its name or its unit")
+    return found
 
 
 def _number(value: object, steps: Sequence[SessionStep]) -> int:

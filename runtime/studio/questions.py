@@ -29,28 +29,44 @@ from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import parse_hidden, simulate
 from runtime.studio.bench import Bench, Found, Tell, empty, write
 from runtime.studio.session import SessionError
+from runtime.studio.tasks import COMPILING, FITTING
 
 Array = NDArray[np.float64]
 
+HIDING, DIAGNOSING = "recording the model with the effect hidden", "diagnosing that recording"
+DESIGNING = "looking for a motion"
+
 
 def tried(bench: Bench, tell: Tell, step: int, effect: str, joint: int | None, values: Mapping[str, float]) -> Found:
-    """What a step's model would leave with other values of one of its effects, everything else as fitted."""
+    """What a step's model would leave with other values of one of its effects, everything else as fitted; or of one
+    that its diagnosis has named, everything else as fitted with it."""
     opened = bench.opened()
-    tell.part("fitting the model")
-    fitted = opened.search(step, opened.text(step)).steps[0]
-    model, known = fitted.identification.model, fitted.identification.fit.prediction
-    term = next((t for t in known.values if (t.name, t.joint) == (effect, joint)), None)
+    tell.parts((FITTING,))
+    tell.part(FITTING)
+    before = fitted = opened.fitted(step)
+    term = _term(fitted, effect, joint)
+    if term is None and (effect, joint) in opened.values_found(step):
+        fitted = opened.fitted_with(step, effect, joint)
+        term = _term(fitted, effect, joint)
     if term is None:
-        raise SessionError(f"step {step} has no {effect}; choose an effect of its model")
+        raise SessionError(f"step {step} has no {effect}, nor was it named; choose an effect of its model")
+    model, known = fitted.identification.model, fitted.identification.fit.prediction
     other = replace(known, values={**known.values, term: _within(model, term, known.values[term], values)})
     work, shown = empty(opened.session.scratch / "answer"), []
     for i in joints_of(model, term):
-        series = _with_values(fitted, other, i)
-        of_series(fitted.joints[i], series, str(term)).save(work / f"tried{i + 1}.npz")
-        errors = {"rms": series.rms, "relative": series.relative}
+        series, fit = _with_values(fitted, other, i), fitted.joints[i]
+        comparable = np.array_equal(before.joints[i].t, series.t)
+        of_series(before.joints[i] if comparable else fit, series, str(term)).save(work / f"tried{i + 1}.npz")
+        errors = {"rms": series.rms, "relative": series.relative, "fitted": fit.relative}
         shown.append({"joint": i + 1, **errors, "signals": f"step{step}-tried{i + 1}"})
     write(work / "tried.json", {"effect": effect, "joint": joint, "values": other.values[term], "joints": shown})
     return {"answered": step}
+
+
+def _term(fitted: Step, effect: str, joint: int | None) -> Term | None:
+    """An effect of a fitted model."""
+    known = fitted.identification.fit.prediction.values
+    return next((t for t in known if (t.name, t.joint) == (effect, joint)), None)
 
 
 def _within(model: Model, term: Term, known: Values, values: Mapping[str, float]) -> Values:
@@ -87,15 +103,16 @@ def hidden(bench: Bench, tell: Tell, step: int, effect: str, joint: int | None, 
     """Would an effect be seen in the motion that was recorded? The fitted model is recorded along it with the effect
     hidden, and with the noise that is there, and that recording is diagnosed."""
     opened = bench.opened()
-    tell.part("fitting the model")
-    fitted = opened.search(step, opened.text(step)).steps[0]
+    tell.parts((FITTING, HIDING, DIAGNOSING))
+    tell.part(FITTING)
+    fitted = opened.fitted(step)
     model = opened.source.model(opened.fitted_text(step))
     place = parse_hidden(_written(effect, joint, values), model, "hide")
-    tell.part("recording the model with the effect hidden")
+    tell.part(HIDING)
     noise = max(relative_floor(series) for series in fitted.joints)
     path = along(max(opened.recordings(False), key=_longest))
     made, there = simulate(model, [place], SimulationSettings(noise=noise), path)
-    tell.part("diagnosing that recording")
+    tell.part(DIAGNOSING)
     result = judged(complete(begin(model, [made])))
     term = next(iter(there.keys() - structure(model).keys()))
     rivals = result.findings[0].rivals if result.findings else ()
@@ -125,9 +142,10 @@ def experiment(bench: Bench, tell: Tell, step: int, rivals: Sequence[Mapping[str
     opened = bench.opened()
     found = opened.values_found(step)
     texts = [_written(r["effect"], r["joint"], found.get((r["effect"], r["joint"]), {})) for r in rivals]
-    tell.part("deriving and compiling the model")
+    tell.parts((COMPILING, DESIGNING))
+    tell.part(COMPILING)
     model = opened.source.model(opened.fitted_text(step))
-    tell.part("looking for a motion")
+    tell.part(DESIGNING)
     proposal = propose(model, parse_rivals(",".join(texts), model), tell=tell.said)
     work = empty(opened.session.scratch / "answer")
     if proposal.separated:

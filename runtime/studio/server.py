@@ -20,6 +20,7 @@ from runtime.studio.guard import App, Guard, new_token
 from runtime.studio.session import SessionError, safe_name
 from runtime.studio.settings import MOST_MESSAGE, MOST_SETS
 from runtime.studio.studio import Studio
+from runtime.studio.work import WorkError
 
 HOST = "127.0.0.1"
 GIVEN = "/given"
@@ -40,17 +41,15 @@ def needed() -> None:
         )
 
 
-def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) -> None:
+def serve(studio: Studio, listening: socket.socket, say: Callable[[str], None], browser: bool) -> None:
     """Serve a session until Ctrl-C.
 
-    port      0: any that is free
-    say       hears the address
-    browser   open it there
-    Raises StudioError.
+    listening  as `bound` gives it
+    say        hears the address
+    browser    open it there
     """
     import uvicorn
 
-    listening = _bound(port)
     port, token = listening.getsockname()[1], new_token()
     # NiceGUI keeps what belongs to a user in a folder, which is then the session's.
     os.environ["NICEGUI_STORAGE_PATH"] = str(studio.session.folder / "browser")
@@ -65,15 +64,26 @@ def serve(studio: Studio, port: int, say: Callable[[str], None], browser: bool) 
     )
     address = f"http://{HOST}:{port}/?token={token}"
     say(address)
-    if browser:
-        webbrowser.open(address)
+    door = studio.session.folder / "open.html"
     try:
+        if browser:
+            write_door(door, address)
+            webbrowser.open(door.as_uri())
         uvicorn.Server(config).run([listening])
     finally:
+        door.unlink(missing_ok=True)
         studio.close()
 
 
-def _bound(port: int) -> socket.socket:
+def write_door(path: Path, address: str) -> None:
+    """A file that leads to an address, for its owner alone: a browser's command line is there for everyone to read."""
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as out:
+        out.write(f'<!doctype html><title>Tendon studio</title><meta http-equiv="refresh" content="0;url={address}">\n')
+
+
+def bound(port: int) -> socket.socket:
+    """What listens on a port of this machine; 0: any that is free. Raises StudioError."""
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -139,7 +149,7 @@ def _answers(app: App, studio: Studio) -> None:
         role, name = request.query_params.get("as", ""), request.query_params.get("name", "")
         try:
             await _take(studio, role, name, request.stream())
-        except SessionError as error:
+        except (SessionError, WorkError) as error:
             return PlainTextResponse(f"{error}\n", 413 if "larger" in str(error) else 400)
         return Response(status_code=204)
 
@@ -165,14 +175,20 @@ async def _take(studio: Studio, role: str, name: str, chunks: AsyncIterator[byte
     """A file that the browser sends. Raises SessionError."""
     if role == "model":
         await studio.send_model(name, chunks)
+    elif role == "plan":
+        await studio.send_plan(name, chunks)
     elif role in ("fitted", "held_out"):
         await studio.send_recording(name, chunks, role == "held_out")
     else:
-        raise SessionError("a file is sent as model, as fitted or as held_out")
+        raise SessionError("a file is sent as model, as fitted, as held_out or as plan")
 
 
 def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
     """Name, content and type of what is downloaded. Raises ValueError."""
+    if what == "trajectory" and (plan := studio.plans.file(step, "trajectory.json")) is not None:
+        return f"trajectory-{step}.json", plan.read_bytes(), "application/json"
+    if what == "executed" and (run := studio.plans.file(step, "recording.csv.gz")) is not None:
+        return f"executed-{step}.csv.gz", run.read_bytes(), "application/gzip"
     model = "model.toml" if studio.inputs.model is None else safe_name(studio.inputs.model.name)
     if what == "model":
         return model, studio.model_text(step).encode(), "application/toml"

@@ -19,6 +19,9 @@ MOST_MESSAGE: Final = 1_000_000
 MOST_SETS: Final = 24
 """number of signal sets that are kept in memory, with their pyramids: three steps of seven joints; a choice."""
 
+MOST_DOCUMENTS: Final = 200
+"""number of documents of a session that are kept in memory: those of some thirty steps; a choice."""
+
 MOST_NAME: Final = 100
 """bytes of a file's name in the session folder: file systems take 255; a choice."""
 
@@ -36,3 +39,21 @@ TOLD_EVERY: Final = 0.1
 
 TOKEN_BYTES: Final = 32
 """number of random bytes in the address: nobody guesses 256 bits; NIST SP 800-63B asks for 64."""
+
+MOST_TABLE: Final = 50_000_000
+"""bytes of a sweep's table that a browser sends: 200 000 jobs; a choice."""
+
+MOST_JOBS: Final = 200_000
+"""number of rows of a sweep's table: what is read within a second or two; a choice."""
+
+MOST_POINTS: Final = 300
+"""number of variations of a sweep that are shown: a page with more rows is slow, and nobody reads it; a choice."""
+
+MOST_REASON: Final = 400
+"""length in letters of why a variation has no plan, as it is shown; the toolkit's own have some 150; a choice."""
+
+MOST_PLANS: Final = 100
+"""number of plans in a session, and of sweeps; a choice."""
+
+ASKED_EVERY: Final = 0.05
+"""s between two looks whether files that were sent before are open: a person sees no delay; a choice."""

@@ -25,6 +25,7 @@ class Cure(TypedDict):
 class JointShown(TypedDict):
     """A joint: what is left of its torque, and over which signals that is structured, with their shares.
 
+    instruments      the noise of torque and encoder alone, part of the torque; the floor may hold more than that
     signals, held    names of its signal sets for /data: of what was fitted, None where it never moves, and of what was
                      held out, None where nothing was
     """
@@ -36,6 +37,7 @@ class JointShown(TypedDict):
     rms: float
     relative: float
     floor: float
+    instruments: float
     floor_source: str
     floors: float | None
     at_floor: bool
@@ -45,12 +47,21 @@ class JointShown(TypedDict):
     held: str | None
 
 
+class ParameterRange(TypedDict):
+    """Between which values a parameter may be tried; None: not known."""
+
+    name: str
+    value: float | None
+    low: float | None
+    high: float | None
+
+
 class StepShown(TypedDict):
     """A fitted model.
 
     sentence   where it fails
     active     effects in the model, each with joint and what its fit says: {effect, joint, parameters: rows, ranges:
-               [{name, value, low, high}] for Studio.try_values}
+               of ParameterRange, for Studio.try_values}
     inertial   rows of page_parameters.inertial
     arm        picture of arm_motion, its data as an object; None where the model file does not say how the arm looks
     cures      what of the recordings must be put right before anything can be said
@@ -75,8 +86,8 @@ class VerdictShown(TypedDict):
 
     kind        "effect", "more" (an effect, and more is left), "clean", "unexplained" or "refused"; tag: in words
     sentence    the verdict in one sentence; more: what is to be added to it, or ""
-    findings    cards: rows of page_findings.card, with effect, joint, shows_at (a joint, 1-based), and rival_terms,
-                each {effect, joint}, for Studio.add and the like
+    findings    cards: rows of page_findings.card, with effect, joint, shows_at (a joint, 1-based), ranges as of an
+                active effect, and rival_terms, each {effect, joint}, for Studio.add and the like
     ruled_out, limits, left_over, to_record, experiments   as in the report
     sensors     sentences
     commands    [{what, command}] that go on from here in a terminal
@@ -111,13 +122,23 @@ class RecordingShown(TypedDict):
     signals: list[str]
 
 
+class JointTried(TypedDict):
+    """What is left of a joint's torque with other values, and relative with those that were fitted."""
+
+    joint: int
+    rms: float
+    relative: float
+    fitted: float
+    signals: str
+
+
 class TriedShown(TypedDict):
-    """What a step's model would leave with other values of an effect; joints: {joint, rms, relative, signals}."""
+    """What a step's model would leave with other values of an effect."""
 
     effect: str
     joint: int | None
     values: dict[str, float]
-    joints: list[Row]
+    joints: list[JointTried]
 
 
 class HiddenShown(TypedDict):

@@ -6,6 +6,7 @@ ends in the session's folder; the page looks at `version`, which is another numb
 
 from __future__ import annotations
 
+import asyncio
 import difflib
 import os
 import re
@@ -14,21 +15,27 @@ import threading
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar
 
 from runtime import files
 from runtime.simulation.demo import record_files
 from runtime.studio import commands as typed
+from runtime.studio.documents import Documents
 from runtime.studio.history import History, HistoryError, Kind, PlacedEffect, SessionStep, joint_errors
+from runtime.studio.plans import PlanShelf, most_bytes
 from runtime.studio.session import GivenFile, GivenRecording, Inputs, SessionError, StudioSession
-from runtime.studio.settings import MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
+from runtime.studio.settings import ASKED_EVERY, MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
 from runtime.studio.shown import EffectOffered, HiddenShown, RecordingShown, Row, StepShown, TriedShown, VerdictShown
 from runtime.studio.work import Work, WorkState
 from runtime.workspace import Source, effects_described
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
 
-_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held|tried)(?P<joint>\d{1,4})", re.ASCII)
+T = TypeVar("T")
+
+_SET = re.compile(
+    r"(?P<of>step|recording|plan)(?P<number>\d{1,6})-(?P<kind>joint|held|tried|executed)(?P<joint>\d{1,4})", re.ASCII
+)
 
 _FOREIGN = (".urdf", ".xml", ".mjcf")
 """Endings of files of which a model file is made."""
@@ -46,11 +53,13 @@ class Studio:
             raise SessionError(f"{session.folder}: was made with effects of your own; open it with --effects")
         self.session = session
         self._effects = effects
+        self._documents = Documents(session)
         self._version = 0
         self._lock = threading.RLock()  # what a process found is taken in another thread than a click is
         self._held: int | None = session.claimed()
         session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
+        self.plans = PlanShelf(session, self._work)
 
     def close(self) -> None:
         """End the process of the session. The folder stays, and may be opened again."""
@@ -106,6 +115,21 @@ class Studio:
     async def send_recording(self, name: str, chunks: AsyncIterator[bytes], held_out: bool = False) -> None:
         """A recording from a browser."""
         self._give_recording(await self._received(name, chunks, MOST_UPLOADED), held_out)
+
+    def open_plans(self, *paths: Path) -> None:
+        """Open plans of this machine: trajectories, scenarios, tables of sweeps. Raises WorkError, too."""
+        for path in paths:
+            most_bytes(path.name)
+        self.plans.open([self.session.copied(path) for path in paths])
+
+    async def send_plan(self, name: str, chunks: AsyncIterator[bytes]) -> None:
+        """The same from a browser; what was sent before is opened first."""
+        most = most_bytes(name)
+        while self._work.busy and self.work is not None and self.work.task == "open_plans":
+            await asyncio.sleep(ASKED_EVERY)
+        if self._work.busy:
+            raise SessionError("something is being worked on; wait for it, or cancel it")
+        self.plans.open([await self._received(name, chunks, most)])
 
     def hold_out(self, number: int, held_out: bool) -> None:
         """Whether a recording, from 1, is held out."""
@@ -175,36 +199,33 @@ class Studio:
 
     def recordings(self) -> list[RecordingShown]:
         """What was read, in the order of `inputs.recordings`, as far as it was looked at."""
-        found = []
-        for number in range(1, len(self.inputs.recordings) + 1):
-            document = self.session.document(self.session.recording(number) / "recording.json")
-            if document is not None:
-                found.append(cast(RecordingShown, document))
-        return found
+        places = (self.session.recording(number) for number in range(1, len(self.inputs.recordings) + 1))
+        found = (self._documents.read(place / "recording.json", RecordingShown) for place in places)
+        return [document for document in found if document is not None]
 
     def shown(self, number: int) -> StepShown:
         """A fitted model."""
-        return cast(StepShown, self._of_step(number, "shown.json"))
+        return self._known(number, "shown.json", StepShown)
 
     def verdict(self, number: int) -> VerdictShown | None:
         """The diagnosis of a step; None: not asked for."""
-        return cast(VerdictShown | None, self.session.document(self.session.step(number) / "verdict.json"))
+        return self._documents.read(self.session.step(number) / "verdict.json", VerdictShown)
 
     def library(self, number: int) -> list[EffectOffered]:
         """The effects that may be added to a step's model."""
-        return cast(list[EffectOffered], self._of_step(number, "library.json"))
+        return self._known(number, "library.json", list[EffectOffered])
 
     def tried(self, number: int) -> TriedShown | None:
         """The answer to `try_values` at a step; None: not asked for."""
-        return cast(TriedShown | None, self.session.document(self.session.step(number) / "tried.json"))
+        return self._documents.read(self.session.step(number) / "tried.json", TriedShown)
 
     def hidden(self, number: int) -> HiddenShown | None:
         """The answer to `hide` at a step; None: not asked for."""
-        return cast(HiddenShown | None, self.session.document(self.session.step(number) / "hidden.json"))
+        return self._documents.read(self.session.step(number) / "hidden.json", HiddenShown)
 
     def experiment(self, number: int) -> Row | None:
         """The answer to `design` at a step, as `tendon experiment --json`; None: not asked for."""
-        return cast(Row | None, self.session.document(self.session.step(number) / "experiment.json"))
+        return self._documents.read(self.session.step(number) / "experiment.json", Row)
 
     def motion(self, number: int) -> Path | None:
         """The motion that was designed at a step, for the arm; None where there is none."""
@@ -235,8 +256,8 @@ class Studio:
         known = _SET.fullmatch(name)
         if known is None:
             return None
-        home = self.session.recording if known["of"] == "recording" else self.session.step
-        path = home(int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
+        homes = {"recording": self.session.recording, "step": self.session.step, "plan": self.plans.home}
+        path = homes[known["of"]](int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
         return path if path.is_file() else None
 
     def report(self, number: int) -> Path | None:
@@ -280,6 +301,7 @@ class Studio:
                 self.session.change(history=self.history.judged(int(found["judged"]), str(found["verdict"])))
             elif work.state == "done" and "answered" in found:
                 self._put("answer", int(found["answered"]))
+            self.plans.finished(work)
             self.session.tidy()
 
     def _put(self, made: str, number: int) -> None:
@@ -297,9 +319,9 @@ class Studio:
         step = SessionStep(number, found["parent"], found["kind"], changed, joint_errors(found["joints"]))
         self.session.change(history=self.history.with_step(step))
 
-    def _of_step(self, number: int, name: str) -> Any:
+    def _known(self, number: int, name: str, kind: type[T]) -> T:
         path = self.session.step(self.history.step(number).number) / name
-        document = self.session.document(path)
+        document = self._documents.read(path, kind)
         if document is None:
             raise SessionError(f"{path}: is missing")
         return document

@@ -12,14 +12,14 @@ import numpy as np
 
 from runtime import files
 from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import conclude
+from runtime.diagnosis.diagnose import Diagnosis, conclude
 from runtime.diagnosis.steps import Finding, Step
-from runtime.estimation.compare import Comparison, JointSeries, as_written
+from runtime.estimation.compare import Comparison, as_written
 from runtime.inspection.inspection import Inspection
 from runtime.loop import held_out
 from runtime.report.follow_up import about
 from runtime.report.page.html_page import render
-from runtime.report.signals.joint_signals import of_joint, of_recording, of_series
+from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording
 from runtime.report.summary import ResultSummary
 from runtime.studio import describe
 from runtime.studio.bench import Bench, Found, Opened, Tell, empty, write
@@ -27,13 +27,19 @@ from runtime.studio.commands import invocation
 from runtime.studio.history import PlacedEffect
 from runtime.wording import percent
 
+READING, COMPILING, FITTING = "reading the recordings", "deriving and compiling the model", "fitting the model"
+LOOKING, WEIGHING = "looking for missing effects", "weighing what would have been seen"
+DRAWING = "drawing what was found"
+_FITTING = (COMPILING, FITTING, DRAWING)
+
 # --- tasks: (bench, tell, what the server says) -> what the server takes ---
 
 
 def begin(bench: Bench, tell: Tell) -> Found:
     """Look at the recordings, and where they can be used fit the model as given: step 0."""
     opened = bench.opened()
-    tell.part("reading the recordings")
+    tell.parts((READING, *_FITTING))
+    tell.part(READING)
     for number, inspection in enumerate(opened.inspections, 1):
         _keep_recording(opened, number, inspection)
     problems = [i.problem for i in opened.inspections if i.problem is not None]
@@ -48,6 +54,7 @@ def fit(bench: Bench, tell: Tell, step: int, number: int, kind: str, changed: Se
     Where the diagnosis of the step has named an effect, its fit begins at what was found.
     """
     opened, source = bench.opened(), bench.opened().source
+    tell.parts(_FITTING)
     values = opened.values_found(step)
     text, done = opened.text(step), []
     for entry in changed:
@@ -65,17 +72,18 @@ def fit(bench: Bench, tell: Tell, step: int, number: int, kind: str, changed: Se
 def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
     """Which effects a step's model lacks."""
     opened = bench.opened()
-    tell.part("fitting the model")
+    tell.parts((FITTING, LOOKING, WEIGHING, DRAWING))
+    tell.part(FITTING)
     pristine = opened.search(step, opened.text(step))
     del opened.searches[step]  # a diagnosis goes on from it, and so changes it
-    tell.part("looking for missing effects")
+    tell.part(LOOKING)
     search = complete(pristine, lambda reached: tell.said(_progress(reached)))
-    tell.part("weighing what would have been seen")
+    tell.part(WEIGHING)
     result = conclude(search, opened.source.guesses)
-    tell.part("drawing what was found")
+    tell.part(DRAWING)
     given = invocation(opened.inputs, about(opened.source.text))
-    floors = held_out.floors(result.steps[-1].identification, opened.recordings(True))
-    summary = ResultSummary(result, given, floors)
+    held = [held_out.left(s.identification, opened.recordings(True)) for s in _ends(result) if opened.inputs.held_out]
+    summary = ResultSummary(result, given, tuple(joint.floor for joint in held[-1].joints) if held else ())
     work = empty(opened.session.scratch / "verdict")
     write(work / "verdict.json", describe.verdict(summary))
     write(work / "found.json", {"values": _values(result.findings, result.steps[-1])})
@@ -83,6 +91,9 @@ def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
     for joint in range(len(summary.first.joints)):
         added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
         of_joint(summary.first, summary.last, joint, added).save(work / f"joint{joint + 1}.npz")
+        if held:
+            before = held[0] if len(held) > 1 else None
+            of_held_out(before, held[-1], joint, added).save(work / f"held{joint + 1}.npz")
     return {"judged": step, "verdict": result.verdict}
 
 
@@ -96,37 +107,44 @@ def _fitted(
     opened: Opened, tell: Tell, number: int, text: str, parent: int | None, kind: str, changed: Sequence[PlacedEffect]
 ) -> Found:
     """A step, written; what the server needs of it for the history."""
-    tell.part("deriving and compiling the model")
+    tell.part(COMPILING)
     opened.source.model(text)
-    tell.part("fitting the model")
+    tell.part(FITTING)
     search = opened.search(number, text)
-    step = search.steps[0]
-    held = held_out.series(step.identification, opened.recordings(True))
+    step, held = search.steps[0], opened.held(number)
+    held_joints = () if held is None else held.joints
+    tell.part(DRAWING)
     comparison = Comparison(step.identification, step.joints, as_written(step.identification))
     summary = ResultSummary(comparison, invocation(opened.inputs, about(opened.source.text)))
     work = empty(opened.session.scratch / "step")
     (work / "model.toml").write_text(text, encoding="utf-8")
     put = opened.source.put(text, step.identification.to_json())
     (work / "fitted.toml").write_text(put, encoding="utf-8")
-    write(work / "shown.json", describe.step(number, summary, held, search.suspicions))
+    write(work / "shown.json", describe.step(number, summary, held_joints, search.suspicions))
     write(work / "library.json", describe.offered(search))
-    before = None if parent is None else opened.steps.get(parent)
-    _keep_signals(work, step, held, before, ", ".join(map(str, changed)))
+    _keep_signals(work, opened, number, parent, ", ".join(map(str, changed)))
     return {
         "parent": parent,
         "kind": kind,
         "changed": [{"effect": e.effect, "joint": e.joint} for e in changed],
-        "joints": describe.errors(step, held),
+        "joints": describe.errors(step, held_joints),
     }
 
 
-def _keep_signals(work: Path, step: Step, held: Sequence[JointSeries], before: Step | None, changed: str) -> None:
-    """The signal sets of a step; before: the step that it changes, if this process has fitted it."""
+def _keep_signals(work: Path, opened: Opened, number: int, parent: int | None, changed: str) -> None:
+    """The signal sets of a step beside the one that it changes, if it changes one."""
+    step, before = opened.fitted(number), None if parent is None else opened.fitted(parent)
+    held, held_before = opened.held(number), None if parent is None else opened.held(parent)
     for k, series in enumerate(step.joints):
         comparable = before is not None and np.array_equal(before.joints[k].t, series.t)
         of_joint(before if before and comparable else step, step, k, changed).save(work / f"joint{k + 1}.npz")
-    for k, series in enumerate(held):
-        of_series(series, None).save(work / f"held{k + 1}.npz")
+        if held is not None:
+            of_held_out(held_before, held, k, changed).save(work / f"held{k + 1}.npz")
+
+
+def _ends(result: Diagnosis) -> Sequence[Step]:
+    """The model as it was diagnosed, and with all that was found, where something was."""
+    return result.steps[:1] if len(result.steps) == 1 else (result.steps[0], result.steps[-1])
 
 
 def _keep_recording(opened: Opened, number: int, inspection: Inspection) -> None:

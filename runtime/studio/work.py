@@ -34,8 +34,9 @@ class WorkState:
     """A piece of work.
 
     task     its kind, for programs; what: for people
-    part     what is being done, in words
-    share    of that part, 0 to 1; None: not known      left   s until that part is done; None: not known
+    parts    of which it consists, in words        at     which of them is under way, from 0
+    share    of the whole that is done, 0 to 1: each part counts the same, since nobody knows how long the next takes
+    doing    what of the part is being done, in words, and left: s until that is done; None: not known
     said     lines of progress
     result   what it found, once it is done             error  one line, if it failed
     """
@@ -43,8 +44,10 @@ class WorkState:
     task: str
     what: str
     state: State = "running"
-    part: str = ""
-    share: float | None = None
+    parts: tuple[str, ...] = ()
+    at: int = 0
+    share: float = 0.0
+    doing: str = ""
     left: float | None = None
     said: tuple[str, ...] = ()
     result: Mapping[str, Any] | None = None
@@ -139,8 +142,10 @@ class Work:
             state = self._state
             if "said" in message:
                 self._state = replace(state, said=(*state.said, str(message["said"])))
-            elif "part" in message:
-                self._state = replace(state, part=message["part"], share=message["share"], left=message["left"])
+            elif "parts" in message:
+                self._state = replace(state, parts=tuple(message["parts"]))
+            elif "at" in message:
+                self._state = replace(state, **message)
             elif "error" in message:
                 self._conclude(replace(state, state="failed", error=str(message["error"])))
             else:

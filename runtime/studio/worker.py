@@ -1,7 +1,8 @@
 """The process of a session: `python -m runtime.studio.worker FOLDER [EFFECTS]`.
 
-Reads a task a line on standard input, writes messages a line on standard output: {"part", "share", "left"} of how far
-it is, {"said"} a line for people, and in the end {"result"} or {"error"}. It ends when its input does.
+Reads a task a line on standard input, writes messages a line on standard output: {"parts"} of which the work consists,
+{"at", "share", "doing", "left"} of how far it is, {"said"} a line for people, and in the end {"result"} or {"error"}.
+It ends when its input does.
 """
 
 from __future__ import annotations
@@ -13,41 +14,52 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TextIO
 
 from runtime.plain_json import plain
 from runtime.progress import Progress, heard_by
-from runtime.studio import questions, tasks
+from runtime.studio import plan_tasks, questions, tasks
 from runtime.studio.bench import Bench, Tell
 from runtime.studio.settings import TOLD_EVERY
 
-TASKS = tasks.TASKS | questions.TASKS
+TASKS = tasks.TASKS | questions.TASKS | plan_tasks.TASKS
 
 
 class _Teller:
     """Messages to the server."""
 
     def __init__(self, out: TextIO) -> None:
-        self._out, self._last, self._part = out, 0.0, ""
+        self._out, self._last, self._doing = out, 0.0, ""
+        self._parts: tuple[str, ...] = ()
+        self._at, self._share = 0, 0.0
 
     def message(self, **fields: Any) -> None:
         self._out.write(json.dumps(plain(fields), allow_nan=False) + "\n")
         self._out.flush()
 
     def progress(self, progress: Progress) -> None:
-        """Not more often than a page can show."""
+        """Not more often than a page can show. A part may consist of several works, each from its beginning: the share
+        of the whole never falls."""
         now, last = time.monotonic(), progress.done >= progress.parts
-        if now - self._last >= TOLD_EVERY or progress.what != self._part or last:
-            self._last, self._part = now, progress.what
-            share = min(progress.done / progress.parts, 1.0)
-            self.message(part=progress.what, share=share, left=progress.left)
+        if now - self._last >= TOLD_EVERY or progress.what != self._doing or last:
+            self._last, self._doing = now, progress.what
+            inside = min(progress.done / progress.parts, 1.0)
+            self._share = max(self._share, (self._at + inside) / max(len(self._parts), 1))
+            self.message(at=self._at, share=self._share, doing=progress.what, left=progress.left)
+
+    def parts(self, parts: Sequence[str]) -> None:
+        """Of which the work consists."""
+        self._parts, self._at, self._share = tuple(parts), 0, 0.0
+        self.message(parts=self._parts)
 
     def part(self, what: str) -> None:
-        """Something of which nobody knows how long it takes."""
-        self.message(part=what, share=None, left=None)
+        """The next of them, of which nobody knows yet how long it takes."""
+        self._at = self._parts.index(what)
+        self._share = max(self._share, self._at / len(self._parts))
+        self.message(at=self._at, share=self._share, doing="", left=None)
 
 
 def main(arguments: list[str]) -> None:
@@ -71,7 +83,7 @@ def _read(asked: SimpleQueue[str]) -> None:
 
 
 def _do(bench: Bench, task: str, arguments: Mapping[str, Any], told: _Teller) -> None:
-    tell = Tell(told.part, lambda line: told.message(said=line))
+    tell = Tell(told.parts, told.part, lambda line: told.message(said=line))
     try:
         with heard_by(told.progress):
             result = TASKS[task](bench, tell, **arguments)

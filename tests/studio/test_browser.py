@@ -11,8 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from runtime.studio.server import write_door
 from tests.studio.browser import ROOT, Watched, chromium, studio
 
 PICTURE = ROOT / ".images" / "studio.png"
@@ -85,6 +87,15 @@ def test_the_loop_by_clicks_alone_and_opened_again(browser: Any, fitted: Path, t
         assert seen.wrong == []
 
 
+def test_the_file_that_a_browser_is_handed_leads_to_the_page(browser: Any, tmp_path: Path) -> None:
+    """From a file, which is another site to the browser, to a page that has its cookie."""
+    with studio(tmp_path) as address:
+        write_door(tmp_path / "open.html", address)
+        seen = Watched(browser, (tmp_path / "open.html").as_uri())
+        seen.page.wait_for_selector("[data-do=demo]", timeout=SOON)
+        assert "token" not in seen.page.url
+
+
 def test_a_selection_is_lit_in_every_view(browser: Any, fitted: Path, tmp_path: Path) -> None:
     """Samples that are selected over the velocity, by the pointer: the same ones are told of, and cleared by Escape."""
     with studio(tmp_path, reopened(fitted, tmp_path)) as address:
@@ -139,6 +150,136 @@ def test_a_broken_recording_is_an_answer_and_a_cure_is_a_button(browser: Any, fi
         page.wait_for_selector("[data-do=begin]:not([disabled])", timeout=SOON)
         page.click("[data-do=begin]:not([disabled])")
         page.wait_for_selector("[role=alert]:has-text('nonsense.csv')", timeout=WORK)
+
+
+def test_the_held_out_recording_is_drawn_beside_in_the_same_way(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    """The same panels with the same legend: before and after on both sides, and other numbers."""
+    with studio(tmp_path, reopened(fitted, tmp_path)) as address:
+        page = Watched(browser, address).page
+        page.click("[data-do=held-out]", timeout=SOON)
+        page.wait_for_function("document.querySelectorAll('#joint tendon-signals[data-ready]').length === 2")
+        one, other = (page.locator("#joint tendon-signals").nth(k) for k in (0, 1))
+        for part in ("figcaption b", ".signals-legend button"):
+            assert one.locator(part).all_inner_texts() == other.locator(part).all_inner_texts()
+        assert one.locator("figcaption b").count() == 7
+        assert {"residual before", "residual after"} <= set(one.locator(".signals-legend button").all_inner_texts())
+        assert one.locator(".signals-said").inner_text() != other.locator(".signals-said").inner_text()
+
+
+def test_two_steps_are_compared(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    """Their errors beside each other, and what of the model file is another."""
+    with studio(tmp_path, reopened(fitted, tmp_path)) as address:
+        page = Watched(browser, address).page
+        page.wait_for_selector("#change select", timeout=SOON)
+        page.select_option("#change select", "0")
+        page.wait_for_selector("#change table", timeout=SOON)
+        before, after, held_before, held_after = page.locator("#change tbody td").all_inner_texts()
+        assert float(after.split()[0]) < 0.6 * float(before.split()[0])
+        assert float(held_after.split()[0]) < 0.6 * float(held_before.split()[0])
+        assert "[joint.effects.stribeck]" in page.inner_text("[data-difference] .came")
+
+
+def test_values_of_a_finding_are_tried_before_it_is_added(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    """A slider on its card: the residual with that value, and no step more."""
+    with studio(tmp_path, reopened(fitted, tmp_path)) as address:
+        seen = Watched(browser, address)
+        page = seen.page
+        page.click("[data-do=undo]", timeout=SOON)
+        card = page.locator("#findings article").first
+        slider = card.locator("input[type=range]").first
+        slider.focus(timeout=SOON)
+        page.keyboard.press("Home")
+        said = card.get_by_text("with these values")
+        said.wait_for(timeout=WORK)
+        found, tried = (float(text.split(" %")[0].split()[-1]) for text in said.inner_text().split("as fitted"))
+        assert tried > 1.2 * found
+        card.locator("tendon-signals[data-ready]").wait_for(timeout=SOON)
+        assert page.locator("[data-step]").count() == 2
+        assert slider.evaluate("own => own === document.activeElement")
+        assert seen.wrong == []
+
+
+def test_designing_a_motion_shows_how_far_it_is_and_is_cancelled(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    with studio(tmp_path, reopened(fitted, tmp_path)) as address:
+        page = Watched(browser, address).page
+        page.click("[data-do=undo]", timeout=SOON)
+        page.click("[data-do=design]:not([disabled])", timeout=SOON)
+        page.wait_for_selector("#progress li.current:has-text('looking for a motion')", timeout=WORK)
+        page.wait_for_selector("#progress p:has-text('judging the pieces of motion')", timeout=WORK)
+        assert page.evaluate("document.querySelector('progress').value") >= 0.5
+        page.click("[data-do=cancel]")
+        page.wait_for_selector("[role=alert]:has-text('Cancelled')", timeout=SOON)
+        page.wait_for_selector("[data-do=design]:not([disabled])", timeout=SOON)
+        assert page.locator("a[href^='/download/motion']").count() == 0
+
+
+@pytest.mark.slow
+def test_the_motion_that_decides_is_designed_and_taken_away(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    """To its end: what the simulation says of it, and a table of positions that never jumps."""
+    with studio(tmp_path, reopened(fitted, tmp_path)) as address:
+        page = Watched(browser, address).page
+        page.click("[data-do=undo]", timeout=SOON)
+        page.click("[data-do=design]:not([disabled])", timeout=SOON)
+        page.wait_for_selector("a[href^='/download/motion']", timeout=4 * WORK)
+        with page.expect_download() as begun:
+            page.click("a[href^='/download/motion']")
+        motion = np.loadtxt(begun.value.path(), delimiter=",", skiprows=1)
+    assert len(motion) > 1000
+    assert np.all(np.diff(motion[:, 0]) > 0)
+    assert np.abs(np.diff(motion[:, 1])).max() < 0.1
+
+
+def turned(source: Path, target: Path) -> Path:
+    """A recording whose torque has the other sign."""
+    head, *lines = gzip.decompress(source.read_bytes()).decode().splitlines()
+    place = next(k for k, name in enumerate(head.split(",")) if name.startswith("tau1"))
+    for k, line in enumerate(lines):
+        cells = line.split(",")
+        cells[place] = cells[place][1:] if cells[place].startswith("-") else f"-{cells[place]}"
+        lines[k] = ",".join(cells)
+    target.write_text("\n".join([head, *lines]) + "\n")
+    return target
+
+
+def test_a_torque_of_the_wrong_sign_is_cured_by_a_button(browser: Any, fitted: Path, tmp_path: Path) -> None:
+    """The page says so at its head, and with the cure the error falls to that of the recording as it was."""
+    wrong = turned(fitted / "studio-session/given/fitted.csv.gz", tmp_path / "turned.csv")
+    with studio(tmp_path, "drive", wrong) as address:
+        seen = Watched(browser, address)
+        page = seen.page
+        page.wait_for_selector("#verdict [data-do=cure]:not([disabled])", timeout=WORK)
+        assert "wrong sign" in page.inner_text("#verdict")
+        before = error(page)
+        page.click("#verdict [data-do=cure]")
+        page.wait_for_selector("#verdict:not(:has([data-do=cure])) [data-do=diagnose]:not([disabled])", timeout=WORK)
+        assert error(page) < before / 3
+        assert "--map tau1=-tau1" in page.inner_text("[data-commands]")
+        assert seen.wrong == []
+
+
+URDF = """<robot name="bench"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_robot_description_is_dropped_and_a_broken_one_is_said(browser: Any, tmp_path: Path) -> None:
+    """By the event of a real drop; a model file is made of it."""
+    with studio(tmp_path) as address:
+        page = Watched(browser, address).page
+        page.wait_for_selector("#start file-drop[as=model]", timeout=SOON)
+
+        def drop(name: str, text: str) -> None:
+            made = "([name, text]) => { const d = new DataTransfer(); d.items.add(new File([text], name)); return d; }"
+            data = page.evaluate_handle(made, [name, text])
+            page.dispatch_event("#start file-drop[as=model]", "drop", {"dataTransfer": data})
+
+        drop("broken.urdf", "<robot")
+        page.wait_for_selector("#start file-drop[as=model] .warning:has-text('broken.urdf')", timeout=SOON)
+        drop("bench.urdf", URDF)
+        page.wait_for_selector("#start .given:has-text('bench')", timeout=SOON)
+        assert page.is_disabled("[data-do=begin]")
+    assert 'name = "hinge"' in (tmp_path / "studio-session/given/bench.toml").read_text()
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (390, "light"), (1360, "dark")])

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from runtime.estimation.compare import JointSeries
+from runtime.motion.noise_floor import Floor
 from runtime.report.page import filling
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
+from runtime.report.signals.joint_signals import of_series
 from runtime.report.signals.panels import DrawnLine, SignalPanel, around, curve
 from runtime.report.signals.reduction import Pyramid
 from runtime.report.signals.signal_set import MOST_ROWS, AskedWrongly, SignalSet
@@ -142,6 +147,12 @@ def test_the_canvas_draws_zooms_and_tells() -> None:
         assert "<b>1</b>" in page.get_attribute("canvas", "aria-label")
 
 
+def figures(page: Any) -> list[float]:
+    """What is said of a selection: the first number of each figure."""
+    said = page.locator(".signals-said dd").all_inner_texts()
+    return [float(re.findall(r"[\d.]+", text.replace(",", ""))[0]) for text in said]
+
+
 def test_a_page_that_stands_alone_draws_and_selects_the_same(tmp_path: Path) -> None:
     """Its numbers are those of the set but for the steps in which they are written; nothing is asked of anybody."""
     shown = signals(2500)
@@ -162,4 +173,31 @@ def test_a_page_that_stands_alone_draws_and_selects_the_same(tmp_path: Path) -> 
         page.wait_for_selector(".signals-said[data-lit]")
         lit = page.evaluate("document.querySelector('tendon-signals').lit.count")
         assert abs(lit - np.count_nonzero(shown.lines["noise"] >= 0)) <= 2
+        inside = shown.lines["noise"][shown.lines["noise"] >= 0]
+        said = dict(zip(page.locator(".signals-said dt").all_inner_texts(), figures(page), strict=True))
+        assert said["noise, mean"] == pytest.approx(inside.mean(), rel=5e-3)
+        assert said["noise, rms"] == pytest.approx(np.sqrt(np.mean(inside**2)), rel=5e-3)
+        share = np.sum(inside**2) / np.sum(shown.lines["noise"] ** 2)
+        assert said["of all squares of noise"] == pytest.approx(100 * share, rel=1e-2)
         assert asked == [path.as_uri()]
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_residual_is_drawn_over_the_temperature_where_that_is_recorded(recorded: bool) -> None:
+    """A torque that falls as the joint warms up: the temperature explains the residual, and its panel says so."""
+    t = np.linspace(0.0, 60.0, 6000)
+    q, warmth = np.sin(1.3 * t), 20 * (1 - np.exp(-t / 20))
+    tau = 0.05 * warmth + 0.01 * np.random.default_rng(0).standard_normal(len(t))
+    still, known = np.zeros(len(t)), warmth if recorded else None
+    series = JointSeries(
+        1, "N m", "rad", t, still.astype(int), q, 1.3 * np.cos(1.3 * t), -1.69 * q, 2.0 * q, known, tau, still,
+        Floor(0.01, "spectrum", 0.01, None),
+    )  # fmt: skip
+    over = {panel.x: panel for panel in of_series(series, None).panels if panel.kind == "over"}
+    assert ("temperature" in over) == recorded
+    if recorded:
+        assert over["temperature"].labels[0] == "temperature above the start, K"
+        assert int(over["temperature"].note.split("explains ")[1].split()[0]) > 80
+        means = over["temperature"].curves[0]
+        seen = [(x, y) for x, y in zip(means.x, means.y, strict=True) if x is not None and y is not None]
+        assert np.allclose([y for _, y in seen], [0.05 * x for x, _ in seen], atol=0.05)

@@ -148,6 +148,16 @@ def test_no_other_way_to_a_cookie(path, query, more):
     assert b"set-cookie" not in headers
 
 
+def test_a_tab_from_elsewhere_that_knows_the_token_goes_on_from_here():
+    """A file that leads to the address is another site; a browser sends a strict cookie only from pages of this one."""
+    more = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate"}
+    status, headers, body = ask("/", f"token={TOKEN}", **more)
+    assert (status, b"set-cookie" in headers) == (200, False)
+    assert f'content="0;url=/?token={TOKEN}"'.encode() in body
+    assert ask("/", "token=wrong", **more)[0] == 403
+    assert ask("/", f"token={TOKEN}", origin="https://example.org", **more)[0] == 403
+
+
 @given(st.text())
 def test_any_token_but_the_right_one_is_wrong(text):
     assert Guard(inside, TOKEN, PORT)._is_token(text) == (text == TOKEN)

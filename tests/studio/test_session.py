@@ -153,6 +153,7 @@ def _file(name: object) -> dict[str, object]:
     return {"file": name, "name": "x", "origin": None}
 
 
+JOINT = {"joint": 1, "called": "1", "unit": "N m", "rms": 1.0, "relative": 0.1, "floor": 0.5, "relative_floor": 0.05}
 STEP = {"number": 0, "parent": None, "kind": "given", "changed": [], "joints": [], "verdict": None}
 
 
@@ -173,6 +174,11 @@ STEP = {"number": 0, "parent": None, "kind": "given", "changed": [], "joints": [
         ("history", "steps", [{**STEP, "kind": "<script>"}]),
         ("history", "steps", [{**STEP, "joints": [{"os": 1}]}]),
         ("history", "steps", [{**STEP, "verdict": 1}]),
+        ("history", "steps", [{**STEP, "verdict": "fine onclick"}]),
+        ("history", "steps", [{**STEP, "joints": [{**JOINT, "relative": "0.1"}]}]),
+        ("history", "steps", [{**STEP, "joints": [{**JOINT, "floor": None}]}]),
+        ("history", "steps", [{**STEP, "joints": [{**JOINT, "joint": 1.5}]}]),
+        ("history", "steps", [{**STEP, "joints": [{**JOINT, "called": ["1"]}]}]),
         ("history", "steps", [{**STEP, "changed": [{"effect": "a\nrm -rf b", "joint": 1}]}]),
         ("history", "steps", [{**STEP, "changed": [{"effect": "coulomb", "joint": "1; b"}]}]),
         ("history", "steps", [{**STEP, "changed": [{"effect": ["coulomb"], "joint": 1}]}]),

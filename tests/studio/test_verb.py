@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.studio import server
 from runtime.studio.session import StudioSession
+from runtime.studio.studio import Studio
 from tests import one_joint
 
 MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
@@ -29,8 +31,8 @@ def served(monkeypatch):
     """The studios that were opened."""
     found = []
 
-    def serve(studio, port, _say, browser) -> None:
-        found.append((studio, port, browser))
+    def serve(studio, listening, _say, browser) -> None:
+        found.append((studio, listening.getsockname()[1], browser))
         studio.close()
 
     monkeypatch.setattr(server, "serve", serve)
@@ -38,11 +40,14 @@ def served(monkeypatch):
 
 
 def test_a_new_session_is_made_each_time_and_opened_again(here, served, capsys):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        wanted = free.getsockname()[1]
     for name in ("studio-session", "studio-session-2"):
-        assert output.run(app, ["studio", "arm.toml", "--port", "8123", "--no-browser"]) == 0
+        assert output.run(app, ["studio", "arm.toml", "--port", str(wanted), "--no-browser"]) == 0
         assert capsys.readouterr().out == f"Session: {here / name}\n"
         studio, port, browser = served[-1]
-        assert (studio.session.folder, port, browser) == (here / name, 8123, False)
+        assert (studio.session.folder, port, browser) == (here / name, wanted, False)
         assert studio.inputs.model.typed == "arm.toml"
     assert output.run(app, ["studio", "studio-session"]) == 0
     assert served[-1][0].session.folder == here / "studio-session"
@@ -94,6 +99,36 @@ def test_what_is_wrong_is_one_line(here, served, capsys, arguments, expected):
     assert "given/" not in err
     assert sorted(p.name for p in here.iterdir()) == before
     assert served == []
+
+
+def test_a_port_that_is_taken_is_said_before_a_folder_is_made(here, served, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert output.run(app, ["studio", "arm.toml", "--port", str(port)]) == 2
+    assert f"port {port} of 127.0.0.1 cannot be used" in capsys.readouterr().err
+    assert [p.name for p in here.iterdir()] == ["arm.toml"]
+    assert served == []
+
+
+def test_the_browser_is_handed_a_file_that_others_cannot_read_and_not_the_key(here, monkeypatch):
+    """What stands on a command line everybody on the machine can read."""
+    pytest.importorskip("nicegui", reason="no studio: pip install 'tendon[studio]'")
+    import uvicorn
+
+    opened, said = [], []
+    monkeypatch.setattr(server.webbrowser, "open", opened.append)
+
+    def run(_self, _sockets) -> None:
+        path = Path(opened[0].removeprefix("file://"))
+        assert path.stat().st_mode & 0o777 == 0o600
+        assert said[0] in path.read_text()
+
+    monkeypatch.setattr(uvicorn.Server, "run", run)
+    studio = Studio(StudioSession.create(here / "session"))
+    with server.bound(0) as listening:
+        server.serve(studio, listening, said.append, browser=True)
+    assert said[0].partition("token=")[2] not in opened[0]
+    assert not (here / "session" / "open.html").exists()
 
 
 def test_without_nicegui_it_says_what_to_install(tmp_path, monkeypatch, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import itertools
 import json
 import os
 import shutil
@@ -154,7 +155,7 @@ def test_a_cancelled_diagnosis_leaves_nothing_and_can_be_begun_again(studio):
     before = {p: p.stat().st_mtime_ns for p in sorted(studio.session.folder.rglob("*")) if p.is_file()}
     studio.diagnose()
     end = time.monotonic() + PATIENCE
-    while studio.work.share is None and time.monotonic() < end:
+    while studio.work.left is None and time.monotonic() < end:
         time.sleep(0.01)
     assert 0 <= studio.work.share <= 1
     assert studio.work.left >= 0
@@ -177,7 +178,7 @@ from runtime.studio.session import StudioSession
 from runtime.studio.studio import Studio
 studio = Studio(StudioSession.open(Path(sys.argv[1])))
 studio.diagnose()
-while studio.work.share is None:
+while studio.work.left is None:
     time.sleep(0.01)
 print(studio._work._process.pid, flush=True)
 time.sleep(600)
@@ -274,6 +275,68 @@ def test_other_values_are_tried_and_leave_the_step_as_it_is(studio):
     assert len(studio.history.steps) == 1
     studio.try_values(friction, {"torque": -1.0})
     assert "expected 0 to inf" in failed(studio)
+
+
+def test_values_of_what_was_found_are_tried_before_it_is_added(studio):
+    """At the values found the error is that with the effect; with a spring of no stiffness, nearly that without it."""
+    studio.diagnose()
+    wait(studio)
+    card = studio.verdict(0)["findings"][0]
+    found = {entry["name"]: entry["value"] for entry in card["ranges"]}
+    assert found["stiffness"] == pytest.approx(3, rel=0.05)
+    effect = PlacedEffect(card["effect"], card["joint"])
+    given = studio.history.here.joints[0].relative
+    left = {}
+    for stiffness in (found["stiffness"], found["stiffness"] / 2, 1e-9):
+        studio.try_values(effect, {"stiffness": stiffness})
+        wait(studio)
+        joint = studio.tried(0)["joints"][0]
+        assert joint["fitted"] < given / 3
+        left[stiffness] = joint["relative"]
+    assert left[found["stiffness"]] == pytest.approx(joint["fitted"], rel=1e-9)
+    assert joint["fitted"] < left[found["stiffness"] / 2] < left[1e-9]
+    assert left[1e-9] > 0.8 * given
+    lines = SignalSet.load(studio.signals(joint["signals"])).lines
+    without = np.sqrt(np.mean(lines["residual before"] ** 2) / np.mean(lines["measured"] ** 2))
+    assert without == pytest.approx(given, rel=1e-9)
+    assert len(studio.history.steps) == 1
+    studio.try_values(PlacedEffect("lugre", 1), {})
+    assert "nor was it named" in failed(studio)
+
+
+def test_what_was_held_out_is_drawn_like_what_was_fitted(studio):
+    """Before and after in the same panels, also in a session that was opened again."""
+    shown = studio.shown(0)["joints"][0]
+    panels = {}
+    for number in (0, 1):
+        for kind in ("signals", "held"):
+            kept = SignalSet.load(studio.signals(studio.shown(number)["joints"][0][kind]))
+            panels[number, kind] = [(p.title, p.lines, [c.name for c in p.curves]) for p in kept.panels]
+        assert panels[number, "held"] == panels[number, "signals"]
+        if number == 0:
+            studio.add(LINEAR_SPRING)
+            wait(studio)
+    kept = SignalSet.load(studio.signals(studio.shown(1)["joints"][0]["held"]))
+    assert np.std(kept.lines["residual after"]) < np.std(kept.lines["residual before"]) / 3
+    assert shown["held"] is not None
+    power = [np.trapezoid(np.square(c.y), c.x) for c in kept.panels[-1].curves]
+    assert [c.name for c in kept.panels[-1].curves] == ["residual before", "residual after"]
+    assert power[0] > 9 * power[1]
+
+
+def test_the_share_of_the_work_that_is_done_never_falls(studio):
+    """Nor the part that is under way; all parts are known from the beginning."""
+    seen = []
+    studio._work._changed = lambda: seen.append(studio.work)
+    studio.diagnose()
+    wait(studio)
+    told = [state for state in seen if state.parts and state.state == "running"]
+    assert {len(state.parts) for state in told} == {4}
+    assert {state.at for state in told} == {0, 1, 2, 3}
+    for one, next_ in itertools.pairwise(told):
+        assert 0 <= one.share <= next_.share <= 1
+        assert one.at <= next_.at
+    assert any(0.25 < state.share < 0.5 for state in told)
 
 
 def test_an_effect_is_hidden_in_the_recorded_motion(studio):

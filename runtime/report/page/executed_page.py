@@ -29,7 +29,7 @@ _LEGEND = (
     "Dashed: planned, its torque with all that the model knows. Solid: executed, all cycles but those that run it in. "
     "In the other colour: the torque of a spring along the plan, as it pushes the joint forward."
 )
-_TAGS = {"done": ("clean", "done"), "stopped": ("unexplained", "safe stop"), "refused": ("refused", "refused")}
+TAGS = {"done": ("clean", "done"), "stopped": ("unexplained", "safe stop"), "refused": ("refused", "refused")}
 
 
 def write_execution(directory: Path, result: Execution, document: Document) -> Path:
@@ -44,23 +44,22 @@ def render(result: Execution, document: Document) -> str:
     """The page; the same bytes for the same execution."""
     cycles = ExecutedCycles(result)
     model = result.plan.model
-    kind, tag = _TAGS[document["status"]]
-    plan, mean = document["plan"], document["mean"]
+    kind, tag = TAGS[document["status"]]
     return filled(
         "sheet.html.j2",
         {
-            "title": f"{model.name}: {plan['scenario']} executed",
+            "title": f"{model.name}: {document['plan']['scenario']} executed",
             "model": model.name,
             "tag": {"kind": kind, "text": tag},
-            "headline": f"{plan['scenario']} on {document['on']}: {_came_to(document)}",
+            "headline": headline(document),
             "lines": [f"Safe stop: {sentence(document['reason'])}"] if document["status"] == "stopped" else [],
-            "facts": [] if mean is None else _facts(document),
+            "facts": facts(document),
             "commands": [item["command"] for item in document["next"]],
-            "moving": picture(cycles.motion(), cycles.words()),
+            "moving": cycles.picture(),
             "legend": _LEGEND,
             "figures": cycles.figures(),
-            "table": {"heads": _HEADS, "rows": [] if mean is None else [_row(document, k) for k in range(model.n)]},
-            "notes": [f"The controller does not compensate {name}." for name in document["uncompensated"]],
+            "table": table(document),
+            "notes": notes(document),
             "document": embedded(document),
         },
     )
@@ -147,6 +146,10 @@ class ExecutedCycles:
             goes_on=plan.trajectory.periodic and bool(self.whole),
         )
 
+    def picture(self) -> dict[str, Any]:
+        """The arm as planned and as it moved."""
+        return picture(self.motion(), self.words())
+
     def words(self) -> str:
         """What the moving picture shows."""
         which = "the first cycle that counts" if self.whole else "the last seconds before the stop"
@@ -158,31 +161,51 @@ class ExecutedCycles:
             )
         return f"{text}."
 
+    @cached_property
+    def joints(self) -> list[JointCycles]:
+        """Position and torque of every joint, planned and executed."""
+        q, tau = self.over_each_other("q"), self.over_each_other("tau")
+        return [
+            JointCycles(
+                self.t - self.t[0],
+                self.planned.motion.q[i],
+                q[i],
+                self.planned.tau[i],
+                tau[i],
+                self._springs.get(i + 1),
+                joint.position_unit,
+                joint.force_unit,
+            )
+            for i, joint in enumerate(self.result.plan.model.joints)
+        ]
+
     def figures(self) -> list[Drawn]:
         """Position, error and torque of every joint."""
-        model = self.result.plan.model
-        q, tau = self.over_each_other("q"), self.over_each_other("tau")
         found = []
-        for i, joint in enumerate(model.joints):
-            figure = joint_cycles(
-                JointCycles(
-                    self.t - self.t[0],
-                    self.planned.motion.q[i],
-                    q[i],
-                    self.planned.tau[i],
-                    tau[i],
-                    self._springs.get(i + 1),
-                    joint.position_unit,
-                    joint.force_unit,
-                )
-            )
-            called = numbered(i + 1, joint.name)
+        for k, (joint, cycles) in enumerate(zip(self.result.plan.model.joints, self.joints, strict=True), 1):
+            called = numbered(k, joint.name)
             caption = f"Joint {called}: position, what it is off the plan, and torque, planned and executed."
-            found.append(drawn(figure, f"executed{i + 1}", caption))
+            found.append(drawn(joint_cycles(cycles), f"executed{k}", caption))
         return found
 
 
 # --- in words ---
+
+
+def headline(document: Document) -> str:
+    """What an execution came to."""
+    return f"{document['plan']['scenario']} on {document['on']}: {_came_to(document)}"
+
+
+def notes(document: Document) -> list[str]:
+    """What a user should know of the controller."""
+    return [f"The controller does not compensate {name}." for name in document["uncompensated"]]
+
+
+def table(document: Document) -> dict[str, Any]:
+    """Planned and executed of every joint: heads and rows, none where no cycle was completed."""
+    rows = [] if document["mean"] is None else [_row(document, k) for k in range(len(document["joints"]))]
+    return {"heads": _HEADS, "rows": rows}
 
 
 def _came_to(document: Document) -> str:
@@ -199,17 +222,20 @@ def _cost(value: float, document: Document) -> str:
     return quantity(value, f"({units.pop()})^2 s") if len(units) == 1 else f"{number(value)} in SI"
 
 
-def _facts(document: Document) -> list[dict[str, str]]:
+def facts(document: Document) -> list[dict[str, str]]:
+    """Costs, cycles and how far the plate is pressed down; none where no cycle was completed."""
     plan, mean = document["plan"], document["mean"]
-    facts = [
+    if mean is None:
+        return []
+    found = [
         {"name": "cost planned", "value": _cost(plan["total"], document)},
         {"name": "executed", "value": _cost(mean["total"], document)},
         {"name": "cycles", "value": str(sum(len(trial["cycles"]) for trial in document["trials"]))},
     ]
     if plan["compression"] or mean["compression"]:
         pressed = f"{100 * plan['compression']:.2f} → {100 * mean['compression']:.2f} cm"
-        facts.append({"name": "plate pressed down, planned → executed", "value": pressed})
-    return facts
+        found.append({"name": "plate pressed down, planned → executed", "value": pressed})
+    return found
 
 
 _HEADS = ("joint", "cost planned", "executed", "tracking rms", "largest", "range planned", "reached", "peak torque")

@@ -171,7 +171,12 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
 
 def density(step: Step, joint: int) -> tuple[Array, Array]:
     """Frequencies, Hz, and amplitude density of a joint's residual."""
-    frequency, power = spectrum.density(step.identification.fit.residual[joint], step.identification.motion.row_rate)
+    return amplitudes(step.identification.fit.residual[joint], step.identification.motion.row_rate)
+
+
+def amplitudes(residual: Array, rate: float) -> tuple[Array, Array]:
+    """Frequencies, Hz, and amplitude density of a residual (M,) at `rate`, Hz."""
+    frequency, power = spectrum.density(residual, rate)
     return frequency, np.sqrt(power)
 
 

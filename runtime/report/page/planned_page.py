@@ -41,34 +41,57 @@ def write_plan(
 def render(model: Model, trajectory: Trajectory, document: Document, commands: Sequence[str] = ()) -> str:
     """The page; the same bytes for the same plan."""
     goal = document["objective"]
-    joints = ", ".join(map(str, goal["joints"]))
-    friction = "with" if document["friction"] else "without"
     return filled(
         "sheet.html.j2",
         {
             "title": f"{model.name}: {document['scenario']}",
             "model": model.name,
             "tag": {"kind": "clean", "text": "plan"},
-            "headline": f"{document['scenario']} in {document['cycle_time']:g} s, {friction} friction: "
-            f"{_GOALS[goal['goal']]}, at joint {joints}, is {quantity(goal['value'], goal['unit'])}",
-            "lines": [f"Spring at joint {s['joint']}: {s['text']}." for s in document["springs"]],
+            "headline": headline(document),
+            "lines": spring_lines(document),
             "facts": [
                 {"name": f"cost of joint {j['joint']}", "value": quantity(j["cost"], f"({j['units']['force']})^2 s")}
                 for j in document["joints"]
                 if j["joint"] in goal["joints"]
             ],
             "commands": list(commands),
-            "moving": picture(planned_motion(model, trajectory), _what(model, trajectory)),
+            "moving": moving(model, trajectory),
             "legend": _LEGEND,
             "figures": figures(document),
-            "table": {"heads": _HEADS, "rows": [_row(joint) for joint in document["joints"]]},
-            "notes": [
-                *document["warnings"],
-                *(f"Not in the plan: {term}, {why}." for term, why in document["left_out"].items()),
-            ],
+            "table": table(document),
+            "notes": notes(document),
             "document": embedded(document),
         },
     )
+
+
+def headline(document: Document) -> str:
+    """What a plan came to; of one that was read from its file what all joints cost."""
+    friction = "with" if document["friction"] else "without"
+    begin = f"{document['scenario']} in {document['cycle_time']:.6g} s, {friction} friction: "
+    goal = document.get("objective")
+    if goal is None:
+        return f"{begin}{_all_cost(document['joints'])}"
+    joints = ", ".join(map(str, goal["joints"]))
+    return f"{begin}{_GOALS[goal['goal']]}, at joint {joints}, is {quantity(goal['value'], goal['unit'])}"
+
+
+def _all_cost(joints: Sequence[Document]) -> str:
+    units = {joint["units"]["force"] for joint in joints}
+    total = sum(joint["cost"] for joint in joints)
+    said = quantity(total, f"({units.pop()})^2 s") if len(units) == 1 else f"{number(total)} in SI"
+    return f"the squared torque over a cycle, of all joints, is {said}"
+
+
+def spring_lines(document: Document) -> list[str]:
+    """Every spring in words."""
+    return [f"Spring at joint {s['joint']}: {s['text']}." for s in document["springs"]]
+
+
+def notes(document: Document) -> list[str]:
+    """What a user should know before trusting the plan."""
+    left_out = document.get("left_out", {})
+    return [*document.get("warnings", []), *(f"Not in the plan: {term}, {why}." for term, why in left_out.items())]
 
 
 def figures(document: Document) -> list[Drawn]:
@@ -79,6 +102,16 @@ def figures(document: Document) -> list[Drawn]:
         caption = f"Joint {called}: position, speed and torque over one cycle, with limits and phases."
         found.append(drawn(plan_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
     return found
+
+
+def table(document: Document) -> dict[str, Any]:
+    """What is asked of every joint, and its limits: heads and rows."""
+    return {"heads": _HEADS, "rows": [_row(joint) for joint in document["joints"]]}
+
+
+def moving(model: Model, trajectory: Trajectory) -> dict[str, Any]:
+    """The arm's picture over one cycle."""
+    return picture(planned_motion(model, trajectory), _what(model, trajectory))
 
 
 def planned_motion(model: Model, trajectory: Trajectory) -> ArmMotion:

@@ -73,8 +73,8 @@ def _draw(axes: Sequence[Axes], document: Document, joint: int, named: bool) -> 
         torque.plot(t, samples["spring"][joint - 1], color=BEFORE, lw=1.1, ls="--", label="spring")
         torque.legend(frameon=False, fontsize=7.5, loc="upper left", ncols=2)
     _limits(position, q, limits["position"], units["position"])
-    _limits(speed, qd, _both_ways(limits["speed"]), f"{units['position']}/s")
-    _limits(torque, tau, _both_ways(limits["torque"]), units["force"])
+    _limits(speed, qd, both_ways(limits["speed"]), f"{units['position']}/s")
+    _limits(torque, tau, both_ways(limits["torque"]), units["force"])
     which = f" {joint}" if named else ""
     position.set_ylabel(f"position{which}, {units['position']}")
     speed.set_ylabel(f"speed{which}, {units['position']}/s")
@@ -88,7 +88,8 @@ def _draw(axes: Sequence[Axes], document: Document, joint: int, named: bool) -> 
         _phases(ax, document, named=False)
 
 
-def _both_ways(limit: float | None) -> tuple[float, float] | None:
+def both_ways(limit: float | None) -> tuple[float, float] | None:
+    """The ends of what a limit of a size allows."""
     return None if limit is None else (-limit, limit)
 
 
@@ -97,14 +98,19 @@ def _limits(ax: Axes, values: Array, limits: Sequence[float] | None, unit: str) 
     if limits is None:
         _note(ax, "no limit stated")
         return
-    low, high = float(values.min()), float(values.max())
-    room = (_NEAR - 1) * max(high - low, abs(low), abs(high), 1e-9)
-    near = [limit for limit in limits if low - room <= limit <= high + room]
+    near = near_limits(values, limits)
     for limit in near:
         ax.axhline(limit, color=BEFORE, lw=0.9, ls=(0, (4, 2)), zorder=1)
     if not near:
         low, high = limits
         _note(ax, f"limits ±{high:g} {unit}" if low == -high else f"limits {low:g} and {high:g} {unit}")
+
+
+def near_limits(values: Array, limits: Sequence[float]) -> list[float]:
+    """Those that are drawn beside a curve."""
+    low, high = float(values.min()), float(values.max())
+    room = (_NEAR - 1) * max(high - low, abs(low), abs(high), 1e-9)
+    return [limit for limit in limits if low - room <= limit <= high + room]
 
 
 def _note(ax: Axes, text: str) -> None:

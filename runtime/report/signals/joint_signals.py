@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import JointSeries, structure_shares
+from runtime.loop.held_out import HeldOut
 from runtime.motion import spectrum
+from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording
 from runtime.report.page import page_figures as figures
 from runtime.report.plots.joint_plots import PlotAxis, running_mean
@@ -31,7 +33,20 @@ def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
     the same."""
     before = first.joints[joint]
     after = None if last is first else last.joints[joint]
-    return of_series(before, after, added, (_spectrum(first, last, joint),))
+    steps = [first] if last is first else [first, last]
+    motion = first.identification.motion
+    residuals = [step.identification.fit.residual[joint] for step in steps]
+    return of_series(before, after, added, (_spectrum(before, residuals, motion),))
+
+
+def of_held_out(before: HeldOut | None, after: HeldOut, joint: int, added: str = "") -> SignalSet:
+    """A joint (0-based) on recordings that were held out, before and after what was added; one model without `before`,
+    or where that was judged on other rows."""
+    series = after.joints[joint]
+    if before is None or not np.array_equal(before.joints[joint].t, series.t):
+        return of_series(series, None, "", (_spectrum(series, [after.residuals[joint]], after.motion),))
+    own, residuals = before.joints[joint], [before.residuals[joint], after.residuals[joint]]
+    return of_series(own, series, added, (_spectrum(own, residuals, after.motion),))
 
 
 def of_series(
@@ -115,7 +130,8 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
     )
     lines = {name: values for name, (values, _) in rows.items()}
     t = figures.running_clock(recording.t, recording.run)[0]
-    return SignalSet(f"Joint {joint + 1} as recorded", t, lines, {}, panels, 0.0, force)
+    units = {name: unit for name, (_, unit) in rows.items()}
+    return SignalSet(f"Joint {joint + 1} as recorded", t, lines, {}, panels, 0.0, force, units)
 
 
 def _over(
@@ -159,22 +175,23 @@ def _means(axis: PlotAxis, y: Array, name: str, colour: Colour, dashed: bool = F
     return found
 
 
-def _spectrum(first: Step, last: Step, joint: int) -> SignalPanel:
-    """The residual over the frequency, with the white noise of the instruments and the peaks that stand out."""
-    motion, before = first.identification.motion, first.joints[joint]
+def _spectrum(before: JointSeries, residuals: Sequence[Array], motion: Motion) -> SignalPanel:
+    """The residual over the frequency, with the white noise of the instruments and the peaks that stand out.
+
+    residuals   (M,) of every row of a motion, of one model or before and after
+    """
     cutoff = motion.band.cutoff
-    steps: list[tuple[str, Colour, Step]] = [(BEFORE if last is not first else "", "before", first)]
-    if last is not first:
-        steps.append((AFTER, "after", last))
+    suffixes = (BEFORE, AFTER) if len(residuals) > 1 else ("",)
+    colours: tuple[Colour, ...] = ("before", "after")
     curves = []
-    for suffix, colour, step in steps:
-        frequency, density = figures.density(step, joint)
+    for suffix, colour, residual in zip(suffixes, colours, residuals, strict=False):
+        frequency, density = figures.amplitudes(residual, motion.row_rate)
         use = (frequency > 0) & (frequency <= cutoff) & (density > 0)
         curves.append(curve(RESIDUAL + suffix, colour, frequency[use], density[use]))
     drawn = [y for c in curves for y in c.y if y is not None]
     noise = float(before.floor.spectrum / np.sqrt(cutoff))
     low, high = (min(drawn), max(drawn)) if drawn else (1.0, 1.0)
-    peaks = spectrum.peaks(last.identification.fit.residual[joint], last.identification.motion.row_rate, cutoff)
+    peaks = spectrum.peaks(residuals[-1], motion.row_rate, cutoff)
     return SignalPanel(
         "curves",
         "Residual over frequency",

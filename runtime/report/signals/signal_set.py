@@ -10,7 +10,7 @@ import base64
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ class SignalSet:
     lines   (M,) each, drawn over time or as clouds
     axes    (M,) each, that clouds are drawn over
     floor   noise floor of the residuals, in `unit`; 0: there is none
-    unit    of the torque
+    unit    of the torque     units   of lines that are none
     """
 
     title: str
@@ -57,6 +57,7 @@ class SignalSet:
     panels: tuple[SignalPanel, ...]
     floor: float
     unit: str
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def pyramid(self) -> Pyramid:
@@ -86,6 +87,7 @@ class SignalSet:
             "signals": list(self.signals),
             "floor": self.floor,
             "unit": self.unit,
+            "units": dict(self.units),
             "panels": [panel.to_json() for panel in self.panels],
         }
 
@@ -144,6 +146,7 @@ class SignalSet:
     def save(self, path: Path) -> None:
         """As .npz. Raises OSError."""
         kept = {"title": self.title, "floor": self.floor, "unit": self.unit, "lines": list(self.lines)}
+        kept["units"] = dict(self.units)
         document = {**kept, "axes": list(self.axes), "panels": [panel.to_json() for panel in self.panels]}
         arrays = {f"line{k}": v for k, v in enumerate(self.lines.values())}
         arrays |= {f"axis{k}": v for k, v in enumerate(self.axes.values())}
@@ -165,6 +168,7 @@ class SignalSet:
                 tuple(SignalPanel.from_json(panel) for panel in document["panels"]),
                 document["floor"],
                 document["unit"],
+                document.get("units", {}),
             )
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 
 from markupsafe import Markup
+from nicegui.element import Element
 
 from runtime.report.page.filling import embedded, part
 from runtime.studio.history import JointError, SessionStep
 from runtime.studio.page.parts import markup, put
 from runtime.studio.page.view import PageView
+from runtime.studio.shown import Row
 from runtime.wording import MORE_THAN_NOISE, number, percent
 
 
@@ -20,9 +22,13 @@ def picture(view: PageView) -> None:
     if arm is None:
         put("p", "The rigid arm is that of your own model: the model file does not say how it looks.", "of")
         return
-    moving = {**arm, "data": Markup(embedded(arm["data"]))}
-    made = markup(part("arm_motion.html.j2", "arm_motion", moving), "arm-picture")
-    made.on("joint", lambda e: view.set(chosen=int(e.args["detail"]) + 1), ["detail"])
+    moving(arm).on("joint", lambda e: view.set(chosen=int(e.args["detail"]) + 1), ["detail"])
+
+
+def moving(arm: Row) -> Element:
+    """The picture of an arm in motion; it says "joint" with its number, from 0, where one is pressed."""
+    picture = {**arm, "data": Markup(embedded(arm["data"]))}
+    return markup(part("arm_motion.html.j2", "arm_motion", picture), "arm-picture")
 
 
 def joints(view: PageView) -> None:
@@ -60,9 +66,12 @@ def _joint(view: PageView, before: JointError, after: JointError, here: SessionS
     pressed = put("button", classes="bar-joint", type="button", aria_pressed=json.dumps(chosen), data_joint=after.joint)
     with pressed.on("click", lambda _: view.set(chosen=after.joint)):
         with put("span", classes="bar-head"):
-            put("span", classes="spot", data_level=level(after.floors))
+            unexplained = view.verdict is not None and after.joint in [
+                row["joint"] for row in view.verdict["left_over"]
+            ]
+            put("span", classes="spot", data_level="2" if unexplained else level(after.floors))
             put("b", f"Joint {after.called}")
-            put("span", _floors(after), "of")
+            put("span", "what is left is no noise of the instruments" if unexplained else _floors(after), "of")
         changed = here.number > 0
         _bar("fitted", before.relative if changed else None, after.relative, after.relative_floor, longest)
         if after.held is not None:

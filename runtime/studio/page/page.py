@@ -6,7 +6,7 @@ from nicegui import ui
 
 from runtime.report.page.filling import script, stylesheet
 from runtime.report.signals import SCRIPTS
-from runtime.studio.page import arm, joint_views, library, start, steps, trying, verdict, working
+from runtime.studio.page import arm, joint_views, library, plans, start, steps, trying, verdict, working
 from runtime.studio.page.parts import PageSection, put
 from runtime.studio.page.view import PageView
 from runtime.studio.studio import Studio
@@ -46,6 +46,7 @@ def _head() -> None:
     """Styles and scripts: those of the report, of the signals, and the page's own."""
     ui.add_head_html(f"<style>{stylesheet()}</style>")
     ui.add_head_html('<link rel="stylesheet" href="/static/page/studio.css">')
+    ui.add_head_html('<link rel="stylesheet" href="/static/page/plans.css">')
     ui.add_body_html(f"<script>{script()}</script>")
     for name in SCRIPTS:
         ui.add_body_html(f'<script src="/static/signals/{name}"></script>')
@@ -66,7 +67,9 @@ def _sections(view: PageView) -> list[PageSection]:
         return None if view.here is None or view.verdict is None else (view.here, view.busy, view.joint["joint"])
 
     def found() -> tuple[object, ...] | None:
-        return judged() if view.verdict is not None and view.verdict["findings"] else None
+        if view.here is None or view.verdict is None or not view.verdict["findings"]:
+            return None
+        return judged(), repr(studio.tried(view.here.number))
 
     def signals() -> None:
         joint_views.signals(view, f"{view.here.number}-{view.here.verdict}" if view.here else "")
@@ -121,4 +124,4 @@ def _sections(view: PageView) -> list[PageSection]:
             lambda: start.recordings(view),
         ),
     ]
-    return made
+    return [*made, *plans.sections(view)]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from runtime.report.page.filling import part
+from runtime.studio.session import SessionError
 
 
 def put(tag: str, text: str = "", classes: str = "", **attributes: Any) -> Element:
@@ -62,6 +63,10 @@ def folded(title: str, open_: bool = False) -> Iterator[None]:
         yield
 
 
+WRONG = (LookupError, TypeError, ValueError, AttributeError, OSError, ArithmeticError)
+"""What is raised of a session that holds something else than it should: the folder may be anyone's."""
+
+
 class PageSection:
     """A part of the page that is drawn anew when what it shows is another: `key` says what that is.
 
@@ -78,7 +83,10 @@ class PageSection:
 
     def look(self) -> None:
         """Draw it, if it has changed."""
-        key = self._key()
+        try:
+            key = self._key()
+        except WRONG as error:
+            key = _Wrong(str(error))
         if key == self._drawn:
             return
         self._drawn = key
@@ -87,7 +95,19 @@ class PageSection:
         if key is not None:
             with self._place:
                 try:
-                    self._draw()
-                except (KeyError, TypeError, ValueError, OSError) as error:  # the folder may be anyone's
+                    self._tell(key)
+                except WRONG as error:
                     self._place.clear()
-                    put("p", f"This part of the session cannot be shown: {error!r}", "warning")
+                    with self._place:
+                        put("p", f"This part of the session cannot be shown: {error!r}", "warning")
+
+    def _tell(self, key: object) -> None:
+        if isinstance(key, _Wrong):
+            raise SessionError(key.why)
+        self._draw()
+
+
+class _Wrong(NamedTuple):
+    """Why it is not known what a section shows."""
+
+    why: str

@@ -94,8 +94,6 @@ def _recording(view: PageView, place: int, given: GivenRecording, shown: Recordi
         put("p", rate + (f", {clock['gaps']} gaps" if clock["gaps"] else ""), "of")
     if shown["problem"]:
         put("p", shown["problem"], "warning", role="alert")
-    for suspicion in shown["inspection"].get("suspicions", []):
-        put("p", str(suspicion), "warning")
     cures(view, shown["cures"])
     for name in shown["signals"]:
         with folded(
@@ -110,9 +108,14 @@ def cures(view: PageView, found: list[Cure]) -> None:
     for cure in found:
         with put("div", classes="cure"):
             put("p", cure["said"])
-            if cure["maps"] or cure["gaps"]:
-                text = "Split at the gaps" if cure["gaps"] else f"Read it with {', '.join(cure['maps'])}"
-                button(text, partial(view.act, _cure, view, cure), "first", disabled=view.busy, data_do="cure")
+            cure_button(view, cure)
+
+
+def cure_button(view: PageView, cure: Cure) -> None:
+    """Where no person must decide, the button that puts it right and compares again."""
+    if cure["maps"] or cure["gaps"]:
+        text = "Split at the gaps" if cure["gaps"] else f"Read it with {', '.join(cure['maps'])}"
+        button(text, partial(view.act, _cure, view, cure), "first", disabled=view.busy, data_do="cure")
 
 
 def _cure(view: PageView, cure: Cure) -> None:

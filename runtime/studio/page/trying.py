@@ -50,12 +50,22 @@ def _other_values(view: PageView) -> None:
     name = view.tried_effect if view.tried_effect in active else next(reversed(active))
     with put("div", classes="acts"):
         choice("effect", [(n, n) for n in active], name, lambda value: view.set(tried_effect=value))
-    answer = _answer(view, _effect(active[name]))
-    units = {row["name"]: row["unit"] for row in active[name]["parameters"]}
-    for entry in filter(_movable, active[name]["ranges"]):
-        _slider(view, _effect(active[name]), entry, {} if answer is None else answer["values"], units[entry["name"]])
+    values(view, active[name])
+
+
+def values(view: PageView, row: Row, prefix: str = "") -> None:
+    """A slider for each value of an effect, of the model or named, and what would be left with what they are set to.
+
+    prefix   of the sliders' marks: the same effect may have them in two places
+    """
+    effect = _effect(row)
+    answer = _answer(view, effect)
+    units = {parameter["name"]: parameter["unit"] for parameter in row["parameters"]}
+    for entry in filter(_movable, row["ranges"]):
+        tried = {} if answer is None else answer["values"]
+        _slider(view, effect, entry, tried, (units[entry["name"]], f"try-{prefix}{entry['name']}"))
     if answer is not None:
-        _left(view, answer)
+        _left(answer)
 
 
 def _effect(row: Row) -> PlacedEffect:
@@ -74,8 +84,9 @@ def _answer(view: PageView, effect: PlacedEffect) -> TriedShown | None:
     return found if found is not None and PlacedEffect(found["effect"], found["joint"]) == effect else None
 
 
-def _slider(view: PageView, effect: PlacedEffect, entry: Row, tried: dict[str, float], unit: str) -> None:
+def _slider(view: PageView, effect: PlacedEffect, entry: Row, tried: dict[str, float], about: tuple[str, str]) -> None:
     name, low, high = entry["name"], entry["low"], entry["high"]
+    unit, mark = about
 
     def chosen(event: GenericEventArguments) -> None:
         values = {**tried, name: float(event.args["detail"])}
@@ -85,15 +96,14 @@ def _slider(view: PageView, effect: PlacedEffect, entry: Row, tried: dict[str, f
     with put("div", classes="acts"), put("label", classes="choice"):
         put("span", f"{name}: {number(value)} {unit}, fitted {number(entry['value'])}")
         slider = put("input", type="range", min=low, max=high, step=(high - low) / STEPS, value=value, data_emit="")
-        slider.props["data-do"], slider.props["disabled"] = f"try-{name}", view.busy or None
+        slider.props["data-do"], slider.props["disabled"] = mark, view.busy or None
         slider.on("chosen", chosen, ["detail"])
 
 
-def _left(view: PageView, answer: TriedShown) -> None:
+def _left(answer: TriedShown) -> None:
     """The error with the values that were tried, and the residual before and after."""
-    fitted = {j["joint"]: j["relative"] for j in view.shown["joints"]}
     for joint in answer["joints"]:
-        was, is_ = percent(fitted[joint["joint"]]), percent(joint["relative"])
+        was, is_ = percent(joint["fitted"]), percent(joint["relative"])
         put("p", f"Joint {joint['joint']}: error {was} as fitted, {is_} with these values.", role="status")
         put("tendon-signals", src=f"/data/{joint['signals']}")
 
@@ -150,7 +160,7 @@ def _deciding(view: PageView) -> None:
     put("p", "Designed within the limits of the model file and tried in simulation; that takes some minutes.", "of")
     with put("div", classes="acts"):
         for card in view.verdict["findings"]:
-            _designing(view, [_effect(row) for row in (card, *card["rival_terms"])])
+            designing(view, [_effect(row) for row in (card, *card["rival_terms"])])
     answer = view.studio.experiment(view.here.number)
     if answer is not None:
         put("p", sentence(answer["reason"]), role="status")
@@ -160,6 +170,7 @@ def _deciding(view: PageView) -> None:
         put("a", "Download the motion for your controller (CSV)", href=href, download="")
 
 
-def _designing(view: PageView, effects: Sequence[PlacedEffect]) -> None:
+def designing(view: PageView, effects: Sequence[PlacedEffect]) -> None:
+    """A button that designs the motion which tells effects apart, or one from the model as it is."""
     ask = partial(view.act, partial(view.studio.design, *effects))
     button(f"Design a motion: {' or '.join(map(str, effects))}", ask, disabled=view.busy, data_do="design")

@@ -6,10 +6,15 @@ from functools import partial
 from typing import Any
 
 from runtime.studio.history import PlacedEffect, SessionStep
+from runtime.studio.page import trying
 from runtime.studio.page.parts import button, filled_part, folded, put
+from runtime.studio.page.start import cure_button, cures
 from runtime.studio.page.view import PageView
 from runtime.studio.shown import Row, VerdictShown
 from runtime.wording import number, percent
+
+KINDS = ("effect", "more", "clean", "unexplained", "refused")
+"""Of a verdict: each has its colour."""
 
 TAGS = {"effect": "effect found", "more": "effect found, more is left", "clean": "clean"}
 
@@ -19,6 +24,7 @@ def banner(view: PageView) -> None:
     step, found = view.here, view.verdict
     assert step is not None
     kind, tag = ("comparison", "comparison") if found is None else (found["kind"], found["tag"])
+    kind = kind if kind in KINDS else "comparison"
     with put("p", classes="of"):
         put("span", tag, f"tag {kind}")
         put("span", f"step {step.number}: {step.title}")
@@ -29,10 +35,11 @@ def banner(view: PageView) -> None:
         quiet = all(joint["at_floor"] for joint in view.shown["joints"])
         put("p", "What is left of every joint's torque is at its noise floor." if quiet else view.shown["sentence"])
     _facts(view, step)
-    for cure in view.shown["cures"]:
-        with put("p", classes="warning"):
-            put("span", cure["said"])
+    if kind != "refused":
+        cures(view, view.shown["cures"])
     with put("div", classes="acts"):
+        for cure in view.shown["cures"] if kind == "refused" else ():
+            cure_button(view, cure)  # the sentence says what is wrong
         _next(view, found)
 
 
@@ -60,6 +67,8 @@ def _facts(view: PageView, step: SessionStep) -> None:
         return percent(after) if step.number == 0 else f"{percent(before)} → {percent(after)}"
 
     facts = [("error", fall(given.relative, here.relative)), ("noise floor", percent(here.relative_floor))]
+    if view.verdict is not None and view.verdict["left_over"]:
+        facts.append(("noise of the instruments alone", percent(view.joint["instruments"])))
     if here.held is not None and given.held is not None:
         facts.append(("error, held out", fall(given.held, here.held)))
         if here.held_floor is not None:
@@ -92,6 +101,8 @@ def _next(view: PageView, found: VerdictShown | None) -> None:
         put("a", "What to record", href="#record")
     if found["limits"]:
         put("a", "What was looked for and not found", href="#limits")
+    if not effects and found["kind"] != "refused":
+        put("a", "Would I see an effect in this motion?", href="#ask")
 
 
 def placed(row: Row) -> PlacedEffect:
@@ -115,7 +126,11 @@ def cards(view: PageView) -> None:
                 for rival in card["rival_terms"]:
                     effect = placed(rival)
                     _add(view, effect, f"Try {effect} instead")
+                trying.designing(view, [placed(card), *map(placed, card["rival_terms"])])
             filled_part("finding_of", {**card, "figures": []})
+            with put("div", data_values=card["title"]):
+                put("h4", "Try other values before it is added")
+                trying.values(view, card, f"{placed(card)}-")
 
 
 def _add(view: PageView, effect: PlacedEffect, text: str, classes: str = "") -> None:
@@ -136,6 +151,11 @@ def beside(view: PageView) -> None:
         put("h2", "The experiment that would decide", id_="experiment")
         filled_part("experiments_of", found["experiments"])
     _not_found(found)
+    if found["kind"] != "effect" and found["commands"]:
+        put("h2", "Go on in a terminal", id_="terminal")
+        for command in found["commands"]:
+            put("p", f"This {command['what']}:", "of")
+            put("pre", str(command["command"]))
     if found["warnings"]:
         put("h2", "Warnings")
         for warning in found["warnings"]:

@@ -39,6 +39,9 @@ def progress(view: PageView) -> None:
     found = view.studio.work
     assert found is not None
     put("progress", max=1, value=found.share, aria_label=found.what)
-    left = "" if found.left is None else f"about {number(max(found.left, 1.0), 2)} s left of this part"
-    said = ". ".join(filter(None, [*found.said[-1:], found.part, left]))
-    put("p", said, "of")
+    with put("ol", classes="parts"):
+        for k, part in enumerate(found.parts):
+            state = "done" if k < found.at else "current" if k == found.at else "to-come"
+            put("li", part, state, aria_current="step" if state == "current" else None)
+    left = "" if found.left is None else f"about {number(max(found.left, 1.0), 2)} s left of that"
+    put("p", ". ".join(filter(None, [*found.said[-1:], found.doing, left])), "of")

@@ -1,16 +1,9 @@
 "use strict";
 /* <tendon-signals src="…"> or around a script of data: panels that zoom each on their own and are lit together. */
 (() => {
-  const { number, plain, logarithmic, stretched, colours, place, Served, Embedded, statistics, draw, frame } = globalThis.TendonSignals;
-  const MARGIN = 1, OVERVIEW = 2048, NEAR = 24, ZOOM = 1.25, MOST_ZOOM = 1e6, FRAMES = 600;
+  const { plain, logarithmic, stretched, colours, Served, Embedded, draw, make, bar, tell, listen } = globalThis.TendonSignals;
+  const MARGIN = 1, OVERVIEW = 2048, MOST_ZOOM = 1e6, FRAMES = 600;
   const HELP = "Arrow keys move the view, plus and minus zoom, 0 shows all, S selects what is in view, Escape clears the selection.";
-
-  const make = (name, attributes = {}, ...inside) => {
-    const made = document.createElement(name);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    made.append(...inside);
-    return made;
-  };
 
   class Signals extends HTMLElement {
     static get observedAttributes() { return ["src"]; }
@@ -64,9 +57,9 @@
       this.said = make("div", { class: "signals-said", role: "status" });
       const help = make("p", { class: "signals-help", id: `help-${Math.random().toString(36).slice(2)}` }, HELP);
       this.panels.forEach((panel) => panel.canvas.setAttribute("aria-describedby", help.id));
-      this.replaceChildren(...(data ? [data] : []), this.bar(), this.said, this.group, help);
+      this.replaceChildren(...(data ? [data] : []), bar(this), this.said, this.group, help);
       this.readColours();
-      this.tell();
+      tell(this);
       this.panels.forEach((panel) => this.sizes.observe(panel.canvas));
       this.fit();
     }
@@ -84,7 +77,7 @@
       const [low, high] = this.extent(spec), margin = 0.01 * (panel.xAxis.to(high) - panel.xAxis.to(low)) || 0.5;
       panel.home = { u0: panel.xAxis.to(low) - margin, u1: panel.xAxis.to(high) + margin, v0: panel.yAxis.to(spec.low), v1: panel.yAxis.to(spec.high) };
       panel.view = { ...panel.home };
-      this.listen(panel);
+      listen(this, panel);
       return panel;
     }
 
@@ -94,55 +87,6 @@
       let low = Infinity, high = -Infinity;
       for (const x of values) { if (x < low) low = x; if (x > high) high = x; }
       return low <= high ? [low, high] : [0, 1];
-    }
-
-    /* --- the bar above the panels --- */
-
-    bar() {
-      const button = (text, what, act) => {
-        const made = make("button", { type: "button", "aria-label": what, title: what }, text);
-        made.addEventListener("click", act);
-        return made;
-      };
-      const modes = ["select", "move"].map((mode) => {
-        const made = button(mode === "select" ? "Select" : "Move", mode === "select" ? "Drag to select samples" : "Drag to move the view", () => this.setMode(mode));
-        made.dataset.mode = mode;
-        return made;
-      });
-      this.mode = "select";
-      this.modes = modes;
-      modes.forEach((made) => made.setAttribute("aria-pressed", String(made.dataset.mode === this.mode)));
-      const time = () => this.panels.find((panel) => panel.kind === "time") ?? this.panels[0];
-      return make("div", { class: "signals-bar", role: "toolbar", "aria-label": `View of ${this.spec.title}` },
-        make("span", { class: "signals-group" }, ...modes),
-        make("span", { class: "signals-group" },
-          button("−", "Zoom out in time", () => this.zoom(time(), ZOOM ** 3)),
-          button("+", "Zoom in in time", () => this.zoom(time(), ZOOM ** -3)),
-          button("All", "Show all of every panel", () => { this.panels.forEach((panel) => { panel.view = { ...panel.home }; }); this.touch(); })),
-        button("Clear selection", "Clear the selection", () => this.select(null)),
-        make("span", { class: "signals-legend" }, ...this.legend()));
-    }
-
-    legend() {
-      const found = new Map();
-      for (const panel of this.spec.panels) for (const line of [...panel.lines, ...panel.curves]) if (!found.has(line.name)) found.set(line.name, line);
-      if (found.size < 2) return [];
-      return [...found.values()].map((line) => {
-        const made = make("button", { type: "button", "aria-pressed": "true", "data-colour": line.colour, title: `Show or hide ${line.name}` },
-          make("span", { class: line.dashed ? "swatch dashed" : "swatch" }), line.name);
-        made.addEventListener("click", () => {
-          const hide = !this.off.has(line.name);
-          if (hide) this.off.add(line.name); else this.off.delete(line.name);
-          made.setAttribute("aria-pressed", String(!hide));
-          this.touch();
-        });
-        return made;
-      });
-    }
-
-    setMode(mode) {
-      this.mode = mode;
-      this.modes.forEach((made) => made.setAttribute("aria-pressed", String(made.dataset.mode === mode)));
     }
 
     /* --- views --- */
@@ -222,7 +166,7 @@
         this.lit = rows;
         this.touch();
       }
-      this.tell();
+      tell(this);
       this.dispatchEvent(new CustomEvent("selected", { bubbles: true, detail: ranges }));
     }
 
@@ -238,130 +182,6 @@
       if (panel.kind === "time") return { time: range.x };
       const line = panel.lines.find((own) => !this.off.has(own.name)) ?? panel.lines[0];
       return { [panel.x]: range.x, [line.line]: range.y };
-    }
-
-    tell() {
-      const { spec } = this, some = this.lit ?? this.rows, found = statistics(some, this.rows, spec);
-      const percent = (x) => `${number(100 * x)}\u00a0%`;
-      const facts = [
-        [this.lit ? "selected" : "all samples", `${found.samples.toLocaleString("en")} ${this.lit ? `(${percent(found.share)})` : ""}`],
-        ["time", found.samples ? `${number(found.from, 4)} … ${number(found.to, 4)} s` : "–"],
-        ...found.lines.filter((line) => !this.off.has(line.name)).flatMap((line) => [
-          [`${line.name}, mean`, `${number(line.mean)} ${spec.unit}`],
-          [`${line.name}, rms`, `${number(line.rms)} ${spec.unit}${spec.floor ? ` = ${number(line.floors)} × floor` : ""}`],
-          ...(this.lit && spec.floor ? [[`of all squares of ${line.name}`, percent(line.squares)]] : []),
-        ]),
-      ];
-      const list = make("dl", {}, ...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
-      this.said.toggleAttribute("data-lit", Boolean(this.lit));
-      this.said.replaceChildren(list, ...(found.estimated ? [make("p", {}, `Mean and rms of ${some.count.toLocaleString("en")} of them, picked at random.`)] : []));
-    }
-
-    /* --- pointer and keys --- */
-
-    listen(panel) {
-      const { canvas } = panel, pointers = new Map();
-      const here = (event) => { const box = canvas.getBoundingClientRect(); return { x: event.clientX - box.left, y: event.clientY - box.top }; };
-      const at = () => frame(panel, canvas.clientWidth, canvas.clientHeight);
-      const part = (p) => { const { box } = at(); return [(p.x - box.x) / box.w, 1 - (p.y - box.y) / box.h]; };
-      canvas.addEventListener("pointerdown", (event) => {
-        if (event.button > 1) return;
-        canvas.focus({ preventScroll: true });
-        canvas.setPointerCapture(event.pointerId);
-        pointers.set(event.pointerId, here(event));
-        const moving = (this.mode === "move") !== (event.shiftKey || event.button === 1) || panel.kind === "curves";
-        this.drag = pointers.size > 1 ? null : { panel, moving, from: here(event), range: null };
-      });
-      canvas.addEventListener("pointermove", (event) => {
-        const now = here(event), was = pointers.get(event.pointerId);
-        if (!was) { this.hover(panel, at(), now); return; }
-        if (pointers.size === 2) {
-          const [other] = [...pointers].filter(([id]) => id !== event.pointerId).map(([, p]) => p);
-          const wide = (a) => Math.hypot(a.x - other.x, a.y - other.y) || 1;
-          const [x, y] = part({ x: (now.x + other.x) / 2, y: (now.y + other.y) / 2 });
-          this.zoom(panel, wide(was) / wide(now), x, y);
-        } else if (this.drag?.moving) {
-          const { box } = at();
-          this.move(panel, -(now.x - was.x) / box.w, (now.y - was.y) / box.h);
-        } else if (this.drag) {
-          this.drag.range = this.rectangle(panel, at(), this.drag.from, now);
-          this.linked(panel).forEach((other) => this.touch(other));
-        }
-        pointers.set(event.pointerId, now);
-      });
-      const up = (event) => {
-        if (!pointers.delete(event.pointerId)) return;
-        const { drag } = this;
-        this.drag = null;
-        if (drag?.range && event.type === "pointerup") { this.select(this.ranges(panel, drag.range), panel); this.selection.range = drag.range; }
-        else if (drag && !drag.moving && event.type === "pointerup") this.select(null);
-        this.touch(panel);
-      };
-      for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, up);
-      canvas.addEventListener("pointerleave", () => this.leave());
-      canvas.addEventListener("dblclick", () => { this.setView(panel, panel.home); });
-      canvas.addEventListener("wheel", (event) => {
-        if (!(event.ctrlKey || event.metaKey || document.activeElement === canvas)) return;
-        event.preventDefault();
-        const [x, y] = part(here(event));
-        if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) this.move(panel, event.deltaX / at().box.w, 0);
-        else this.zoom(panel, ZOOM ** (event.deltaY / 100), x, y);
-      }, { passive: false });
-      canvas.addEventListener("keydown", (event) => this.key(panel, event));
-    }
-
-    rectangle(panel, at, from, to) {
-      const { box } = at, inside = (p) => ({ x: Math.min(Math.max(p.x, box.x), box.x + box.w), y: Math.min(Math.max(p.y, box.y), box.y + box.h) });
-      const [a, b] = [from, to].map(inside);
-      if (Math.abs(a.x - b.x) < 3) return null;
-      const x = [a.x, b.x].sort((p, q) => p - q).map(at.valueX);
-      return panel.kind === "time" ? { x } : { x, y: [a.y, b.y].sort((p, q) => q - p).map(at.valueY) };
-    }
-
-    key(panel, event) {
-      const { u0, u1, v0, v1 } = panel.view, acts = {
-        ArrowLeft: () => this.move(panel, -0.1, 0), ArrowRight: () => this.move(panel, 0.1, 0),
-        "+": () => this.zoom(panel, 1 / ZOOM), "=": () => this.zoom(panel, 1 / ZOOM), "-": () => this.zoom(panel, ZOOM),
-        0: () => this.setView(panel, panel.home), Escape: () => this.select(null),
-      };
-      if (panel.kind === "over") Object.assign(acts, { ArrowUp: () => this.move(panel, 0, 0.1), ArrowDown: () => this.move(panel, 0, -0.1) });
-      if (panel.kind !== "curves") acts.s = acts.S = () => {
-        const range = { x: [u0, u1].map(panel.xAxis.from), y: [v0, v1].map(panel.yAxis.from) };
-        this.select(this.ranges(panel, range), panel);
-      };
-      if (!acts[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
-      event.preventDefault();
-      acts[event.key]();
-    }
-
-    /* The sample under the pointer: read in its panel, and shown in all. */
-    hover(panel, at, p) {
-      const { signals, count } = this.rows, { box } = at;
-      if (!count || panel.kind === "curves" || p.x < box.x || p.x > box.x + box.w) { this.leave(); return; }
-      let k = -1;
-      if (panel.kind === "time") {
-        k = Math.min(place(signals.time, at.valueX(p.x)), count - 1);
-      } else {
-        let least = NEAR ** 2;
-        const [line] = panel.lines.filter((own) => !this.off.has(own.name));
-        for (let i = 0; line && i < count; i++) {
-          const far = (at.x(signals[panel.x][i]) - p.x) ** 2 + (at.y(signals[line.line][i]) - p.y) ** 2;
-          if (far < least) { least = far; k = i; }
-        }
-      }
-      if (k < 0) { this.leave(); return; }
-      this.near = Object.fromEntries(Object.entries(signals).map(([name, x]) => [name, x[k]]));
-      const read = [`${number(this.near.time, 5)} s`, ...(panel.kind === "over" ? [`${panel.x} ${number(this.near[panel.x])}`] : []),
-        ...panel.lines.filter((line) => !this.off.has(line.name)).map((line) => `${line.name} ${number(this.near[line.line])}`)];
-      this.panels.forEach((other) => { other.reading.textContent = other === panel ? read.join(", ") : ""; });
-      this.touch();
-    }
-
-    leave() {
-      if (!this.near) return;
-      this.near = null;
-      this.panels.forEach((panel) => { panel.reading.textContent = ""; });
-      this.touch();
     }
 
     /* --- drawing --- */
