@@ -39,6 +39,9 @@ ON = "simulation"
 def open_plans(bench: Bench, tell: Tell, files: Sequence[Mapping[str, str]]) -> Found:
     """Open trajectories, scenarios, which are planned, and tables of sweeps."""
     opened, found = bench.opened(), []
+    tell.parts(
+        ["deriving and compiling the model", "evaluating the plan", "optimizing the motion", "reading the table"]
+    )
     for k, entry in enumerate(files):
         path, name = opened.session.folder / "given" / entry["file"], entry["name"]
         work, kind = opened.session.scratch / f"opened{k}", path.suffix.lower()
@@ -47,7 +50,7 @@ def open_plans(bench: Bench, tell: Tell, files: Sequence[Mapping[str, str]]) -> 
         elif kind == ".toml":
             _plan_scenario(opened, tell, path, name, work)
         else:
-            tell.part(f"reading {name}")
+            tell.part("reading the table")
             write(empty(work) / "sweep.json", _sweep(name, variations(read(path, MOST_JOBS))))
         found.append({"shelf": "plans" if kind in (".json", ".toml") else "sweeps", "made": work.name})
     return {"opened": found}
@@ -58,7 +61,7 @@ def _open_trajectory(opened: Opened, tell: Tell, path: Path, name: str, work: Pa
     tell.part("deriving and compiling the model")
     model = source.model()
     planned = trajectory.read(path, model)
-    tell.part(f"evaluating {name}")
+    tell.part("evaluating the plan")
     _keep(empty(work), name, source, planned, plain(results.stated(model, planned)), None)
 
 
@@ -74,6 +77,7 @@ def _plan_scenario(opened: Opened, tell: Tell, path: Path, name: str, work: Path
 def plan_point(bench: Bench, tell: Tell, sweep: int, point: int, scenario: str) -> Found:
     """Plan a sweep's point again, with the first guesses that the sweep had for its best one."""
     opened = bench.opened()
+    tell.parts(["deriving and compiling the model", "optimizing the motion"])
     shown = opened.session.document(opened.session.folder / "sweeps" / str(int(sweep)) / "sweep.json")
     asked_for: PointShown = shown["points"][int(point)]
     if asked_for["cost"] is None:
@@ -104,7 +108,7 @@ def _optimized(
     swept: SweptAt | None,
 ) -> None:
     """A scenario planned, into a folder. Raises SessionError where no motion meets all constraints."""
-    tell.part(f"optimizing {case.name}")
+    tell.part("optimizing the motion")
     model = source.model()
     try:
         plan = optimize(model, case, settings)
@@ -118,6 +122,7 @@ def _optimized(
 def execute_plan(bench: Bench, tell: Tell, plan: int) -> Found:
     """Execute a plan on the simulated arm, as `tendon execute --on simulation` does."""
     opened = bench.opened()
+    tell.parts(["deriving and compiling the model and its controller", "executing the trials", "drawing what happened"])
     home = opened.session.folder / "plans" / str(int(plan))
     source = Source.read(home / "model.toml", opened.effects)
     tell.part("deriving and compiling the model and its controller")
