@@ -149,8 +149,8 @@ class TwistFit:
 
 
 def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
-    """The twist equation of a joint (0-based); None without a link-side encoder or without motion."""
-    if not problem.motion.has("twist", joint) or not problem.motion.moving(joint).any():
+    """The twist equation of a joint (0-based); None without a link-side encoder, or where rests reach all rows."""
+    if not problem.motion.has("twist", joint) or not problem.motion.untouched(joint).any():
         return None
     errors = _load_errors(problem, fit, joint)
     skew, equation = 0.0, _equation(problem, fit, joint, 0.0, errors)

@@ -13,9 +13,11 @@ from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.diagnose import diagnose
 from runtime.diagnosis.twist import witnessed
 from runtime.estimation.identify import identify
+from runtime.estimation.problem import Problem
 from runtime.estimation.twist import TwistFit, fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term
+from runtime.motion.settings import UNTOUCHED
 from runtime.recordings.recording import Recording
 from tests.plants import LINK, ROTOR
 
@@ -135,3 +137,17 @@ def test_a_gap_is_told_from_a_spring(drive: Model) -> None:
     assert fit.skew.value == pytest.approx(2.5e-3, rel=0.1)
     field, _ = fitted(drive, pushed(3, Transmission()))
     assert [w.term for w in witnessed(field)] == [ELASTICITY]
+
+
+def test_rests_that_reach_every_row_leave_nothing_of_the_twist(drive: Model) -> None:
+    """A joint that turns again and again: friction is known at no row for sure."""
+    found = identify(drive, [pushed(3, Transmission(), seconds=8.0)])
+    assert fit_twist(found.problem, found.fit, 0) is not None
+    pieces = [
+        replace(piece, without=tuple(replace(w, left=np.full_like(w.left, UNTOUCHED / 2)) for w in piece.without))
+        for piece in found.motion.pieces
+    ]
+    motion = replace(found.motion, pieces=tuple(pieces))
+    assert motion.moving(0).any()
+    layout, prediction = found.problem.layout, found.problem.regressors.prediction
+    assert fit_twist(Problem(drive, motion, layout.terms, prediction), found.fit, 0) is None

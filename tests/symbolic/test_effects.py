@@ -53,6 +53,7 @@ TABLE = {
 IN_SPACE = {name: effect for name, effect in DECLARED.items() if effect != LIBRARY[name]}
 EVERY = LIBRARY | {f"{name} in space": effect for name, effect in IN_SPACE.items()}
 EFFECTS = pytest.mark.parametrize("effect", EVERY.values(), ids=EVERY)
+LEVEL = SIGNAL["level"].symbol
 # Sums of a handful of terms of order 1 to 1e3, and exponentials of arguments up to 1e2.
 CLOSE = {"rel_tol": 1e-9, "abs_tol": 1e-12}
 
@@ -169,7 +170,8 @@ def test_units(effect: Effect, joint_type: str, data: st.DataObject) -> None:
     results += [(s.initial, s.unit) for s in effect.states]
     for expr, unit in results:
         # Constants that keep quotients finite have no unit: 1e-9 N m of level, 1e-7 rad/s, where all else cancels.
-        near = 1e-8 * max(1.0, scale(unit))
+        levels = [abs(read[LEVEL]) for read in (values, other) if read.get(LEVEL)]
+        near = 1e-8 * max(1.0, scale(unit), *(1 / level for level in levels))
         assert math.isclose(evaluate(expr, other), evaluate(expr, values) * scale(unit), rel_tol=1e-6, abs_tol=near)
 
 
