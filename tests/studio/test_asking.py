@@ -43,7 +43,8 @@ def test_a_slider_says_what_would_be_left_and_a_hidden_effect_whether_it_would_b
         fitted, tried = (float(text.split(" %")[0].split()[-1]) for text in said.inner_text().split("as fitted"))
         assert tried > 5 * fitted
         ask.locator("tendon-signals").wait_for()
-        hide = page.locator("[data-do=hide]")
+        hide = page.locator("[data-do=hide]:not([disabled])")
+        hide.wait_for(timeout=PATIENCE)  # the work before has ended, and the page is drawn anew
         ask.get_by_label("effect").last.select_option("stribeck")
         ask.get_by_text("Hide stribeck@1").wait_for()
         hide.click()

@@ -157,7 +157,8 @@ def test_the_held_out_recording_is_drawn_beside_in_the_same_way(browser: Any, fi
     with studio(tmp_path, reopened(fitted, tmp_path)) as address:
         page = Watched(browser, address).page
         page.click("[data-do=held-out]", timeout=SOON)
-        page.wait_for_function("document.querySelectorAll('#joint tendon-signals[data-ready]').length === 2")
+        for k in (0, 1):
+            page.locator("#joint tendon-signals[data-ready]").nth(k).wait_for(timeout=SOON)
         one, other = (page.locator("#joint tendon-signals").nth(k) for k in (0, 1))
         for part in ("figcaption b", ".signals-legend button"):
             assert one.locator(part).all_inner_texts() == other.locator(part).all_inner_texts()
