@@ -26,10 +26,14 @@ def write(files: Mapping[str, str], directory: Path) -> None:
     Where folders cannot change names at once (an older system, the folder in which the user stands, a mount), each file
     is replaced by itself.
     """
-    if not stale(files, directory):
-        return
     target = Path(os.path.realpath(directory))
     target.parent.mkdir(parents=True, exist_ok=True)
+    with alone_in(target.parent):
+        if stale(files, target):
+            _replace_all(files, target)
+
+
+def _replace_all(files: Mapping[str, str], target: Path) -> None:
     if _is_moved_by_none(target) and os.access(target.parent, os.W_OK):
         with scratch(target.parent, f".{target.name}.making-") as own:
             made = own / "tree"
@@ -80,6 +84,17 @@ def scratch(parent: Path, prefix: str) -> Iterator[Path]:
     finally:
         shutil.rmtree(own, ignore_errors=True)
         os.close(held)
+
+
+@contextlib.contextmanager
+def alone_in(parent: Path) -> Iterator[None]:
+    """One after the other changes names in a folder: what a user has in it is not copied while another exchanges it."""
+    descriptor = os.open(parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def named(error: OSError, path: Path) -> OSError:

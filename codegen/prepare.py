@@ -125,15 +125,19 @@ def prepare_firmware(
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
-    """The directory that holds render.effect_files(effects) and `lib.so`; None stands for the library as shipped, as
-    planar arms have it or those in space."""
+    """The directory that holds render.effect_files(effects), `lib.so`, and `machine.so`, which runs CasADi functions.
+
+    None stands for the library as shipped, as planar arms have it or those in space."""
     chosen = None if effects is None else tuple(effects)
     content = _shipped(space) if chosen is None else "\n".join(map(said_of, chosen))
 
     def fill(directory: Path) -> None:
         from codegen import render
+        from codegen.casadi.machine import machine_page
         from symbolic.effects import shipped
 
+        page = {"machine.c": machine_page()}
+        shutil.copyfile(build.shared_library(page, "machine", build.LOOPS), directory / "machine.so")
         _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
     return cache.entry(f"effects-{build.key(_sources(), content)}", fill)

@@ -18,12 +18,24 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from runtime.interruption import heard_afterwards
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _WORTH_FORKING = 1.0  # s
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within, the linear algebra library works in one thread, also where it was loaded before this package could say
+    so: with small matrices on all cores its threads wait for each other."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @dataclass(frozen=True)
@@ -144,9 +156,11 @@ def _forked(
     todo, give = os.pipe()
     workers: dict[int, int] = {}
     try:
-        for _ in range(min(cores(), len(indices))):
-            pid, results = _worker(function, parts, todo, give)
-            workers[pid] = results
+        # A thread each: what the linear algebra library has of them is copied as it stands.
+        with one_thread(), heard_afterwards():
+            for _ in range(min(cores(), len(indices))):
+                pid, results = _worker(function, parts, todo, give)
+                workers[pid] = results
         os.close(todo)
         todo = -1
         with selectors.DefaultSelector() as selector:
@@ -207,15 +221,20 @@ def _worker(function: Callable[[T], R], parts: Sequence[T], todo: int, give: int
         # Other threads of this process (a spinner, a timer) hold nothing that the parts need.
         warnings.simplefilter("ignore", DeprecationWarning)
         pid = os.fork()
-    if pid:
-        os.close(write)
-        return pid, read
+    if not pid:
+        os.close(give)
+        os.close(read)
+        _work(function, parts, todo, write)
+    os.close(write)
+    return pid, read
+
+
+def _work(function: Callable[[T], R], parts: Sequence[T], todo: int, write: int) -> NoReturn:
+    """What a process does that was forked: nothing of what its parent would do next."""
     status = 1
     try:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-        os.close(give)
-        os.close(read)
         _listener.set(None)
         _cores.set(1)
         while token := os.read(todo, 4):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Sequence
 
 MORE_THAN_NOISE = 1.5
 """Noise floors; what is left of a joint's torque below it is shown as noise."""
@@ -43,9 +44,26 @@ def numbered(joint: int, name: str | None) -> str:
     return str(joint) if name is None else f"{joint} {name}"
 
 
+def joints_said(joints: Sequence[int], count: int | None = None) -> str:
+    """Some joints by their numbers, counted from 1; count: of the arm, where all of them go by one word."""
+    if count is not None and 1 < len(joints) == count:
+        return "all joints"
+    return f"joint{'' if len(joints) == 1 else 's'} {', '.join(map(str, joints))}"
+
+
+def fixed(value: float, digits: int = 3) -> str:
+    """As many decimals, for columns; what rounds to zero has no sign."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
+
+
 def whole(value: float) -> str:
     """To the nearest whole number."""
     return f"{round(value):d}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def fall(by: float, said: Callable[[float], str] = whole) -> str:
+    """That something falls by so much, or rises where that is negative."""
+    return f"{'rises' if by < 0 else 'falls'} by {said(abs(by))}"
 
 
 def whole_apart(value: float, other: float) -> str:

@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symbolic.model_file.checks import quote
+from symbolic.model_file.checks import printable, quote
 
 # Everything heavy (SymPy, CasADi, SciPy) is imported where it is needed, so that --help is quick.
 if TYPE_CHECKING:
@@ -131,6 +131,18 @@ class Source:
 
         return FirmwareTree.of(derive(self.arm()), self.library, directory)
 
+    def joint_number(self, said: str) -> int:
+        """The joint that is meant by a number or a name, from 1. Raises UsageError."""
+        from symbolic.model_file import joint_names
+
+        names = [joint.name for joint in self.arm().joints]
+        number = joint_names.joint_number(said, names)
+        if number is None:
+            raise UsageError(
+                f"{self.path}: there is no joint {printable(said)}; expected {joint_names.expected(names)}"
+            )
+        return number
+
     def add(self, text: str, effect: str, joint: int | None, values: Mapping[str, float] | None = None) -> str:
         """`text` with an effect more."""
         from symbolic.model_file import editor
@@ -235,7 +247,8 @@ class Source:
 
         made, missing = self._with_bodies(language)
         if onto is not None:
-            return urdf_onto(made, onto), exporting.document(made, missing)
+            rewritten = urdf_onto(made, onto)
+            return rewritten.data, exporting.document(made, missing, rewritten.kept)
         text = (written.urdf if language == "urdf" else written.mjcf)(made)
         return text.encode(), exporting.document(made, missing)
 

@@ -104,7 +104,7 @@ class DescribedParameter:
     scale     a typical size, SI: an optimization counts in it, so that its unknown is about one
     says      the words with which a plan gives its value; None: its name
     abroad    what files of simulators (URDF, MJCF) call it, where they have it: the "damping" or the dry "friction" of
-              a joint, the "stiffness" of a spring and its "rest"
+              a joint, the "stiffness" of a spring and its "rest"; gravity along the base's axes
     space     only an effect of an arm in space has it; on a planar one it is as if it were zero
     """
 
@@ -121,7 +121,7 @@ class DescribedParameter:
     planned: Literal["", "size", "place"] = ""
     scale: float = 1.0
     says: str | None = None
-    abroad: Literal["", "damping", "friction", "stiffness", "rest"] = ""
+    abroad: Literal["", "damping", "friction", "stiffness", "rest", "gravity x", "gravity y", "gravity z"] = ""
     space: bool = False
 
 

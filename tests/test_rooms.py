@@ -33,7 +33,7 @@ codegen.firmware
 codegen.verify
 codegen.descriptions codegen.prepare
 
-runtime.files runtime.plain_json runtime.wording runtime.setting runtime.progress
+runtime.files runtime.plain_json runtime.wording runtime.setting runtime.interruption runtime.progress
 runtime.model
 runtime.exchange
 runtime.recordings
@@ -69,6 +69,7 @@ PLAIN = {
         "model_file.arm",
         "model_file.checks",
         "model_file.fields",
+        "model_file.joint_names",
         "model_file.tables",
         "model_file.user_file",
     )

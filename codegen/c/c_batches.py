@@ -1,27 +1,31 @@
 """C99 of the effects library for NumPy: along the samples of a recording, in double precision.
 
-All take the same arguments, whatever an effect reads: one array a signal, and the parameters as one array in declared
-order. The states are simulated along the samples from their initial values.
+All take the same arguments, whatever an effect reads: one array a signal at every joint, and the parameters as one
+array in declared order. The states are simulated along the samples from their initial values.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import sympy as sp
 
 from codegen import effect_functions as ef
-from codegen.c.c_code import LOOP, Precision, Routine, assign, comment, declaration, indent, row
+from codegen.c.c_code import LOOP, Precision, Routine, assign, comment, declaration, indent
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import DT, SIGNALS, Effect
 from symbolic.functions import Output, SymbolicFunction
 
-_TAKEN = frozenset({s.name for s in SIGNALS} | {"count", "s", "dt", "p", "x", "out", "k", "i", "j", "own", "row"})
-
 LANES = 8
 """Choices of parameters along which a memory is simulated at once: what each waits for, the others fill, and they share
 the processor's vectors."""
+
+_TAKEN = frozenset({s.name for s in SIGNALS} | set("sijkpx") | {"count", "joints", "dt", "out", "at", "own"})
+_EACH_JOINT = "for (size_t at = 0; at < joints; ++at) {"
+_EACH_SAMPLE = "for (size_t k = 0; k < count; ++k) {"
+_EACH_LANE = f"for (size_t j = 0; j < {LANES}; ++j) {{"
 
 
 def signals_type(precision: Precision) -> str:
@@ -31,195 +35,160 @@ def signals_type(precision: Precision) -> str:
     return "\n".join([note, "typedef struct {", *arrays, f"}} tendon_signals_{precision.suffix};"])
 
 
-def columns_type(precision: Precision) -> str:
-    """What `columns` of every effect are called as."""
+def arguments_of(precision: Precision) -> list[str]:
+    """Of all that runs along the samples."""
     kind, suffix = precision.kind, precision.suffix
-    note = comment("Columns along `count` samples, of one choice of parameters or, with a memory, of several at once.")
-    arguments = f"size_t count, const tendon_signals_{suffix} *s, {kind} dt, const {kind} *p, {kind} *out"
-    return f"{note}\ntypedef void tendon_columns_{suffix}({arguments});"
+    read = [f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
+    return ["size_t count", "size_t joints", *read, f"{kind} *restrict out"]
 
 
 def batches(effect: Effect, precision: Precision) -> list[Routine]:
     """Along the samples: `columns` (rows: fixed part, then one a linear parameter), `torque` and, where there are
     any, `states`, and `columns` of several choices of parameters at once."""
     functions = [ef.columns(effect), ef.torque(effect), *([ef.states(effect)] if effect.states else [])]
-    at_once = [_at_once(effect, precision)] if effect.states else []
-    return [*(_batch(effect, function, precision) for function in functions), *at_once]
+    found = [_AlongSamples(effect, function, precision).routine() for function in functions]
+    return [*found, *([_AtOnce(effect, functions[0], precision).routine()] if effect.states else [])]
 
 
-def _with_steps(effect: Effect, function: SymbolicFunction) -> Tape:
-    """Outputs and the states' steps on one tape, which share what they have in common."""
-    steps = tuple(sp.sympify(s.step) for s in effect.states)
-    outputs = (*function.outputs, Output("x_next", steps, (len(steps),), "", ""))
-    return Tape.of(replace(ef.step(effect), outputs=outputs, definitions=()))
+@dataclass(frozen=True)
+class _AlongSamples:
+    """A function of an effect along the samples at every joint, and its memory with it."""
+
+    effect: Effect
+    function: SymbolicFunction
+    precision: Precision
+
+    @property
+    def rows(self) -> int:
+        return len(self.function.outputs[0].expressions)
+
+    def routine(self) -> Routine:
+        effect, kind, states = self.effect, self.precision.kind, len(self.effect.states)
+        arguments = {"s": {s.symbol for s in effect.signals}, "dt": {DT}, "p": {p.symbol for p in effect.parameters}}
+        body = [
+            *(f"(void){name};" for name, symbols in arguments.items() if not symbols & self._read),
+            *([f"{kind} x[{states}];", "if (count == 0U) {", "    return;", "}"] if states else []),
+            *self._at_joints(),
+        ]
+        rows = f"{self.rows} row{'s' if self.rows > 1 else ''}"
+        note = comment(f"{self.function.name} along `count` samples, {rows} a joint in `out`.")
+        return Routine(note, self._declared("batch"), indent(body, 1))
+
+    def _declared(self, how: str) -> str:
+        head = f"void tendon_{self.function.name}_{how}_{self.precision.suffix}"
+        return declaration(head, arguments_of(self.precision))
+
+    @cached_property
+    def _start(self) -> Tape:
+        return Tape.of(ef.start(self.effect))
+
+    @cached_property
+    def _step(self) -> Tape:
+        return Tape.of(ef.step(self.effect))
+
+    @cached_property
+    def _both(self) -> Tape:
+        """Outputs and the states' steps on one tape, which share what they have in common."""
+        steps = tuple(sp.sympify(s.step) for s in self.effect.states)
+        outputs = (*self.function.outputs, Output("x_next", steps, (len(steps),), "", ""))
+        return Tape.of(replace(ef.step(self.effect), outputs=outputs, definitions=()))
+
+    @cached_property
+    def _read(self) -> set[object]:
+        return _leaves(self._both) | _leaves(self._start)
+
+    def _at_joints(self) -> list[str]:
+        """The memory of every joint is its own, or one for all."""
+        between = {s.symbol for s in self.effect.signals if s.between}
+        own = _leaves(self._step) | _leaves(self._start)
+        if not between or between & own:
+            sample = self._in_lanes(self._both, self.rows)
+            vectors = [] if self.effect.states else [LOOP]
+            joint = [*self._arrays(self._read, "at"), *self._begun(), *vectors, *_block(_EACH_SAMPLE, sample)]
+            return _block(_EACH_JOINT, joint)
+        # What gives way at its own joint is felt at all, and its memory reads what is the same at each.
+        felt = Tape.of(self.function)
+        joint = [*self._arrays(_leaves(felt) - own, "at"), *self._in_lanes(felt, self.rows)]
+        sample = [*_block(_EACH_JOINT, joint), *self._in_lanes(self._step, 0)]
+        return [*self._arrays(own, "0"), *self._begun(), *_block(_EACH_SAMPLE, sample)]
+
+    def _arrays(self, read: set[object], at: str) -> list[str]:
+        """Statements that name the arrays of the signals that are read, at a joint."""
+        names = [s.name for s in self.effect.signals if s.symbol in read]
+        return [f"const {self.precision.kind} *restrict {name} = s[{at}].{name};" for name in names]
+
+    def _begun(self) -> list[str]:
+        """Statements that set the states from the first sample."""
+        if not self.effect.states:
+            return []
+        lines, texts = self._printed(self._start, "0")
+        begun = [*lines, *assign([self._state(i) for i in range(len(texts))], texts)]
+        # What the samples call their own intermediate values stays free.
+        return self._each_lane(_block("{", begun) if lines else begun)
+
+    def _in_lanes(self, tape: Tape, rows: int) -> list[str]:
+        """Statements at sample k: so many rows first, then the states of the next sample, where there are any."""
+        lines, texts = self._printed(tape, "k")
+        lines += assign([self._out(i) for i in range(rows)], texts[:rows])
+        lines += [self.precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
+        steps = range(len(texts) - rows)
+        return self._each_lane(lines + assign([self._state(i) for i in steps], [f"next{i}" for i in steps]))
+
+    def _printed(self, tape: Tape, at: str) -> tuple[list[str], list[str]]:
+        leaves = {p.symbol: self._parameter(i) for i, p in enumerate(self.effect.parameters)} | {DT: "dt"}
+        leaves |= {s.symbol: self._state(i) for i, s in enumerate(self.effect.states)}
+        leaves |= {s.symbol: f"{s.name}[{at}]" for s in self.effect.signals}
+        taken = _TAKEN | {f"next{i}" for i in range(len(self.effect.states))}
+        return Printer(self.precision.language, tape, leaves, taken).print()
+
+    def _each_lane(self, lines: list[str]) -> list[str]:
+        return lines
+
+    def _parameter(self, i: int) -> str:
+        return f"p[{i}]"
+
+    def _state(self, i: int) -> str:
+        return f"x[{i}]"
+
+    def _out(self, i: int) -> str:
+        return f"out[({self.rows}U * at + {i}U) * count + k]"
 
 
-def _at_once(effect: Effect, precision: Precision) -> Routine:
-    """`columns` of LANES choices of parameters along the same samples."""
-    kind, suffix, function = precision.kind, precision.suffix, ef.columns(effect)
-    rows, width = len(function.outputs[0].expressions), len(effect.parameters)
-    begun, begin = _in_lane(effect, ef.start(effect), "0", precision)
-    tape, step = _in_lane(effect, function, "k", precision)
-    read = {node.value for t in (begun, tape) for node in t.nodes if node.op == "leaf"}
-    lanes = f"for (size_t j = 0; j < {LANES}; ++j) {{"
-    body = [
-        *([] if DT in read else ["(void)dt;"]),
-        *(f"const {kind} *restrict {s.name} = s->{s.name};" for s in effect.signals if s.symbol in read),
-        f"{kind} own[{width}][{LANES}];",
-        f"{kind} x[{len(effect.states)}][{LANES}];",
-        *("if (count == 0U) {", "    return;", "}", lanes),
-        *(f"    for (size_t i = 0; i < {width}; ++i) {{", f"        own[i][j] = p[{width} * j + i];", "    }"),
-        *(f"    {line}" for line in begin),
-        *("}", "for (size_t k = 0; k < count; ++k) {"),
-        *(f"    {kind} row[{rows}][{LANES}];", f"    {LOOP}", f"    {lanes}"),
-        *(f"        {line}" for line in step),
-        *("    }", f"    {lanes}", f"        for (size_t i = 0; i < {rows}; ++i) {{"),
-        *(f"            out[({rows} * j + i) * count + k] = row[i][j];", "        }", "    }", "}"),
-    ]
-    what = f"{function.name} of {LANES} choices of parameters, p ({LANES}, {width})"
-    arguments = ["size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
-    head = f"void tendon_{function.name}_at_once_{suffix}"
-    return Routine(
-        comment(f"{what}; out ({LANES}, {rows}, count)."),
-        declaration(head, [*arguments, f"{kind} *restrict out"]),
-        indent(body, 1),
-    )
+@dataclass(frozen=True)
+class _AtOnce(_AlongSamples):
+    """Of LANES choices of parameters."""
+
+    def routine(self) -> Routine:
+        kind, width = self.precision.kind, len(self.effect.parameters)
+        own = [f"for (size_t i = 0; i < {width}; ++i) {{", f"    own[i][j] = p[{width} * j + i];", "}"]
+        body = [
+            *([] if DT in self._read else ["(void)dt;"]),
+            f"{kind} own[{width}][{LANES}];",
+            f"{kind} x[{len(self.effect.states)}][{LANES}];",
+            *("if (count == 0U) {", "    return;", "}"),
+            *_block(_EACH_LANE, own),
+            *self._at_joints(),
+        ]
+        what = f"{self.function.name} of {LANES} choices of parameters, p ({LANES}, {width})"
+        note = comment(f"{what}; out (joints, {self.rows}, count, {LANES}).")
+        return Routine(note, self._declared("at_once"), indent(body, 1))
+
+    def _each_lane(self, lines: list[str]) -> list[str]:
+        return [LOOP, *_block(_EACH_LANE, lines)]
+
+    def _parameter(self, i: int) -> str:
+        return f"own[{i}][j]"
+
+    def _state(self, i: int) -> str:
+        return f"x[{i}][j]"
+
+    def _out(self, i: int) -> str:
+        return f"out[(({self.rows}U * at + {i}U) * count + k) * {LANES}U + j]"
 
 
-def _in_lane(effect: Effect, function: SymbolicFunction, at: str, precision: Precision) -> tuple[Tape, list[str]]:
-    """Statements of lane j at sample `at`: its states begun by `start`, or the rows of another function and the step
-    that follows; and their tape."""
-    leaves = {p.symbol: f"own[{i}][j]" for i, p in enumerate(effect.parameters)} | {DT: "dt"}
-    leaves |= {s.symbol: f"x[{i}][j]" for i, s in enumerate(effect.states)}
-    leaves |= {s.symbol: f"{s.name}[{at}]" for s in effect.signals}
-    states = [f"x[{i}][j]" for i in range(len(effect.states))]
-    begins = function is ef.start(effect)
-    tape = Tape.of(function) if begins else _with_steps(effect, function)
-    lines, texts = Printer(precision.language, tape, leaves, _TAKEN | {f"next{i}" for i in range(len(states))}).print()
-    if begins:
-        return tape, lines + assign(states, texts)
-    rows = len(texts) - len(states)
-    lines += assign([f"row[{i}][j]" for i in range(rows)], texts[:rows])
-    lines += [precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
-    return tape, lines + assign(states, [f"next{i}" for i in range(len(states))])
+def _leaves(tape: Tape) -> set[object]:
+    return {node.value for node in tape.nodes if node.op == "leaf"}
 
 
-def _batch(effect: Effect, function: SymbolicFunction, precision: Precision) -> Routine:
-    kind, suffix = precision.kind, precision.suffix
-    leaves = _leaves(effect) | {s.symbol: f"{s.name}[k]" for s in effect.signals}
-    steps, tape = effect.states, _with_steps(effect, function)
-    taken = _TAKEN | {f"next{i}" for i in range(len(steps))}
-    lines, texts = Printer(precision.language, tape, leaves, taken).print()
-    rows = len(function.outputs[0].expressions)
-    lines += assign([f"out[{row(j)}]" for j in range(rows)], texts[:rows])
-    lines += [precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
-    lines += assign([f"x[{i}]" for i in range(len(steps))], [f"next{i}" for i in range(len(steps))])
-    before, pointers = [], {node.value for node in tape.nodes if node.op == "leaf"}
-    if steps:
-        start, extra = _start(effect, precision)
-        before, pointers = start, pointers | extra
-    head = [f"const {kind} *restrict {s.name} = s->{s.name};" for s in effect.signals if s.symbol in pointers]
-    used = {leaves[symbol].split("[")[0] for symbol in pointers if symbol in leaves}
-    unread = [name for name, read in (("s", head), ("dt", DT in pointers), ("p", "p" in used)) if not read]
-    body = [*(f"(void){name};" for name in unread), *head, *before, *([] if steps else [LOOP])]
-    body.append("for (size_t k = 0; k < count; ++k) {")
-    arguments = ["size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
-    return Routine(
-        comment(f"{function.name} along `count` samples, {rows} row{'s' if rows > 1 else ''} in `out`."),
-        declaration(
-            f"void tendon_{function.name}_batch_{suffix}",
-            [*arguments, f"{kind} *restrict out"],
-        ),
-        indent(body, 1) + "\n" + indent(lines, 2) + "\n    }",
-    )
-
-
-def _start(effect: Effect, precision: Precision) -> tuple[list[str], set[sp.Symbol]]:
-    """Statements that set the states from the first sample, and what they read."""
-    tape = Tape.of(ef.start(effect))
-    leaves = _leaves(effect) | {s.symbol: f"{s.name}[0]" for s in effect.signals}
-    lines, texts = Printer(precision.language, tape, leaves, _TAKEN).print()
-    lines += assign([f"x[{i}]" for i in range(len(texts))], texts)
-    block = [f"{precision.kind} x[{len(texts)}];", "if (count == 0U) {", "    return;", "}"]
-    block += ["{", *("    " + line for line in lines), "}"] if len(lines) > len(texts) else lines
-    return block, {node.value for node in tape.nodes if node.op == "leaf"}
-
-
-def _leaves(effect: Effect) -> dict[sp.Symbol, str]:
-    leaves = {p.symbol: f"p[{i}]" for i, p in enumerate(effect.parameters)}
-    leaves |= {s.symbol: f"x[{i}]" for i, s in enumerate(effect.states)}
-    return leaves | {DT: "dt"}
-
-
-def decimation(precision: Precision) -> Routine:
-    """The filter that takes torque and regressors into the band: only the outputs that are kept are computed."""
-    kind = precision.kind
-    body = f"""for (size_t k = 0; k < count; ++k) {{
-    const {kind} *restrict window = x + k * factor;
-    {kind} lane[8] = {{0}};
-    {kind} rest = 0;
-    size_t i = 0;
-    for (; i + 8 <= taps; i += 8) {{
-        for (size_t j = 0; j < 8; ++j) {{
-            lane[j] += window[i + j] * kernel[i + j];
-        }}
-    }}
-    for (; i < taps; ++i) {{
-        rest += window[i] * kernel[i];
-    }}
-    out[k] = ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7])) + rest;
-}}"""
-    arguments = ["size_t count", "size_t factor", "size_t taps", f"const {kind} *restrict kernel"]
-    return Routine(
-        comment(
-            "FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.",
-            "Eight lanes, so that the sum has one order whatever the width of the processor's vectors.",
-        ),
-        declaration(
-            f"void tendon_decimate_{precision.suffix}",
-            [*arguments, f"const {kind} *restrict x", f"{kind} *restrict out"],
-        ),
-        indent(body.splitlines(), 1),
-    )
-
-
-def in_band(precision: Precision) -> Routine:
-    """The columns of many choices of parameters through that filter: what is thrown away never leaves the cache."""
-    kind, suffix = precision.kind, precision.suffix
-    body = """const size_t kept = (count < taps) ? 0U : (count - taps) / factor + 1U;
-for (size_t first = 0; first < choices; first += lanes) {
-    columns(count, s, dt, p + first * width, scratch);
-    for (size_t i = 0; i < lanes * rows && first * rows + i < choices * rows; ++i) {
-        const KIND *x = scratch + i * count;
-        KIND *target = out + (first * rows + i) * kept;
-        size_t k = 0;
-        while (k < count && x[k] == 0) {
-            ++k;
-        }
-        if (k < count) {
-            tendon_decimate_SUFFIX(kept, factor, taps, kernel, x, target);
-        } else {
-            for (k = 0; k < kept; ++k) {
-                target[k] = 0;
-            }
-        }
-    }
-}"""
-    body = body.replace("KIND", kind).replace("SUFFIX", suffix)
-    return Routine(
-        comment(
-            "Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole "
-            "lanes, filtered and decimated: out (choices, rows, kept).",
-            "lanes: choices that `columns` takes at once; scratch (lanes, rows, count).",
-        ),
-        declaration(
-            f"void tendon_in_band_{suffix}",
-            [
-                *(f"tendon_columns_{suffix} *columns", "size_t lanes", "size_t rows", "size_t width"),
-                *("size_t choices", "size_t count", f"const tendon_signals_{suffix} *s", f"{kind} dt"),
-                *(f"const {kind} *restrict p", "size_t factor", "size_t taps", f"const {kind} *restrict kernel"),
-                *(f"{kind} *restrict scratch", f"{kind} *restrict out"),
-            ],
-        ),
-        indent(body.splitlines(), 1),
-    )
+def _block(head: str, lines: list[str]) -> list[str]:
+    return [head, *(f"    {line}" for line in lines), "}"]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import compileall
 import contextlib
-import fcntl
 import hashlib
 import os
 import py_compile
@@ -15,7 +14,7 @@ import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from codegen import disk
@@ -85,7 +84,7 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
         with disk.scratch(final.parent, _MAKING) as scratch:
             fill(scratch)
             _seal(scratch)
-            with _alone(final.parent):
+            with disk.alone_in(final.parent):
                 # Where another process was first, what it made is the same.
                 if not is_whole(final):
                     _remove(final)
@@ -141,14 +140,3 @@ def _remove(damaged: Path) -> None:
             shutil.rmtree(aside, ignore_errors=True)
         else:
             aside.unlink()
-
-
-@contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """One process at a time puts entries in their places."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

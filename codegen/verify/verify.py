@@ -381,7 +381,7 @@ def _columns_call(library: ctypes.CDLL, effect: Effect) -> Run:
         pointers = (ctypes.c_void_p * len(one))(*(ctypes.addressof(x) for x in one))
         p = _array(ctypes.c_double, [parameter.symbol for parameter in effect.parameters], values)
         out = (ctypes.c_double * rows)()
-        kernel(ctypes.c_size_t(1), pointers, ctypes.c_double(1e-3), p, out)
+        kernel(ctypes.c_size_t(1), ctypes.c_size_t(1), pointers, ctypes.c_double(1e-3), p, out)
         return [float(x) for x in out]
 
     return run

@@ -2,9 +2,10 @@
 #include "effects_batch_f64.h"
 #include "tendon_math_f64.h"
 
-/* coulomb_columns along `count` samples, 2 rows in `out`. */
+/* coulomb_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_coulomb_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -12,33 +13,39 @@ void tendon_coulomb_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_sgn_f64(qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_sgn_f64(qd[k]);
+        }
     }
 }
 
-/* coulomb_torque along `count` samples, 1 row in `out`. */
+/* coulomb_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coulomb_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * tendon_sgn_f64(qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * tendon_sgn_f64(qd[k]);
+        }
     }
 }
 
-/* coulomb_asymmetric_columns along `count` samples, 3 rows in `out`. */
+/* coulomb_asymmetric_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_coulomb_asymmetric_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -46,34 +53,40 @@ void tendon_coulomb_asymmetric_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_step_f64(qd[k]);
-        out[2 * count + k] = -tendon_step_f64(-qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = tendon_step_f64(qd[k]);
+            out[(3U * at + 2U) * count + k] = -tendon_step_f64(-qd[k]);
+        }
     }
 }
 
-/* coulomb_asymmetric_torque along `count` samples, 1 row in `out`. */
+/* coulomb_asymmetric_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coulomb_asymmetric_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_side_f64(qd[k], p[0], -p[1]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_side_f64(qd[k], p[0], -p[1]);
+        }
     }
 }
 
-/* viscous_columns along `count` samples, 2 rows in `out`. */
+/* viscous_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -81,33 +94,39 @@ void tendon_viscous_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = qd[k];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = qd[k];
+        }
     }
 }
 
-/* viscous_torque along `count` samples, 1 row in `out`. */
+/* viscous_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * qd[k];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * qd[k];
+        }
     }
 }
 
-/* viscous_asymmetric_columns along `count` samples, 3 rows in `out`. */
+/* viscous_asymmetric_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_viscous_asymmetric_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -115,34 +134,40 @@ void tendon_viscous_asymmetric_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_ramp_f64(qd[k]);
-        out[2 * count + k] = -tendon_ramp_f64(-qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = tendon_ramp_f64(qd[k]);
+            out[(3U * at + 2U) * count + k] = -tendon_ramp_f64(-qd[k]);
+        }
     }
 }
 
-/* viscous_asymmetric_torque along `count` samples, 1 row in `out`. */
+/* viscous_asymmetric_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_asymmetric_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_side_f64(qd[k], p[0] * qd[k], qd[k] * p[1]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_side_f64(qd[k], p[0] * qd[k], qd[k] * p[1]);
+        }
     }
 }
 
-/* viscous_cubic_columns along `count` samples, 2 rows in `out`. */
+/* viscous_cubic_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_cubic_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -150,101 +175,121 @@ void tendon_viscous_cubic_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = qd[k] * (qd[k] * qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = qd[k] * (qd[k] * qd[k]);
+        }
     }
 }
 
-/* viscous_cubic_torque along `count` samples, 1 row in `out`. */
+/* viscous_cubic_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_cubic_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * (qd[k] * (qd[k] * qd[k]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * (qd[k] * (qd[k] * qd[k]));
+        }
     }
 }
 
-/* viscous_power_columns along `count` samples, 2 rows in `out`. */
+/* viscous_power_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_power_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_pow_f64(tendon_ramp_f64(-qd[k]) + (1e-09 + tendon_ramp_f64(qd[k])), p[1]) *
-            tendon_sgn_f64(qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_pow_f64(tendon_ramp_f64(-qd[k]) + (1e-09 +
+        tendon_ramp_f64(qd[k])), p[1]) * tendon_sgn_f64(qd[k]);
+        }
     }
 }
 
-/* viscous_power_torque along `count` samples, 1 row in `out`. */
+/* viscous_power_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_power_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_sgn_f64(qd[k]) * (p[0] * tendon_pow_f64(tendon_ramp_f64(-qd[k]) + (1e-09 +
-            tendon_ramp_f64(qd[k])), p[1]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_sgn_f64(qd[k]) * (p[0] * tendon_pow_f64(tendon_ramp_f64(-qd[k])
+        + (1e-09 + tendon_ramp_f64(qd[k])), p[1]));
+        }
     }
 }
 
-/* stribeck_columns along `count` samples, 2 rows in `out`. */
+/* stribeck_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_stribeck_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_exp_f64(-(qd[k] * qd[k] / (p[1] * p[1]))) * tendon_sgn_f64(qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_exp_f64(-(qd[k] * qd[k] / (p[1] * p[1]))) *
+        tendon_sgn_f64(qd[k]);
+        }
     }
 }
 
-/* stribeck_torque along `count` samples, 1 row in `out`. */
+/* stribeck_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_stribeck_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_sgn_f64(qd[k]) * (p[0] * tendon_exp_f64(-(qd[k] * qd[k] / (p[1] * p[1]))));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_sgn_f64(qd[k]) * (p[0] * tendon_exp_f64(-(qd[k] * qd[k] / (p[1]
+        * p[1]))));
+        }
     }
 }
 
-/* load_friction_columns along `count` samples, 2 rows in `out`. */
+/* load_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_load_friction_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -252,175 +297,199 @@ void tendon_load_friction_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    const double *restrict load = s->load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = (tendon_ramp_f64(load[k]) + tendon_ramp_f64(-load[k])) * tendon_sgn_f64(qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict load = s[at].load;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = (tendon_ramp_f64(load[k]) + tendon_ramp_f64(-load[k])) *
+        tendon_sgn_f64(qd[k]);
+        }
     }
 }
 
-/* load_friction_torque along `count` samples, 1 row in `out`. */
+/* load_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_load_friction_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict load = s->load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_sgn_f64(qd[k]) * (p[0] * (tendon_ramp_f64(load[k]) + tendon_ramp_f64(-load[k])));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict load = s[at].load;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_sgn_f64(qd[k]) * (p[0] * (tendon_ramp_f64(load[k]) +
+        tendon_ramp_f64(-load[k])));
+        }
     }
 }
 
-/* friction_patch_columns along `count` samples, 2 rows in `out`. */
+/* friction_patch_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_friction_patch_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], tendon_sgn_f64(qd[k])));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k],
+        tendon_sgn_f64(qd[k])));
+        }
     }
 }
 
-/* friction_patch_torque along `count` samples, 1 row in `out`. */
+/* friction_patch_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_friction_patch_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], p[0] * tendon_sgn_f64(qd[k])));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_gate_f64(q[k] - p[1], tendon_gate_f64(p[2] - q[k], p[0] *
+        tendon_sgn_f64(qd[k])));
+        }
     }
 }
 
-/* lugre_columns along `count` samples, 2 rows in `out`. */
+/* lugre_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_lugre_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    const double *restrict level = s->level;
     double x[2];
     if (count == 0U) {
         return;
     }
-    x[0] = 0.0;
-    x[1] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] - x[1];
-        const double t2 = level[k] * tendon_sgn_f64(t1);
-        const double t3 = level[k] + 1e-09;
-        const double t4 = t2 + (x[0] - t2) * tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) /
-            t3));
-        out[k] = t4 - level[k] * tendon_sgn_f64(qd[k]);
-        out[count + k] = qd[k] - t4 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3;
-        const double next0 = t4;
-        const double next1 = q[k];
-        x[0] = next0;
-        x[1] = next1;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        const double *restrict level = s[at].level;
+        x[0] = 0.0;
+        x[1] = q[0];
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = q[k] - x[1];
+            const double t2 = level[k] * tendon_sgn_f64(t1);
+            const double t3 = level[k] + 1e-09;
+            const double t4 = t2 + (x[0] - t2) * tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) +
+        tendon_ramp_f64(-t1)) / t3));
+            out[(2U * at + 0U) * count + k] = t4 - level[k] * tendon_sgn_f64(qd[k]);
+            out[(2U * at + 1U) * count + k] = qd[k] - t4 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3;
+            const double next0 = t4;
+            const double next1 = q[k];
+            x[0] = next0;
+            x[1] = next1;
+        }
     }
 }
 
-/* lugre_torque along `count` samples, 1 row in `out`. */
+/* lugre_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_lugre_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    const double *restrict level = s->level;
     double x[2];
     if (count == 0U) {
         return;
     }
-    x[0] = 0.0;
-    x[1] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] - x[1];
-        const double t2 = level[k] * tendon_sgn_f64(t1);
-        const double t3 = level[k] + 1e-09;
-        const double t4 = (x[0] - t2) * tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) / t3));
-        const double t5 = t2 + t4;
-        out[k] = t4 + (t2 + p[1] * (qd[k] - t5 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3)) -
-            level[k] * tendon_sgn_f64(qd[k]);
-        const double next0 = t5;
-        const double next1 = q[k];
-        x[0] = next0;
-        x[1] = next1;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        const double *restrict level = s[at].level;
+        x[0] = 0.0;
+        x[1] = q[0];
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = q[k] - x[1];
+            const double t2 = level[k] * tendon_sgn_f64(t1);
+            const double t3 = level[k] + 1e-09;
+            const double t4 = (x[0] - t2) * tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) /
+        t3));
+            const double t5 = t2 + t4;
+            out[(1U * at + 0U) * count + k] = t4 + (t2 + p[1] * (qd[k] - t5 * (tendon_ramp_f64(qd[k]) +
+        tendon_ramp_f64(-qd[k])) / t3)) - level[k] * tendon_sgn_f64(qd[k]);
+            const double next0 = t5;
+            const double next1 = q[k];
+            x[0] = next0;
+            x[1] = next1;
+        }
     }
 }
 
-/* lugre_states along `count` samples, 2 rows in `out`. */
+/* lugre_states along `count` samples, 2 rows a joint in `out`. */
 void tendon_lugre_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict level = s->level;
     double x[2];
     if (count == 0U) {
         return;
     }
-    x[0] = 0.0;
-    x[1] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] - x[1];
-        const double t2 = level[k] * tendon_sgn_f64(t1);
-        const double t3 = tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) / (level[k] + 1e-09)));
-        out[k] = x[0];
-        out[count + k] = x[1];
-        const double next0 = t2 + (x[0] - t2) * t3;
-        const double next1 = q[k];
-        x[0] = next0;
-        x[1] = next1;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict level = s[at].level;
+        x[0] = 0.0;
+        x[1] = q[0];
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = q[k] - x[1];
+            const double t2 = level[k] * tendon_sgn_f64(t1);
+            const double t3 = tendon_exp_f64(-(p[0] * (tendon_ramp_f64(t1) + tendon_ramp_f64(-t1)) / (level[k] +
+        1e-09)));
+            out[(2U * at + 0U) * count + k] = x[0];
+            out[(2U * at + 1U) * count + k] = x[1];
+            const double next0 = t2 + (x[0] - t2) * t3;
+            const double next1 = q[k];
+            x[0] = next0;
+            x[1] = next1;
+        }
     }
 }
 
-/* lugre_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+/* lugre_columns of 8 choices of parameters, p (8, 2); out (joints, 2, count, 8). */
 void tendon_lugre_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    const double *restrict level = s->level;
     double own[2][8];
     double x[2][8];
     if (count == 0U) {
@@ -430,79 +499,89 @@ void tendon_lugre_columns_at_once_f64(
         for (size_t i = 0; i < 2; ++i) {
             own[i][j] = p[2 * j + i];
         }
-        x[0][j] = 0.0;
-        x[1][j] = q[0];
     }
-    for (size_t k = 0; k < count; ++k) {
-        double row[2][8];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        const double *restrict level = s[at].level;
         TENDON_INDEPENDENT
         for (size_t j = 0; j < 8; ++j) {
-            const double t1 = q[k] - x[1][j];
-            const double t2 = level[k] * tendon_sgn_f64(t1);
-            const double t3 = level[k] + 1e-09;
-            const double t4 = (x[0][j] - t2) * tendon_exp_f64(-(own[0][j] * (tendon_ramp_f64(t1) +
-        tendon_ramp_f64(-t1)) / t3));
-            const double t5 = t2 + t4;
-            row[0][j] = t5 - level[k] * tendon_sgn_f64(qd[k]);
-            row[1][j] = qd[k] - t5 * (tendon_ramp_f64(qd[k]) + tendon_ramp_f64(-qd[k])) / t3;
-            const double next0 = t5;
-            const double next1 = q[k];
-            x[0][j] = next0;
-            x[1][j] = next1;
+            x[0][j] = 0.0;
+            x[1][j] = q[0];
         }
-        for (size_t j = 0; j < 8; ++j) {
-            for (size_t i = 0; i < 2; ++i) {
-                out[(2 * j + i) * count + k] = row[i][j];
+        for (size_t k = 0; k < count; ++k) {
+            TENDON_INDEPENDENT
+            for (size_t j = 0; j < 8; ++j) {
+                const double t1 = q[k] - x[1][j];
+                const double t2 = level[k] * tendon_sgn_f64(t1);
+                const double t3 = level[k] + 1e-09;
+                const double t4 = (x[0][j] - t2) * tendon_exp_f64(-(own[0][j] * (tendon_ramp_f64(t1) +
+        tendon_ramp_f64(-t1)) / t3));
+                const double t5 = t2 + t4;
+                out[((2U * at + 0U) * count + k) * 8U + j] = t5 - level[k] * tendon_sgn_f64(qd[k]);
+                out[((2U * at + 1U) * count + k) * 8U + j] = qd[k] - t5 * (tendon_ramp_f64(qd[k]) +
+        tendon_ramp_f64(-qd[k])) / t3;
+                const double next0 = t5;
+                const double next1 = q[k];
+                x[0][j] = next0;
+                x[1][j] = next1;
             }
         }
     }
 }
 
-/* thermal_friction_columns along `count` samples, 3 rows in `out`. */
+/* thermal_friction_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_thermal_friction_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict t = s->t;
-    const double *restrict warmth = s->warmth;
-    const double *restrict unmeasured = s->unmeasured;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])));
-        out[k] = 0.0;
-        out[count + k] = t1 * tendon_sgn_f64(qd[k]);
-        out[2 * count + k] = t1 * qd[k];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict t = s[at].t;
+        const double *restrict warmth = s[at].warmth;
+        const double *restrict unmeasured = s[at].unmeasured;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])));
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = t1 * tendon_sgn_f64(qd[k]);
+            out[(3U * at + 2U) * count + k] = t1 * qd[k];
+        }
     }
 }
 
-/* thermal_friction_torque along `count` samples, 1 row in `out`. */
+/* thermal_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_thermal_friction_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict t = s->t;
-    const double *restrict warmth = s->warmth;
-    const double *restrict unmeasured = s->unmeasured;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = (warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])))) * (p[0] *
-            tendon_sgn_f64(qd[k]) + qd[k] * p[1]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict t = s[at].t;
+        const double *restrict warmth = s[at].warmth;
+        const double *restrict unmeasured = s[at].unmeasured;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = (warmth[k] + unmeasured[k] * (1.0 - tendon_exp_f64(-(t[k] / p[2])))) *
+        (p[0] * tendon_sgn_f64(qd[k]) + qd[k] * p[1]);
+        }
     }
 }
 
-/* offset_columns along `count` samples, 2 rows in `out`. */
+/* offset_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_offset_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -511,16 +590,19 @@ void tendon_offset_columns_batch_f64(
     (void)s;
     (void)dt;
     (void)p;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = 1.0;
+    for (size_t at = 0; at < joints; ++at) {
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = 1.0;
+        }
     }
 }
 
-/* offset_torque along `count` samples, 1 row in `out`. */
+/* offset_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_offset_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -528,15 +610,18 @@ void tendon_offset_torque_batch_f64(
 {
     (void)s;
     (void)dt;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0];
+    for (size_t at = 0; at < joints; ++at) {
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0];
+        }
     }
 }
 
-/* linear_spring_columns along `count` samples, 3 rows in `out`. */
+/* linear_spring_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_linear_spring_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -544,70 +629,82 @@ void tendon_linear_spring_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = q[k];
-        out[2 * count + k] = 1.0;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = q[k];
+            out[(3U * at + 2U) * count + k] = 1.0;
+        }
     }
 }
 
-/* linear_spring_torque along `count` samples, 1 row in `out`. */
+/* linear_spring_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_linear_spring_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * (q[k] - p[1]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * (q[k] - p[1]);
+        }
     }
 }
 
-/* parallel_spring_columns along `count` samples, 3 rows in `out`. */
+/* parallel_spring_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_parallel_spring_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[2] - q[k];
-        out[k] = 0.0;
-        out[count + k] = -tendon_ramp_f64(t1);
-        out[2 * count + k] = -tendon_step_f64(t1);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = p[2] - q[k];
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = -tendon_ramp_f64(t1);
+            out[(3U * at + 2U) * count + k] = -tendon_step_f64(t1);
+        }
     }
 }
 
-/* parallel_spring_torque along `count` samples, 1 row in `out`. */
+/* parallel_spring_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_parallel_spring_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[2] - q[k];
-        out[k] = -tendon_gate_f64(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = p[2] - q[k];
+            out[(1U * at + 0U) * count + k] = -tendon_gate_f64(t1, p[3] * p[1] + t1 * (p[0] * (p[1] * p[1])));
+        }
     }
 }
 
-/* cable_columns along `count` samples, 5 rows in `out`. */
+/* cable_columns along `count` samples, 5 rows a joint in `out`. */
 void tendon_cable_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -615,226 +712,246 @@ void tendon_cable_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] * q[k];
-        out[k] = 0.0;
-        out[count + k] = q[k];
-        out[2 * count + k] = t1;
-        out[3 * count + k] = q[k] * t1;
-        out[4 * count + k] = t1 * t1;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = q[k] * q[k];
+            out[(5U * at + 0U) * count + k] = 0.0;
+            out[(5U * at + 1U) * count + k] = q[k];
+            out[(5U * at + 2U) * count + k] = t1;
+            out[(5U * at + 3U) * count + k] = q[k] * t1;
+            out[(5U * at + 4U) * count + k] = t1 * t1;
+        }
     }
 }
 
-/* cable_torque along `count` samples, 1 row in `out`. */
+/* cable_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_cable_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = q[k] * q[k];
-        out[k] = p[3] * (t1 * t1) + (p[2] * (q[k] * t1) + (p[0] * q[k] + p[1] * t1));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = q[k] * q[k];
+            out[(1U * at + 0U) * count + k] = p[3] * (t1 * t1) + (p[2] * (q[k] * t1) + (p[0] * q[k] + p[1] * t1));
+        }
     }
 }
 
-/* end_stop_columns along `count` samples, 3 rows in `out`. */
+/* end_stop_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_end_stop_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] * (q[k] - p[0]);
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(t1, p[3] * t1);
-        out[2 * count + k] = tendon_gate_f64(t1, qd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = p[3] * (q[k] - p[0]);
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = tendon_gate_f64(t1, p[3] * t1);
+            out[(3U * at + 2U) * count + k] = tendon_gate_f64(t1, qd[k]);
+        }
     }
 }
 
-/* end_stop_torque along `count` samples, 1 row in `out`. */
+/* end_stop_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_end_stop_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict qd = s->qd;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] * (q[k] - p[0]);
-        out[k] = tendon_gate_f64(t1, p[2] * qd[k] + t1 * (p[3] * p[1]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = p[3] * (q[k] - p[0]);
+            out[(1U * at + 0U) * count + k] = tendon_gate_f64(t1, p[2] * qd[k] + t1 * (p[3] * p[1]));
+        }
     }
 }
 
-/* spring_hysteresis_columns along `count` samples, 2 rows in `out`. */
+/* spring_hysteresis_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_spring_hysteresis_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
     double x[5];
     if (count == 0U) {
         return;
     }
-    x[0] = 0.0;
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = x[4] - q[k];
-        const double t2 = 0.7142857142857143 * p[1];
-        const double t3 = x[2] - t1;
-        const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
-        const double t5 = x[3] - t1;
-        const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
-        const double t7 = 0.14285714285714285 * p[1];
-        const double t8 = x[0] - t1;
-        const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
-        const double t10 = 0.42857142857142855 * p[1];
-        const double t11 = x[1] - t1;
-        const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
-        const double t13 = 0.4375 * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
-            x[4]))))));
-        out[k] = 0.0;
-        out[count + k] = t13 / p[1];
-        const double next0 = t8 + t9;
-        const double next1 = t11 + t12;
-        const double next2 = t3 + t4;
-        const double next3 = t5 + t6;
-        const double next4 = q[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        x[0] = 0.0;
+        x[1] = 0.0;
+        x[2] = 0.0;
+        x[3] = 0.0;
+        x[4] = q[0];
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = x[4] - q[k];
+            const double t2 = 0.7142857142857143 * p[1];
+            const double t3 = x[2] - t1;
+            const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
+            const double t5 = x[3] - t1;
+            const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
+            const double t7 = 0.14285714285714285 * p[1];
+            const double t8 = x[0] - t1;
+            const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
+            const double t10 = 0.42857142857142855 * p[1];
+            const double t11 = x[1] - t1;
+            const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
+            const double t13 = 0.4375 * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0
+        * x[4]))))));
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = t13 / p[1];
+            const double next0 = t8 + t9;
+            const double next1 = t11 + t12;
+            const double next2 = t3 + t4;
+            const double next3 = t5 + t6;
+            const double next4 = q[k];
+            x[0] = next0;
+            x[1] = next1;
+            x[2] = next2;
+            x[3] = next3;
+            x[4] = next4;
+        }
     }
 }
 
-/* spring_hysteresis_torque along `count` samples, 1 row in `out`. */
+/* spring_hysteresis_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_spring_hysteresis_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
     double x[5];
     if (count == 0U) {
         return;
     }
-    x[0] = 0.0;
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = x[4] - q[k];
-        const double t2 = 0.7142857142857143 * p[1];
-        const double t3 = x[2] - t1;
-        const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
-        const double t5 = x[3] - t1;
-        const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
-        const double t7 = 0.14285714285714285 * p[1];
-        const double t8 = x[0] - t1;
-        const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
-        const double t10 = 0.42857142857142855 * p[1];
-        const double t11 = x[1] - t1;
-        const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
-        const double t13 = p[0] * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
-            x[4]))))));
-        out[k] = 0.4375 * t13 / p[1];
-        const double next0 = t8 + t9;
-        const double next1 = t11 + t12;
-        const double next2 = t3 + t4;
-        const double next3 = t5 + t6;
-        const double next4 = q[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        x[0] = 0.0;
+        x[1] = 0.0;
+        x[2] = 0.0;
+        x[3] = 0.0;
+        x[4] = q[0];
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = x[4] - q[k];
+            const double t2 = 0.7142857142857143 * p[1];
+            const double t3 = x[2] - t1;
+            const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
+            const double t5 = x[3] - t1;
+            const double t6 = tendon_ramp_f64(-(p[1] + t5)) - tendon_ramp_f64(x[3] - p[1] - t1);
+            const double t7 = 0.14285714285714285 * p[1];
+            const double t8 = x[0] - t1;
+            const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0] - t7 - t1);
+            const double t10 = 0.42857142857142855 * p[1];
+            const double t11 = x[1] - t1;
+            const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
+            const double t13 = p[0] * (t12 + (t9 + (t6 + (t4 + (4.0 * q[k] + (x[3] + (x[2] + (x[0] + x[1])) - 4.0 *
+        x[4]))))));
+            out[(1U * at + 0U) * count + k] = 0.4375 * t13 / p[1];
+            const double next0 = t8 + t9;
+            const double next1 = t11 + t12;
+            const double next2 = t3 + t4;
+            const double next3 = t5 + t6;
+            const double next4 = q[k];
+            x[0] = next0;
+            x[1] = next1;
+            x[2] = next2;
+            x[3] = next3;
+            x[4] = next4;
+        }
     }
 }
 
-/* spring_hysteresis_states along `count` samples, 5 rows in `out`. */
+/* spring_hysteresis_states along `count` samples, 5 rows a joint in `out`. */
 void tendon_spring_hysteresis_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
     double x[5];
     if (count == 0U) {
         return;
     }
-    x[0] = 0.0;
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = q[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 0.14285714285714285 * p[1];
-        const double t2 = x[4] - q[k];
-        const double t3 = x[0] - t2;
-        const double t4 = 0.42857142857142855 * p[1];
-        const double t5 = x[1] - t2;
-        const double t6 = 0.7142857142857143 * p[1];
-        const double t7 = x[2] - t2;
-        const double t8 = x[3] - t2;
-        out[k] = x[0];
-        out[count + k] = x[1];
-        out[2 * count + k] = x[2];
-        out[3 * count + k] = x[3];
-        out[4 * count + k] = x[4];
-        const double next0 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(x[0] - t1 - t2));
-        const double next1 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
-        const double next2 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
-        const double next3 = tendon_ramp_f64(-(p[1] + t8)) + (t8 - tendon_ramp_f64(x[3] - p[1] - t2));
-        const double next4 = q[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        x[0] = 0.0;
+        x[1] = 0.0;
+        x[2] = 0.0;
+        x[3] = 0.0;
+        x[4] = q[0];
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = 0.14285714285714285 * p[1];
+            const double t2 = x[4] - q[k];
+            const double t3 = x[0] - t2;
+            const double t4 = 0.42857142857142855 * p[1];
+            const double t5 = x[1] - t2;
+            const double t6 = 0.7142857142857143 * p[1];
+            const double t7 = x[2] - t2;
+            const double t8 = x[3] - t2;
+            out[(5U * at + 0U) * count + k] = x[0];
+            out[(5U * at + 1U) * count + k] = x[1];
+            out[(5U * at + 2U) * count + k] = x[2];
+            out[(5U * at + 3U) * count + k] = x[3];
+            out[(5U * at + 4U) * count + k] = x[4];
+            const double next0 = tendon_ramp_f64(-(t1 + t3)) + (t3 - tendon_ramp_f64(x[0] - t1 - t2));
+            const double next1 = tendon_ramp_f64(-(t4 + t5)) + (t5 - tendon_ramp_f64(t5 - t4));
+            const double next2 = tendon_ramp_f64(-(t6 + t7)) + (t7 - tendon_ramp_f64(t7 - t6));
+            const double next3 = tendon_ramp_f64(-(p[1] + t8)) + (t8 - tendon_ramp_f64(x[3] - p[1] - t2));
+            const double next4 = q[k];
+            x[0] = next0;
+            x[1] = next1;
+            x[2] = next2;
+            x[3] = next3;
+            x[4] = next4;
+        }
     }
 }
 
-/* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+/* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (joints, 2, count, 8). */
 void tendon_spring_hysteresis_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
     double own[2][8];
     double x[5][8];
     if (count == 0U) {
@@ -844,95 +961,102 @@ void tendon_spring_hysteresis_columns_at_once_f64(
         for (size_t i = 0; i < 2; ++i) {
             own[i][j] = p[2 * j + i];
         }
-        x[0][j] = 0.0;
-        x[1][j] = 0.0;
-        x[2][j] = 0.0;
-        x[3][j] = 0.0;
-        x[4][j] = q[0];
     }
-    for (size_t k = 0; k < count; ++k) {
-        double row[2][8];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
         TENDON_INDEPENDENT
         for (size_t j = 0; j < 8; ++j) {
-            const double t1 = x[4][j] - q[k];
-            const double t2 = 0.7142857142857143 * own[1][j];
-            const double t3 = x[2][j] - t1;
-            const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
-            const double t5 = x[3][j] - t1;
-            const double t6 = tendon_ramp_f64(-(own[1][j] + t5)) - tendon_ramp_f64(x[3][j] - own[1][j] - t1);
-            const double t7 = 0.14285714285714285 * own[1][j];
-            const double t8 = x[0][j] - t1;
-            const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0][j] - t7 - t1);
-            const double t10 = 0.42857142857142855 * own[1][j];
-            const double t11 = x[1][j] - t1;
-            const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
-            const double t13 = t9 + (t6 + (t4 + (4.0 * q[k] + (x[3][j] + (x[2][j] + (x[0][j] + x[1][j])) - 4.0 *
-        x[4][j]))));
-            row[0][j] = 0.0;
-            row[1][j] = 0.4375 * (t12 + t13) / own[1][j];
-            const double next0 = t8 + t9;
-            const double next1 = t11 + t12;
-            const double next2 = t3 + t4;
-            const double next3 = t5 + t6;
-            const double next4 = q[k];
-            x[0][j] = next0;
-            x[1][j] = next1;
-            x[2][j] = next2;
-            x[3][j] = next3;
-            x[4][j] = next4;
+            x[0][j] = 0.0;
+            x[1][j] = 0.0;
+            x[2][j] = 0.0;
+            x[3][j] = 0.0;
+            x[4][j] = q[0];
         }
-        for (size_t j = 0; j < 8; ++j) {
-            for (size_t i = 0; i < 2; ++i) {
-                out[(2 * j + i) * count + k] = row[i][j];
+        for (size_t k = 0; k < count; ++k) {
+            TENDON_INDEPENDENT
+            for (size_t j = 0; j < 8; ++j) {
+                const double t1 = x[4][j] - q[k];
+                const double t2 = 0.7142857142857143 * own[1][j];
+                const double t3 = x[2][j] - t1;
+                const double t4 = tendon_ramp_f64(-(t2 + t3)) - tendon_ramp_f64(t3 - t2);
+                const double t5 = x[3][j] - t1;
+                const double t6 = tendon_ramp_f64(-(own[1][j] + t5)) - tendon_ramp_f64(x[3][j] - own[1][j] - t1);
+                const double t7 = 0.14285714285714285 * own[1][j];
+                const double t8 = x[0][j] - t1;
+                const double t9 = tendon_ramp_f64(-(t7 + t8)) - tendon_ramp_f64(x[0][j] - t7 - t1);
+                const double t10 = 0.42857142857142855 * own[1][j];
+                const double t11 = x[1][j] - t1;
+                const double t12 = tendon_ramp_f64(-(t10 + t11)) - tendon_ramp_f64(t11 - t10);
+                const double t13 = t9 + (t6 + (t4 + (4.0 * q[k] + (x[3][j] + (x[2][j] + (x[0][j] + x[1][j])) - 4.0 *
+        x[4][j]))));
+                out[((2U * at + 0U) * count + k) * 8U + j] = 0.0;
+                out[((2U * at + 1U) * count + k) * 8U + j] = 0.4375 * (t12 + t13) / own[1][j];
+                const double next0 = t8 + t9;
+                const double next1 = t11 + t12;
+                const double next2 = t3 + t4;
+                const double next3 = t5 + t6;
+                const double next4 = q[k];
+                x[0][j] = next0;
+                x[1][j] = next1;
+                x[2][j] = next2;
+                x[3][j] = next3;
+                x[4][j] = next4;
             }
         }
     }
 }
 
-/* torque_ripple_columns along `count` samples, 3 rows in `out`. */
+/* torque_ripple_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_torque_ripple_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict ratio = s->ratio;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = ratio[k] * (p[0] * q[k]);
-        double sin_1;
-        double cos_1;
-        tendon_sincos_f64(t1, &sin_1, &cos_1);
-        out[k] = 0.0;
-        out[count + k] = cos_1;
-        out[2 * count + k] = sin_1;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict ratio = s[at].ratio;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = ratio[k] * (p[0] * q[k]);
+            double sin_1;
+            double cos_1;
+            tendon_sincos_f64(t1, &sin_1, &cos_1);
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = cos_1;
+            out[(3U * at + 2U) * count + k] = sin_1;
+        }
     }
 }
 
-/* torque_ripple_torque along `count` samples, 1 row in `out`. */
+/* torque_ripple_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_ripple_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict q = s->q;
-    const double *restrict ratio = s->ratio;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double cos_1 = tendon_cos_f64(p[2] + ratio[k] * (p[0] * q[k]));
-        out[k] = p[1] * cos_1;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict q = s[at].q;
+        const double *restrict ratio = s[at].ratio;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double cos_1 = tendon_cos_f64(p[2] + ratio[k] * (p[0] * q[k]));
+            out[(1U * at + 0U) * count + k] = p[1] * cos_1;
+        }
     }
 }
 
-/* torque_saturation_columns along `count` samples, 2 rows in `out`. */
+/* torque_saturation_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_saturation_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -940,33 +1064,39 @@ void tendon_torque_saturation_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = predicted[k] * (predicted[k] * predicted[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted = s[at].predicted;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = predicted[k] * (predicted[k] * predicted[k]);
+        }
     }
 }
 
-/* torque_saturation_torque along `count` samples, 1 row in `out`. */
+/* torque_saturation_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_saturation_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * (predicted[k] * (predicted[k] * predicted[k]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted = s[at].predicted;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * (predicted[k] * (predicted[k] * predicted[k]));
+        }
     }
 }
 
-/* torque_scale_columns along `count` samples, 2 rows in `out`. */
+/* torque_scale_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_scale_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -974,33 +1104,39 @@ void tendon_torque_scale_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = -predicted[k];
-        out[count + k] = predicted[k];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted = s[at].predicted;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = -predicted[k];
+            out[(2U * at + 1U) * count + k] = predicted[k];
+        }
     }
 }
 
-/* torque_scale_torque along `count` samples, 1 row in `out`. */
+/* torque_scale_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_scale_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict predicted = s->predicted;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = predicted[k] * (p[0] - 1.0);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted = s[at].predicted;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = predicted[k] * (p[0] - 1.0);
+        }
     }
 }
 
-/* torque_delay_columns along `count` samples, 2 rows in `out`. */
+/* torque_delay_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_delay_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -1008,52 +1144,62 @@ void tendon_torque_delay_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict predicted_rate = s->predicted_rate;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = predicted_rate[k];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = predicted_rate[k];
+        }
     }
 }
 
-/* torque_delay_torque along `count` samples, 1 row in `out`. */
+/* torque_delay_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_delay_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict predicted_rate = s->predicted_rate;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * predicted_rate[k];
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * predicted_rate[k];
+        }
     }
 }
 
-/* elasticity_columns along `count` samples, 1 row in `out`. */
+/* elasticity_columns along `count` samples, 1 row a joint in `out`. */
 void tendon_elasticity_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    const double *restrict coupling_rate = s->coupling_rate;
-    const double *restrict coupling_slope = s->coupling_slope;
     double x[4];
     if (count == 0U) {
         return;
     }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
     x[0] = load[0] / p[0];
     x[1] = 0.0;
     x[2] = 0.0;
     x[3] = load[0];
     for (size_t k = 0; k < count; ++k) {
+        for (size_t at = 0; at < joints; ++at) {
+            const double *restrict coupling = s[at].coupling;
+            const double *restrict coupling_rate = s[at].coupling_rate;
+            const double *restrict coupling_slope = s[at].coupling_slope;
+            out[(1U * at + 0U) * count + k] = -(coupling_slope[k] * x[0] + (coupling[k] * x[2] + coupling_rate[k] *
+        x[1]));
+        }
         const double t1 = 1.0 / link_inertia[k];
         const double t2 = p[1] * t1;
         const double t3 = dt * dt;
@@ -1066,7 +1212,7 @@ void tendon_elasticity_columns_batch_f64(
         const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
         const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
         const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
         const double t14 = link_inertia[k] * link_inertia[k];
         const double t15 = 1.0 / t14;
         const double t16 = t3 * (p[1] * p[1]);
@@ -1075,11 +1221,11 @@ void tendon_elasticity_columns_batch_f64(
         const double t19 = 4.0 * p[0];
         const double t20 = 36.0 * t14;
         const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
-            * t3)));
+        * t3)));
         const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
-        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) *
+        t22;
         const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = -(coupling_slope[k] * x[0] + (coupling[k] * x[2] + coupling_rate[k] * x[1]));
         const double next0 = t23;
         const double next1 = t24;
         const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
@@ -1091,28 +1237,33 @@ void tendon_elasticity_columns_batch_f64(
     }
 }
 
-/* elasticity_torque along `count` samples, 1 row in `out`. */
+/* elasticity_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_elasticity_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    const double *restrict coupling_rate = s->coupling_rate;
-    const double *restrict coupling_slope = s->coupling_slope;
     double x[4];
     if (count == 0U) {
         return;
     }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
     x[0] = load[0] / p[0];
     x[1] = 0.0;
     x[2] = 0.0;
     x[3] = load[0];
     for (size_t k = 0; k < count; ++k) {
+        for (size_t at = 0; at < joints; ++at) {
+            const double *restrict coupling = s[at].coupling;
+            const double *restrict coupling_rate = s[at].coupling_rate;
+            const double *restrict coupling_slope = s[at].coupling_slope;
+            out[(1U * at + 0U) * count + k] = -(coupling_slope[k] * x[0] + (coupling[k] * x[2] + coupling_rate[k] *
+        x[1]));
+        }
         const double t1 = 1.0 / link_inertia[k];
         const double t2 = p[1] * t1;
         const double t3 = dt * dt;
@@ -1125,7 +1276,7 @@ void tendon_elasticity_torque_batch_f64(
         const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
         const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
         const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
         const double t14 = link_inertia[k] * link_inertia[k];
         const double t15 = 1.0 / t14;
         const double t16 = t3 * (p[1] * p[1]);
@@ -1134,11 +1285,11 @@ void tendon_elasticity_torque_batch_f64(
         const double t19 = 4.0 * p[0];
         const double t20 = 36.0 * t14;
         const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
-            * t3)));
+        * t3)));
         const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
-        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) *
+        t22;
         const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = -(coupling_slope[k] * x[0] + (coupling[k] * x[2] + coupling_rate[k] * x[1]));
         const double next0 = t23;
         const double next1 = t24;
         const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
@@ -1150,25 +1301,32 @@ void tendon_elasticity_torque_batch_f64(
     }
 }
 
-/* elasticity_states along `count` samples, 4 rows in `out`. */
+/* elasticity_states along `count` samples, 4 rows a joint in `out`. */
 void tendon_elasticity_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
     double x[4];
     if (count == 0U) {
         return;
     }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
     x[0] = load[0] / p[0];
     x[1] = 0.0;
     x[2] = 0.0;
     x[3] = load[0];
     for (size_t k = 0; k < count; ++k) {
+        for (size_t at = 0; at < joints; ++at) {
+            out[(4U * at + 0U) * count + k] = x[0];
+            out[(4U * at + 1U) * count + k] = x[1];
+            out[(4U * at + 2U) * count + k] = x[2];
+            out[(4U * at + 3U) * count + k] = x[3];
+        }
         const double t1 = 1.0 / link_inertia[k];
         const double t2 = p[1] * t1;
         const double t3 = dt * dt;
@@ -1181,7 +1339,7 @@ void tendon_elasticity_states_batch_f64(
         const double t10 = x[1] + 0.25 * (dt * (3.0 * t7 + t9));
         const double t11 = 0.75 * (dt * (x[1] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
         const double t12 = t1 * p[0];
-        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0] * dt));
+        const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0]));
         const double t14 = link_inertia[k] * link_inertia[k];
         const double t15 = 1.0 / t14;
         const double t16 = t3 * (p[1] * p[1]);
@@ -1190,14 +1348,11 @@ void tendon_elasticity_states_batch_f64(
         const double t19 = 4.0 * p[0];
         const double t20 = 36.0 * t14;
         const double t21 = t19 * (p[1] * (dt * t3)) + (t3 * (link_inertia[k] * t19) + (6.0 * t16 + p[0] * p[0] * (t3
-            * t3)));
+        * t3)));
         const double t22 = t20 / (t20 + (24.0 * (dt * (p[1] * link_inertia[k])) + t21));
-        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) * t22;
+        const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18) *
+        t22;
         const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (p[1] * p[0]))));
-        out[k] = x[0];
-        out[count + k] = x[1];
-        out[2 * count + k] = x[2];
-        out[3 * count + k] = x[3];
         const double next0 = t23;
         const double next1 = t24;
         const double next2 = t1 * (t8 - p[1] * t24 - p[0] * t23);
@@ -1209,19 +1364,15 @@ void tendon_elasticity_states_batch_f64(
     }
 }
 
-/* elasticity_columns of 8 choices of parameters, p (8, 2); out (8, 1, count). */
+/* elasticity_columns of 8 choices of parameters, p (8, 2); out (joints, 1, count, 8). */
 void tendon_elasticity_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    const double *restrict coupling_rate = s->coupling_rate;
-    const double *restrict coupling_slope = s->coupling_slope;
     double own[2][8];
     double x[4][8];
     if (count == 0U) {
@@ -1231,13 +1382,27 @@ void tendon_elasticity_columns_at_once_f64(
         for (size_t i = 0; i < 2; ++i) {
             own[i][j] = p[2 * j + i];
         }
+    }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
+    TENDON_INDEPENDENT
+    for (size_t j = 0; j < 8; ++j) {
         x[0][j] = load[0] / own[0][j];
         x[1][j] = 0.0;
         x[2][j] = 0.0;
         x[3][j] = load[0];
     }
     for (size_t k = 0; k < count; ++k) {
-        double row[1][8];
+        for (size_t at = 0; at < joints; ++at) {
+            const double *restrict coupling = s[at].coupling;
+            const double *restrict coupling_rate = s[at].coupling_rate;
+            const double *restrict coupling_slope = s[at].coupling_slope;
+            TENDON_INDEPENDENT
+            for (size_t j = 0; j < 8; ++j) {
+                out[((1U * at + 0U) * count + k) * 8U + j] = -(coupling_slope[k] * x[0][j] + (coupling[k] * x[2][j]
+        + coupling_rate[k] * x[1][j]));
+            }
+        }
         TENDON_INDEPENDENT
         for (size_t j = 0; j < 8; ++j) {
             const double t1 = 1.0 / link_inertia[k];
@@ -1252,7 +1417,7 @@ void tendon_elasticity_columns_at_once_f64(
             const double t10 = x[1][j] + 0.25 * (dt * (3.0 * t7 + t9));
             const double t11 = 0.75 * (dt * (x[1][j] + 0.08333333333333333 * (dt * (5.0 * t7 - t9))));
             const double t12 = t1 * own[0][j];
-            const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (x[0][j] * dt));
+            const double t13 = (1.0 + t2 * t6) * t10 - t2 * t11 - 0.3333333333333333 * (t12 * (dt * x[0][j]));
             const double t14 = link_inertia[k] * link_inertia[k];
             const double t15 = 1.0 / t14;
             const double t16 = t3 * (own[1][j] * own[1][j]);
@@ -1266,7 +1431,6 @@ void tendon_elasticity_columns_at_once_f64(
             const double t23 = ((t2 * t4 + t5) * t13 + (0.16666666666666666 * (t15 * t16) + (t2 * t5 + t17)) * t18)
         * t22;
             const double t24 = t22 * (t13 * t17 - t18 * (t5 * t12 + t4 * (t15 * (own[1][j] * own[0][j]))));
-            row[0][j] = -(coupling_slope[k] * x[0][j] + (coupling[k] * x[2][j] + coupling_rate[k] * x[1][j]));
             const double next0 = t23;
             const double next1 = t24;
             const double next2 = t1 * (t8 - own[1][j] * t24 - own[0][j] * t23);
@@ -1276,232 +1440,42 @@ void tendon_elasticity_columns_at_once_f64(
             x[2][j] = next2;
             x[3][j] = next3;
         }
-        for (size_t j = 0; j < 8; ++j) {
-            for (size_t i = 0; i < 1; ++i) {
-                out[(1 * j + i) * count + k] = row[i][j];
-            }
-        }
     }
 }
 
-/* backlash_columns along `count` samples, 1 row in `out`. */
+/* backlash_columns along `count` samples, 1 row a joint in `out`. */
 void tendon_backlash_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    const double *restrict coupling_rate = s->coupling_rate;
-    const double *restrict coupling_slope = s->coupling_slope;
     double x[5];
     if (count == 0U) {
         return;
     }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
     x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
     x[1] = 0.0;
     x[2] = 0.0;
     x[3] = 0.0;
     x[4] = load[0];
     for (size_t k = 0; k < count; ++k) {
-        const double t1 = coupling_slope[k] * x[0] + (coupling[k] * (1.5 * x[2] - 0.5 * x[3]) + coupling_rate[k] *
-            x[1]);
-        const double t2 = 0.5 * p[0];
-        const double t3 = t2 - x[0];
-        const double t4 = -t3;
-        const double t5 = x[1] * p[2];
-        const double t6 = tendon_gate_f64(t4, tendon_step_f64(t5 - t3 * p[1]));
-        const double t7 = x[0] + t2;
-        const double t8 = -t7;
-        const double t9 = tendon_gate_f64(t8, tendon_step_f64(-(t5 + p[1] * t7)));
-        const double t10 = t6 + t9;
-        const double t11 = dt * t10;
-        const double t12 = 1.0 / link_inertia[k];
-        const double t13 = (1.5 * load[k] - 0.5 * x[4]) * t12;
-        const double t14 = 2.0 * t13;
-        const double t15 = x[1] * x[1];
-        const double t16 = 2.0 * x[0];
-        const double t17 = dt - (p[0] + t16) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t15 - t7 * t14)) -
-            x[1]);
-        const double t18 = 0.5 * t13;
-        const double t19 = x[1] * dt + dt * dt * t18;
-        const double t20 = tendon_gate_f64(-(t7 + t19), 1.0 - tendon_step_f64(t8));
-        const double t21 = dt - (p[0] - t16) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t15 + t3 * t14)) + (x[1] +
-            1e-07));
-        const double t22 = 1.0 - tendon_step_f64(t4);
-        const double t23 = t19 - t3;
-        const double t24 = 1.0 - t10;
-        const double t25 = (t17 * t20 + tendon_gate_f64(t23, t21 * t22)) * t24;
-        const double t26 = p[2] * t12;
-        const double t27 = t11 + t25;
-        const double t28 = t27 * t27;
-        const double t29 = 0.16666666666666666 * t28;
-        const double t30 = 0.4166666666666667 * t27;
-        const double t31 = 1.0 / dt;
-        const double t32 = t2 * (p[1] * (t6 + (t24 * (tendon_gate_f64(t23, t22) - t20) - t9))) + (2.0 * load[k] -
-            x[4]);
-        const double t33 = t12 * (t32 - t31 * (t27 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t34 = t12 * t32;
-        const double t35 = dt - t27;
-        const double t36 = x[1] + t13 * t35;
-        const double t37 = 0.25 * (t27 * (3.0 * t33 + t34)) + t36;
-        const double t38 = 0.75 * (t27 * (t36 + 0.08333333333333333 * (t27 * (5.0 * t33 - t34))));
-        const double t39 = t18 * (t35 * t35) + (x[0] + x[1] * t35);
-        const double t40 = p[1] * t12;
-        const double t41 = t27 * t40;
-        const double t42 = (1.0 + t26 * t30) * t37 - t26 * t38 - 0.3333333333333333 * (t39 * t41);
-        const double t43 = link_inertia[k] * link_inertia[k];
-        const double t44 = 1.0 / t43;
-        const double t45 = t28 * (p[2] * p[2]);
-        const double t46 = p[2] * t27;
-        const double t47 = 1.0 - t29 * t40;
-        const double t48 = t38 + (t39 - t30 * t37);
-        const double t49 = (t26 * t29 + (0.6666666666666666 * t11 + 0.6666666666666666 * t25)) * t42 + (t47 +
-            (0.16666666666666666 * (t44 * t45) + 0.6666666666666666 * (t12 * t46))) * t48;
-        const double t50 = 4.0 * p[1];
-        const double t51 = 36.0 * t43;
-        const double t52 = t50 * (link_inertia[k] * t28) + (24.0 * (link_inertia[k] * t46) + (6.0 * t45 + p[1] *
-            p[1] * (t28 * t28)));
-        const double t53 = t51 / (t51 + (t50 * (p[2] * (t27 * t28)) + t52));
-        const double t54 = t53 * (t42 * t47 - t48 * (0.6666666666666666 * t41 + t44 * (t29 * (p[1] * p[2]))));
-        out[k] = -t1;
-        const double next0 = t49 * t53;
-        const double next1 = t54;
-        const double next2 = t31 * (t54 - x[1]);
-        const double next3 = x[2];
-        const double next4 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
-}
-
-/* backlash_torque along `count` samples, 1 row in `out`. */
-void tendon_backlash_torque_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    const double *restrict coupling_rate = s->coupling_rate;
-    const double *restrict coupling_slope = s->coupling_slope;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = load[0];
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = coupling_slope[k] * x[0] + (coupling[k] * (1.5 * x[2] - 0.5 * x[3]) + coupling_rate[k] *
-            x[1]);
-        const double t2 = 0.5 * p[0];
-        const double t3 = t2 - x[0];
-        const double t4 = -t3;
-        const double t5 = x[1] * p[2];
-        const double t6 = tendon_gate_f64(t4, tendon_step_f64(t5 - t3 * p[1]));
-        const double t7 = x[0] + t2;
-        const double t8 = -t7;
-        const double t9 = tendon_gate_f64(t8, tendon_step_f64(-(t5 + p[1] * t7)));
-        const double t10 = t6 + t9;
-        const double t11 = dt * t10;
-        const double t12 = 1.0 / link_inertia[k];
-        const double t13 = (1.5 * load[k] - 0.5 * x[4]) * t12;
-        const double t14 = 2.0 * t13;
-        const double t15 = x[1] * x[1];
-        const double t16 = 2.0 * x[0];
-        const double t17 = dt - (p[0] + t16) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t15 - t7 * t14)) -
-            x[1]);
-        const double t18 = 0.5 * t13;
-        const double t19 = x[1] * dt + dt * dt * t18;
-        const double t20 = tendon_gate_f64(-(t7 + t19), 1.0 - tendon_step_f64(t8));
-        const double t21 = dt - (p[0] - t16) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t15 + t3 * t14)) + (x[1] +
-            1e-07));
-        const double t22 = 1.0 - tendon_step_f64(t4);
-        const double t23 = t19 - t3;
-        const double t24 = 1.0 - t10;
-        const double t25 = (t17 * t20 + tendon_gate_f64(t23, t21 * t22)) * t24;
-        const double t26 = p[2] * t12;
-        const double t27 = t11 + t25;
-        const double t28 = t27 * t27;
-        const double t29 = 0.16666666666666666 * t28;
-        const double t30 = 0.4166666666666667 * t27;
-        const double t31 = 1.0 / dt;
-        const double t32 = t2 * (p[1] * (t6 + (t24 * (tendon_gate_f64(t23, t22) - t20) - t9))) + (2.0 * load[k] -
-            x[4]);
-        const double t33 = t12 * (t32 - t31 * (t27 * (0.6666666666666666 * (load[k] - x[4]))));
-        const double t34 = t12 * t32;
-        const double t35 = dt - t27;
-        const double t36 = x[1] + t13 * t35;
-        const double t37 = 0.25 * (t27 * (3.0 * t33 + t34)) + t36;
-        const double t38 = 0.75 * (t27 * (t36 + 0.08333333333333333 * (t27 * (5.0 * t33 - t34))));
-        const double t39 = t18 * (t35 * t35) + (x[0] + x[1] * t35);
-        const double t40 = p[1] * t12;
-        const double t41 = t27 * t40;
-        const double t42 = (1.0 + t26 * t30) * t37 - t26 * t38 - 0.3333333333333333 * (t39 * t41);
-        const double t43 = link_inertia[k] * link_inertia[k];
-        const double t44 = 1.0 / t43;
-        const double t45 = t28 * (p[2] * p[2]);
-        const double t46 = p[2] * t27;
-        const double t47 = 1.0 - t29 * t40;
-        const double t48 = t38 + (t39 - t30 * t37);
-        const double t49 = (t26 * t29 + (0.6666666666666666 * t11 + 0.6666666666666666 * t25)) * t42 + (t47 +
-            (0.16666666666666666 * (t44 * t45) + 0.6666666666666666 * (t12 * t46))) * t48;
-        const double t50 = 4.0 * p[1];
-        const double t51 = 36.0 * t43;
-        const double t52 = t50 * (link_inertia[k] * t28) + (24.0 * (link_inertia[k] * t46) + (6.0 * t45 + p[1] *
-            p[1] * (t28 * t28)));
-        const double t53 = t51 / (t51 + (t50 * (p[2] * (t27 * t28)) + t52));
-        const double t54 = t53 * (t42 * t47 - t48 * (0.6666666666666666 * t41 + t44 * (t29 * (p[1] * p[2]))));
-        out[k] = -t1;
-        const double next0 = t49 * t53;
-        const double next1 = t54;
-        const double next2 = t31 * (t54 - x[1]);
-        const double next3 = x[2];
-        const double next4 = load[k];
-        x[0] = next0;
-        x[1] = next1;
-        x[2] = next2;
-        x[3] = next3;
-        x[4] = next4;
-    }
-}
-
-/* backlash_states along `count` samples, 5 rows in `out`. */
-void tendon_backlash_states_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    double x[5];
-    if (count == 0U) {
-        return;
-    }
-    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
-    x[1] = 0.0;
-    x[2] = 0.0;
-    x[3] = 0.0;
-    x[4] = load[0];
-    for (size_t k = 0; k < count; ++k) {
+        for (size_t at = 0; at < joints; ++at) {
+            const double *restrict coupling = s[at].coupling;
+            const double *restrict coupling_rate = s[at].coupling_rate;
+            const double *restrict coupling_slope = s[at].coupling_slope;
+            const double t1 = coupling_slope[k] * x[0] + (coupling[k] * (1.5 * x[2] - 0.5 * x[3]) + coupling_rate[k]
+        * x[1]);
+            out[(1U * at + 0U) * count + k] = -t1;
+        }
         const double t1 = 0.5 * p[0];
         const double t2 = t1 - x[0];
         const double t3 = -t2;
-        const double t4 = x[1] * p[2];
+        const double t4 = p[2] * x[1];
         const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
         const double t6 = x[0] + t1;
         const double t7 = -t6;
@@ -1514,12 +1488,12 @@ void tendon_backlash_states_batch_f64(
         const double t14 = x[1] * x[1];
         const double t15 = 2.0 * x[0];
         const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
-            x[1]);
+        x[1]);
         const double t17 = 0.5 * t12;
-        const double t18 = x[1] * dt + dt * dt * t17;
+        const double t18 = dt * x[1] + dt * dt * t17;
         const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
         const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
-            1e-07));
+        1e-07));
         const double t21 = 1.0 - tendon_step_f64(t3);
         const double t22 = t18 - t2;
         const double t23 = 1.0 - t9;
@@ -1531,7 +1505,7 @@ void tendon_backlash_states_batch_f64(
         const double t29 = 0.4166666666666667 * t26;
         const double t30 = 1.0 / dt;
         const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
-            x[4]);
+        x[4]);
         const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
         const double t33 = t11 * t31;
         const double t34 = dt - t26;
@@ -1549,18 +1523,13 @@ void tendon_backlash_states_batch_f64(
         const double t46 = 1.0 - t28 * t39;
         const double t47 = t37 + (t38 - t29 * t36);
         const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
-            (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+        (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
         const double t49 = 4.0 * p[1];
         const double t50 = 36.0 * t42;
         const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
-            p[1] * (t27 * t27)));
+        p[1] * (t27 * t27)));
         const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
         const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
-        out[k] = x[0];
-        out[count + k] = x[1];
-        out[2 * count + k] = x[2];
-        out[3 * count + k] = x[3];
-        out[4 * count + k] = x[4];
         const double next0 = t48 * t52;
         const double next1 = t53;
         const double next2 = t30 * (t53 - x[1]);
@@ -1574,19 +1543,214 @@ void tendon_backlash_states_batch_f64(
     }
 }
 
-/* backlash_columns of 8 choices of parameters, p (8, 3); out (8, 1, count). */
-void tendon_backlash_columns_at_once_f64(
+/* backlash_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_backlash_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
-    const double *restrict load = s->load;
-    const double *restrict link_inertia = s->link_inertia;
-    const double *restrict coupling = s->coupling;
-    const double *restrict coupling_rate = s->coupling_rate;
-    const double *restrict coupling_slope = s->coupling_slope;
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
+    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = load[0];
+    for (size_t k = 0; k < count; ++k) {
+        for (size_t at = 0; at < joints; ++at) {
+            const double *restrict coupling = s[at].coupling;
+            const double *restrict coupling_rate = s[at].coupling_rate;
+            const double *restrict coupling_slope = s[at].coupling_slope;
+            const double t1 = coupling_slope[k] * x[0] + (coupling[k] * (1.5 * x[2] - 0.5 * x[3]) + coupling_rate[k]
+        * x[1]);
+            out[(1U * at + 0U) * count + k] = -t1;
+        }
+        const double t1 = 0.5 * p[0];
+        const double t2 = t1 - x[0];
+        const double t3 = -t2;
+        const double t4 = p[2] * x[1];
+        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
+        const double t6 = x[0] + t1;
+        const double t7 = -t6;
+        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+        const double t9 = t5 + t8;
+        const double t10 = dt * t9;
+        const double t11 = 1.0 / link_inertia[k];
+        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
+        const double t13 = 2.0 * t12;
+        const double t14 = x[1] * x[1];
+        const double t15 = 2.0 * x[0];
+        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
+        x[1]);
+        const double t17 = 0.5 * t12;
+        const double t18 = dt * x[1] + dt * dt * t17;
+        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
+        1e-07));
+        const double t21 = 1.0 - tendon_step_f64(t3);
+        const double t22 = t18 - t2;
+        const double t23 = 1.0 - t9;
+        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
+        const double t25 = p[2] * t11;
+        const double t26 = t10 + t24;
+        const double t27 = t26 * t26;
+        const double t28 = 0.16666666666666666 * t27;
+        const double t29 = 0.4166666666666667 * t26;
+        const double t30 = 1.0 / dt;
+        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
+        x[4]);
+        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t33 = t11 * t31;
+        const double t34 = dt - t26;
+        const double t35 = x[1] + t12 * t34;
+        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+        const double t39 = p[1] * t11;
+        const double t40 = t26 * t39;
+        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+        const double t42 = link_inertia[k] * link_inertia[k];
+        const double t43 = 1.0 / t42;
+        const double t44 = t27 * (p[2] * p[2]);
+        const double t45 = p[2] * t26;
+        const double t46 = 1.0 - t28 * t39;
+        const double t47 = t37 + (t38 - t29 * t36);
+        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+        (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+        const double t49 = 4.0 * p[1];
+        const double t50 = 36.0 * t42;
+        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
+        p[1] * (t27 * t27)));
+        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
+        const double next0 = t48 * t52;
+        const double next1 = t53;
+        const double next2 = t30 * (t53 - x[1]);
+        const double next3 = x[2];
+        const double next4 = load[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
+/* backlash_states along `count` samples, 5 rows a joint in `out`. */
+void tendon_backlash_states_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    double x[5];
+    if (count == 0U) {
+        return;
+    }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
+    x[0] = load[0] / p[1] + 0.5 * (p[0] * tendon_sgn_f64(load[0]));
+    x[1] = 0.0;
+    x[2] = 0.0;
+    x[3] = 0.0;
+    x[4] = load[0];
+    for (size_t k = 0; k < count; ++k) {
+        for (size_t at = 0; at < joints; ++at) {
+            out[(5U * at + 0U) * count + k] = x[0];
+            out[(5U * at + 1U) * count + k] = x[1];
+            out[(5U * at + 2U) * count + k] = x[2];
+            out[(5U * at + 3U) * count + k] = x[3];
+            out[(5U * at + 4U) * count + k] = x[4];
+        }
+        const double t1 = 0.5 * p[0];
+        const double t2 = t1 - x[0];
+        const double t3 = -t2;
+        const double t4 = p[2] * x[1];
+        const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * p[1]));
+        const double t6 = x[0] + t1;
+        const double t7 = -t6;
+        const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + p[1] * t6)));
+        const double t9 = t5 + t8;
+        const double t10 = dt * t9;
+        const double t11 = 1.0 / link_inertia[k];
+        const double t12 = (1.5 * load[k] - 0.5 * x[4]) * t11;
+        const double t13 = 2.0 * t12;
+        const double t14 = x[1] * x[1];
+        const double t15 = 2.0 * x[0];
+        const double t16 = dt - (p[0] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
+        x[1]);
+        const double t17 = 0.5 * t12;
+        const double t18 = dt * x[1] + dt * dt * t17;
+        const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+        const double t20 = dt - (p[0] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) + (x[1] +
+        1e-07));
+        const double t21 = 1.0 - tendon_step_f64(t3);
+        const double t22 = t18 - t2;
+        const double t23 = 1.0 - t9;
+        const double t24 = (t16 * t19 + tendon_gate_f64(t22, t20 * t21)) * t23;
+        const double t25 = p[2] * t11;
+        const double t26 = t10 + t24;
+        const double t27 = t26 * t26;
+        const double t28 = 0.16666666666666666 * t27;
+        const double t29 = 0.4166666666666667 * t26;
+        const double t30 = 1.0 / dt;
+        const double t31 = t1 * (p[1] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 * load[k] -
+        x[4]);
+        const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4]))));
+        const double t33 = t11 * t31;
+        const double t34 = dt - t26;
+        const double t35 = x[1] + t12 * t34;
+        const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+        const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+        const double t38 = t17 * (t34 * t34) + (x[0] + x[1] * t34);
+        const double t39 = p[1] * t11;
+        const double t40 = t26 * t39;
+        const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+        const double t42 = link_inertia[k] * link_inertia[k];
+        const double t43 = 1.0 / t42;
+        const double t44 = t27 * (p[2] * p[2]);
+        const double t45 = p[2] * t26;
+        const double t46 = 1.0 - t28 * t39;
+        const double t47 = t37 + (t38 - t29 * t36);
+        const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+        (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+        const double t49 = 4.0 * p[1];
+        const double t50 = 36.0 * t42;
+        const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 + p[1] *
+        p[1] * (t27 * t27)));
+        const double t52 = t50 / (t50 + (t49 * (p[2] * (t26 * t27)) + t51));
+        const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (p[1] * p[2]))));
+        const double next0 = t48 * t52;
+        const double next1 = t53;
+        const double next2 = t30 * (t53 - x[1]);
+        const double next3 = x[2];
+        const double next4 = load[k];
+        x[0] = next0;
+        x[1] = next1;
+        x[2] = next2;
+        x[3] = next3;
+        x[4] = next4;
+    }
+}
+
+/* backlash_columns of 8 choices of parameters, p (8, 3); out (joints, 1, count, 8). */
+void tendon_backlash_columns_at_once_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
     double own[3][8];
     double x[5][8];
     if (count == 0U) {
@@ -1596,6 +1760,11 @@ void tendon_backlash_columns_at_once_f64(
         for (size_t i = 0; i < 3; ++i) {
             own[i][j] = p[3 * j + i];
         }
+    }
+    const double *restrict load = s[0].load;
+    const double *restrict link_inertia = s[0].link_inertia;
+    TENDON_INDEPENDENT
+    for (size_t j = 0; j < 8; ++j) {
         x[0][j] = load[0] / own[1][j] + 0.5 * (own[0][j] * tendon_sgn_f64(load[0]));
         x[1][j] = 0.0;
         x[2][j] = 0.0;
@@ -1603,74 +1772,81 @@ void tendon_backlash_columns_at_once_f64(
         x[4][j] = load[0];
     }
     for (size_t k = 0; k < count; ++k) {
-        double row[1][8];
+        for (size_t at = 0; at < joints; ++at) {
+            const double *restrict coupling = s[at].coupling;
+            const double *restrict coupling_rate = s[at].coupling_rate;
+            const double *restrict coupling_slope = s[at].coupling_slope;
+            TENDON_INDEPENDENT
+            for (size_t j = 0; j < 8; ++j) {
+                const double t1 = coupling_slope[k] * x[0][j] + (coupling[k] * (1.5 * x[2][j] - 0.5 * x[3][j]) +
+        coupling_rate[k] * x[1][j]);
+                out[((1U * at + 0U) * count + k) * 8U + j] = -t1;
+            }
+        }
         TENDON_INDEPENDENT
         for (size_t j = 0; j < 8; ++j) {
-            const double t1 = coupling_slope[k] * x[0][j] + (coupling[k] * (1.5 * x[2][j] - 0.5 * x[3][j]) +
-        coupling_rate[k] * x[1][j]);
-            const double t2 = 0.5 * own[0][j];
-            const double t3 = t2 - x[0][j];
-            const double t4 = -t3;
-            const double t5 = x[1][j] * own[2][j];
-            const double t6 = tendon_gate_f64(t4, tendon_step_f64(t5 - t3 * own[1][j]));
-            const double t7 = x[0][j] + t2;
-            const double t8 = -t7;
-            const double t9 = tendon_gate_f64(t8, tendon_step_f64(-(t5 + own[1][j] * t7)));
-            const double t10 = t6 + t9;
-            const double t11 = dt * t10;
-            const double t12 = 1.0 / link_inertia[k];
-            const double t13 = (1.5 * load[k] - 0.5 * x[4][j]) * t12;
-            const double t14 = 2.0 * t13;
-            const double t15 = x[1][j] * x[1][j];
-            const double t16 = 2.0 * x[0][j];
-            const double t17 = (own[0][j] + t16) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t15 - t7 * t14)) -
+            const double t1 = 0.5 * own[0][j];
+            const double t2 = t1 - x[0][j];
+            const double t3 = -t2;
+            const double t4 = own[2][j] * x[1][j];
+            const double t5 = tendon_gate_f64(t3, tendon_step_f64(t4 - t2 * own[1][j]));
+            const double t6 = x[0][j] + t1;
+            const double t7 = -t6;
+            const double t8 = tendon_gate_f64(t7, tendon_step_f64(-(t4 + own[1][j] * t6)));
+            const double t9 = t5 + t8;
+            const double t10 = dt * t9;
+            const double t11 = 1.0 / link_inertia[k];
+            const double t12 = (1.5 * load[k] - 0.5 * x[4][j]) * t11;
+            const double t13 = 2.0 * t12;
+            const double t14 = x[1][j] * x[1][j];
+            const double t15 = 2.0 * x[0][j];
+            const double t16 = (own[0][j] + t15) / (1e-07 + tendon_sqrt_f64(tendon_max_f64(1e-14, t14 - t6 * t13)) -
         x[1][j]);
-            const double t18 = 0.5 * t13;
-            const double t19 = x[1][j] * dt + dt * dt * t18;
-            const double t20 = tendon_gate_f64(-(t7 + t19), 1.0 - tendon_step_f64(t8));
-            const double t21 = (own[0][j] - t16) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t15 + t3 * t14)) +
+            const double t17 = 0.5 * t12;
+            const double t18 = dt * x[1][j] + dt * dt * t17;
+            const double t19 = tendon_gate_f64(-(t6 + t18), 1.0 - tendon_step_f64(t7));
+            const double t20 = (own[0][j] - t15) / (tendon_sqrt_f64(tendon_max_f64(1e-14, t14 + t2 * t13)) +
         (x[1][j] + 1e-07));
-            const double t22 = 1.0 - tendon_step_f64(t4);
-            const double t23 = t19 - t3;
-            const double t24 = 1.0 - t10;
-            const double t25 = ((dt - t17) * t20 + tendon_gate_f64(t23, (dt - t21) * t22)) * t24;
-            const double t26 = own[2][j] * t12;
-            const double t27 = t11 + t25;
-            const double t28 = t27 * t27;
-            const double t29 = 0.16666666666666666 * t28;
-            const double t30 = 0.4166666666666667 * t27;
-            const double t31 = 1.0 / dt;
-            const double t32 = t2 * (own[1][j] * (t6 + (t24 * (tendon_gate_f64(t23, t22) - t20) - t9))) + (2.0 *
+            const double t21 = 1.0 - tendon_step_f64(t3);
+            const double t22 = t18 - t2;
+            const double t23 = 1.0 - t9;
+            const double t24 = ((dt - t16) * t19 + tendon_gate_f64(t22, (dt - t20) * t21)) * t23;
+            const double t25 = own[2][j] * t11;
+            const double t26 = t10 + t24;
+            const double t27 = t26 * t26;
+            const double t28 = 0.16666666666666666 * t27;
+            const double t29 = 0.4166666666666667 * t26;
+            const double t30 = 1.0 / dt;
+            const double t31 = t1 * (own[1][j] * (t5 + (t23 * (tendon_gate_f64(t22, t21) - t19) - t8))) + (2.0 *
         load[k] - x[4][j]);
-            const double t33 = t12 * (t32 - t31 * (t27 * (0.6666666666666666 * (load[k] - x[4][j]))));
-            const double t34 = t12 * t32;
-            const double t35 = dt - t27;
-            const double t36 = x[1][j] + t13 * t35;
-            const double t37 = 0.25 * (t27 * (3.0 * t33 + t34)) + t36;
-            const double t38 = 0.75 * (t27 * (t36 + 0.08333333333333333 * (t27 * (5.0 * t33 - t34))));
-            const double t39 = t18 * (t35 * t35) + (x[0][j] + x[1][j] * t35);
-            const double t40 = own[1][j] * t12;
-            const double t41 = t27 * t40;
-            const double t42 = (1.0 + t26 * t30) * t37 - t26 * t38 - 0.3333333333333333 * (t39 * t41);
-            const double t43 = link_inertia[k] * link_inertia[k];
-            const double t44 = 1.0 / t43;
-            const double t45 = t28 * (own[2][j] * own[2][j]);
-            const double t46 = own[2][j] * t27;
-            const double t47 = 1.0 - t29 * t40;
-            const double t48 = t38 + (t39 - t30 * t37);
-            const double t49 = (t26 * t29 + (0.6666666666666666 * t11 + 0.6666666666666666 * t25)) * t42 + (t47 +
-        (0.16666666666666666 * (t44 * t45) + 0.6666666666666666 * (t12 * t46))) * t48;
-            const double t50 = 4.0 * own[1][j];
-            const double t51 = 36.0 * t43;
-            const double t52 = t50 * (link_inertia[k] * t28) + (24.0 * (link_inertia[k] * t46) + (6.0 * t45 +
-        own[1][j] * own[1][j] * (t28 * t28)));
-            const double t53 = t51 / (t51 + (t50 * (own[2][j] * (t27 * t28)) + t52));
-            const double t54 = t53 * (t42 * t47 - t48 * (0.6666666666666666 * t41 + t44 * (t29 * (own[1][j] *
+            const double t32 = t11 * (t31 - t30 * (t26 * (0.6666666666666666 * (load[k] - x[4][j]))));
+            const double t33 = t11 * t31;
+            const double t34 = dt - t26;
+            const double t35 = x[1][j] + t12 * t34;
+            const double t36 = 0.25 * (t26 * (3.0 * t32 + t33)) + t35;
+            const double t37 = 0.75 * (t26 * (t35 + 0.08333333333333333 * (t26 * (5.0 * t32 - t33))));
+            const double t38 = t17 * (t34 * t34) + (x[0][j] + x[1][j] * t34);
+            const double t39 = own[1][j] * t11;
+            const double t40 = t26 * t39;
+            const double t41 = (1.0 + t25 * t29) * t36 - t25 * t37 - 0.3333333333333333 * (t38 * t40);
+            const double t42 = link_inertia[k] * link_inertia[k];
+            const double t43 = 1.0 / t42;
+            const double t44 = t27 * (own[2][j] * own[2][j]);
+            const double t45 = own[2][j] * t26;
+            const double t46 = 1.0 - t28 * t39;
+            const double t47 = t37 + (t38 - t29 * t36);
+            const double t48 = (t25 * t28 + (0.6666666666666666 * t10 + 0.6666666666666666 * t24)) * t41 + (t46 +
+        (0.16666666666666666 * (t43 * t44) + 0.6666666666666666 * (t11 * t45))) * t47;
+            const double t49 = 4.0 * own[1][j];
+            const double t50 = 36.0 * t42;
+            const double t51 = t49 * (link_inertia[k] * t27) + (24.0 * (link_inertia[k] * t45) + (6.0 * t44 +
+        own[1][j] * own[1][j] * (t27 * t27)));
+            const double t52 = t50 / (t50 + (t49 * (own[2][j] * (t26 * t27)) + t51));
+            const double t53 = t52 * (t41 * t46 - t47 * (0.6666666666666666 * t40 + t43 * (t28 * (own[1][j] *
         own[2][j]))));
-            row[0][j] = -t1;
-            const double next0 = t49 * t53;
-            const double next1 = t54;
-            const double next2 = t31 * (t54 - x[1][j]);
+            const double next0 = t48 * t52;
+            const double next1 = t53;
+            const double next2 = t30 * (t53 - x[1][j]);
             const double next3 = x[2][j];
             const double next4 = load[k];
             x[0][j] = next0;
@@ -1679,89 +1855,97 @@ void tendon_backlash_columns_at_once_f64(
             x[3][j] = next3;
             x[4][j] = next4;
         }
-        for (size_t j = 0; j < 8; ++j) {
-            for (size_t i = 0; i < 1; ++i) {
-                out[(1 * j + i) * count + k] = row[i][j];
-            }
+    }
+}
+
+/* gravity_columns along `count` samples, 3 rows a joint in `out`. */
+void tendon_gravity_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    (void)p;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict moment_x = s[at].moment_x;
+        const double *restrict moment_y = s[at].moment_y;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(3U * at + 0U) * count + k] = 0.0;
+            out[(3U * at + 1U) * count + k] = -moment_x[k];
+            out[(3U * at + 2U) * count + k] = -moment_y[k];
         }
     }
 }
 
-/* gravity_columns along `count` samples, 3 rows in `out`. */
-void tendon_gravity_columns_batch_f64(
-    size_t count,
-    const tendon_signals_f64 *s,
-    double dt,
-    const double *restrict p,
-    double *restrict out)
-{
-    (void)dt;
-    (void)p;
-    const double *restrict moment_x = s->moment_x;
-    const double *restrict moment_y = s->moment_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = -moment_x[k];
-        out[2 * count + k] = -moment_y[k];
-    }
-}
-
-/* gravity_torque along `count` samples, 1 row in `out`. */
+/* gravity_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_gravity_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict moment_x = s->moment_x;
-    const double *restrict moment_y = s->moment_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = -(moment_x[k] * p[0] + moment_y[k] * p[1]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict moment_x = s[at].moment_x;
+        const double *restrict moment_y = s[at].moment_y;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = -(moment_x[k] * p[0] + moment_y[k] * p[1]);
+        }
     }
 }
 
-/* payload_columns along `count` samples, 2 rows in `out`. */
+/* payload_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_payload_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict elapsed = s->elapsed;
-    const double *restrict tip_load = s->tip_load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(elapsed[k] - p[1], tip_load[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict elapsed = s[at].elapsed;
+        const double *restrict tip_load = s[at].tip_load;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_gate_f64(elapsed[k] - p[1], tip_load[k]);
+        }
     }
 }
 
-/* payload_torque along `count` samples, 1 row in `out`. */
+/* payload_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_payload_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict elapsed = s->elapsed;
-    const double *restrict tip_load = s->tip_load;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(elapsed[k] - p[1], p[0] * tip_load[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict elapsed = s[at].elapsed;
+        const double *restrict tip_load = s[at].tip_load;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_gate_f64(elapsed[k] - p[1], p[0] * tip_load[k]);
+        }
     }
 }
 
-/* coupled_friction_columns along `count` samples, 2 rows in `out`. */
+/* coupled_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_coupled_friction_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -1769,136 +1953,158 @@ void tendon_coupled_friction_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict qd = s->qd;
-    const double *restrict qd_next = s->qd_next;
-    const double *restrict qd_previous = s->qd_previous;
-    const double *restrict has_next = s->has_next;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] + has_next[k] * qd_next[k]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict qd_next = s[at].qd_next;
+        const double *restrict qd_previous = s[at].qd_previous;
+        const double *restrict has_next = s[at].has_next;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] +
+        has_next[k] * qd_next[k]));
+        }
     }
 }
 
-/* coupled_friction_torque along `count` samples, 1 row in `out`. */
+/* coupled_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coupled_friction_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict qd_next = s->qd_next;
-    const double *restrict qd_previous = s->qd_previous;
-    const double *restrict has_next = s->has_next;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = p[0] * tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] + has_next[k] * qd_next[k]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict qd_next = s[at].qd_next;
+        const double *restrict qd_previous = s[at].qd_previous;
+        const double *restrict has_next = s[at].has_next;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * tendon_sgn_f64(qd_previous[k] * (1.0 - has_next[k]) + (qd[k] +
+        has_next[k] * qd_next[k]));
+        }
     }
 }
 
-/* coupled_gear_columns along `count` samples, 4 rows in `out`. */
+/* coupled_gear_columns along `count` samples, 4 rows a joint in `out`. */
 void tendon_coupled_gear_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict qdd = s->qdd;
-    const double *restrict qd_next = s->qd_next;
-    const double *restrict qd_previous = s->qd_previous;
-    const double *restrict has_next = s->has_next;
-    const double *restrict qdd_next = s->qdd_next;
-    const double *restrict qdd_previous = s->qdd_previous;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 1.0 - has_next[k];
-        const double t2 = has_next[k] + p[3] * t1;
-        const double t3 = has_next[k] * (qd[k] + p[3] * qd_next[k]) + t1 * (qd_previous[k] + p[3] * qd[k]);
-        out[k] = 0.0;
-        out[count + k] = t2 * tendon_sgn_f64(t3);
-        out[2 * count + k] = t2 * t3;
-        out[3 * count + k] = t2 * (has_next[k] * (qdd[k] + p[3] * qdd_next[k]) + t1 * (qdd_previous[k] + p[3] *
-            qdd[k]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict qdd = s[at].qdd;
+        const double *restrict qd_next = s[at].qd_next;
+        const double *restrict qd_previous = s[at].qd_previous;
+        const double *restrict has_next = s[at].has_next;
+        const double *restrict qdd_next = s[at].qdd_next;
+        const double *restrict qdd_previous = s[at].qdd_previous;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = 1.0 - has_next[k];
+            const double t2 = has_next[k] + p[3] * t1;
+            const double t3 = has_next[k] * (qd[k] + p[3] * qd_next[k]) + t1 * (qd_previous[k] + p[3] * qd[k]);
+            out[(4U * at + 0U) * count + k] = 0.0;
+            out[(4U * at + 1U) * count + k] = t2 * tendon_sgn_f64(t3);
+            out[(4U * at + 2U) * count + k] = t2 * t3;
+            out[(4U * at + 3U) * count + k] = t2 * (has_next[k] * (qdd[k] + p[3] * qdd_next[k]) + t1 *
+        (qdd_previous[k] + p[3] * qdd[k]));
+        }
     }
 }
 
-/* coupled_gear_torque along `count` samples, 1 row in `out`. */
+/* coupled_gear_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coupled_gear_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict qd = s->qd;
-    const double *restrict qdd = s->qdd;
-    const double *restrict qd_next = s->qd_next;
-    const double *restrict qd_previous = s->qd_previous;
-    const double *restrict has_next = s->has_next;
-    const double *restrict qdd_next = s->qdd_next;
-    const double *restrict qdd_previous = s->qdd_previous;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = 1.0 - has_next[k];
-        const double t2 = has_next[k] * (qd[k] + p[3] * qd_next[k]) + t1 * (qd_previous[k] + p[3] * qd[k]);
-        const double t3 = p[2] * (has_next[k] * (qdd[k] + p[3] * qdd_next[k]) + t1 * (qdd_previous[k] + p[3] *
-            qdd[k]));
-        out[k] = (has_next[k] + p[3] * t1) * (t2 * p[1] + (p[0] * tendon_sgn_f64(t2) + t3));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        const double *restrict qdd = s[at].qdd;
+        const double *restrict qd_next = s[at].qd_next;
+        const double *restrict qd_previous = s[at].qd_previous;
+        const double *restrict has_next = s[at].has_next;
+        const double *restrict qdd_next = s[at].qdd_next;
+        const double *restrict qdd_previous = s[at].qdd_previous;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = 1.0 - has_next[k];
+            const double t2 = has_next[k] * (qd[k] + p[3] * qd_next[k]) + t1 * (qd_previous[k] + p[3] * qd[k]);
+            const double t3 = p[2] * (has_next[k] * (qdd[k] + p[3] * qdd_next[k]) + t1 * (qdd_previous[k] + p[3] *
+        qdd[k]));
+            out[(1U * at + 0U) * count + k] = (has_next[k] + p[3] * t1) * (t2 * p[1] + (p[0] * tendon_sgn_f64(t2) +
+        t3));
+        }
     }
 }
 
-/* plate_columns along `count` samples, 4 rows in `out`. */
+/* plate_columns along `count` samples, 4 rows a joint in `out`. */
 void tendon_plate_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] - tip_y[k];
-        const double t2 = tendon_gate_f64(t1, tip_row[k]);
-        out[k] = 0.0;
-        out[count + k] = -tendon_gate_f64(t1, tip_row[k] * t1);
-        out[2 * count + k] = -t2;
-        out[3 * count + k] = t2 * tendon_sgn_f64(tip_yd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict tip_y = s[at].tip_y;
+        const double *restrict tip_yd = s[at].tip_yd;
+        const double *restrict tip_row = s[at].tip_row;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = p[3] - tip_y[k];
+            const double t2 = tendon_gate_f64(t1, tip_row[k]);
+            out[(4U * at + 0U) * count + k] = 0.0;
+            out[(4U * at + 1U) * count + k] = -tendon_gate_f64(t1, tip_row[k] * t1);
+            out[(4U * at + 2U) * count + k] = -t2;
+            out[(4U * at + 3U) * count + k] = t2 * tendon_sgn_f64(tip_yd[k]);
+        }
     }
 }
 
-/* plate_torque along `count` samples, 1 row in `out`. */
+/* plate_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_plate_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        const double t1 = p[3] - tip_y[k];
-        out[k] = -(tip_row[k] * tendon_gate_f64(t1, p[0] * t1 + (p[1] - p[2] * tendon_sgn_f64(tip_yd[k]))));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict tip_y = s[at].tip_y;
+        const double *restrict tip_yd = s[at].tip_yd;
+        const double *restrict tip_row = s[at].tip_row;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            const double t1 = p[3] - tip_y[k];
+            out[(1U * at + 0U) * count + k] = -(tip_row[k] * tendon_gate_f64(t1, p[0] * t1 + (p[1] - p[2] *
+        tendon_sgn_f64(tip_yd[k]))));
+        }
     }
 }
 
-/* plate_damping_columns along `count` samples, 2 rows in `out`. */
+/* plate_damping_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_plate_damping_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -1906,33 +2112,39 @@ void tendon_plate_damping_columns_batch_f64(
 {
     (void)dt;
     (void)p;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    const double *restrict plate_y = s->plate_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = 0.0;
-        out[count + k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_row[k] * tip_yd[k]);
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict tip_y = s[at].tip_y;
+        const double *restrict tip_yd = s[at].tip_yd;
+        const double *restrict tip_row = s[at].tip_row;
+        const double *restrict plate_y = s[at].plate_y;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_row[k] * tip_yd[k]);
+        }
     }
 }
 
-/* plate_damping_torque along `count` samples, 1 row in `out`. */
+/* plate_damping_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_plate_damping_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out)
 {
     (void)dt;
-    const double *restrict tip_y = s->tip_y;
-    const double *restrict tip_yd = s->tip_yd;
-    const double *restrict tip_row = s->tip_row;
-    const double *restrict plate_y = s->plate_y;
-    TENDON_INDEPENDENT
-    for (size_t k = 0; k < count; ++k) {
-        out[k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_yd[k] * (p[0] * tip_row[k]));
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict tip_y = s[at].tip_y;
+        const double *restrict tip_yd = s[at].tip_yd;
+        const double *restrict tip_row = s[at].tip_row;
+        const double *restrict plate_y = s[at].plate_y;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_gate_f64(plate_y[k] - tip_y[k], tip_yd[k] * (p[0] *
+        tip_row[k]));
+        }
     }
 }
 
@@ -1963,9 +2175,49 @@ void tendon_decimate_f64(
     }
 }
 
-/* Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes,
- *   filtered and decimated: out (choices, rows, kept).
- * lanes: choices that `columns` takes at once; scratch (lanes, rows, count). */
+/* The same of the first `filled` of 8 columns, x (..., 8), each into a row of `out`; the rows begin `apart` from
+ *   each other. */
+void tendon_decimate_at_once_f64(
+    size_t count,
+    size_t filled,
+    size_t apart,
+    size_t factor,
+    size_t taps,
+    const double *restrict kernel,
+    const double *restrict x,
+    double *restrict out)
+{
+    const size_t whole = taps - taps % 8;
+    for (size_t k = 0; k < count; ++k) {
+        const double *restrict window = x + 8 * factor * k;
+        double sum[8][8];
+        double rest[8] = {0};
+        for (size_t part = 0; part < 8; ++part) {
+            double lane[8] = {0};
+            for (size_t i = part; i < whole; i += 8) {
+                for (size_t j = 0; j < 8; ++j) {
+                    lane[j] += window[8 * i + j] * kernel[i];
+                }
+            }
+            for (size_t j = 0; j < 8; ++j) {
+                sum[part][j] = lane[j];
+            }
+        }
+        for (size_t i = whole; i < taps; ++i) {
+            for (size_t j = 0; j < 8; ++j) {
+                rest[j] += window[8 * i + j] * kernel[i];
+            }
+        }
+        for (size_t j = 0; j < filled; ++j) {
+            out[j * apart + k] = ((sum[0][j] + sum[4][j]) + (sum[1][j] + sum[5][j])) +
+                ((sum[2][j] + sum[6][j]) + (sum[3][j] + sum[7][j])) + rest[j];
+        }
+    }
+}
+
+/* Columns of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes, filtered and
+ *   decimated: out (choices, rows, kept).
+ * lanes: choices that `columns` takes at once; rows: of all joints; scratch (rows, count, lanes). */
 void tendon_in_band_f64(
     tendon_columns_f64 *columns,
     size_t lanes,
@@ -1973,6 +2225,7 @@ void tendon_in_band_f64(
     size_t width,
     size_t choices,
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -1984,20 +2237,23 @@ void tendon_in_band_f64(
 {
     const size_t kept = (count < taps) ? 0U : (count - taps) / factor + 1U;
     for (size_t first = 0; first < choices; first += lanes) {
-        columns(count, s, dt, p + first * width, scratch);
-        for (size_t i = 0; i < lanes * rows && first * rows + i < choices * rows; ++i) {
-            const double *x = scratch + i * count;
+        const size_t filled = (choices - first < lanes) ? choices - first : lanes;
+        columns(count, joints, s, dt, p + first * width, scratch);
+        for (size_t i = 0; i < rows; ++i) {
+            const double *x = scratch + i * count * lanes;
             double *target = out + (first * rows + i) * kept;
             size_t k = 0;
-            while (k < count && x[k] == 0) {
+            while (k < count * lanes && x[k] == 0) {
                 ++k;
             }
-            if (k < count) {
+            if (k == count * lanes) {
+                for (k = 0; k < filled * kept; ++k) {
+                    target[k / kept * rows * kept + k % kept] = 0;
+                }
+            } else if (lanes == 1U) {
                 tendon_decimate_f64(kept, factor, taps, kernel, x, target);
             } else {
-                for (k = 0; k < kept; ++k) {
-                    target[k] = 0;
-                }
+                tendon_decimate_at_once_f64(kept, filled, rows * kept, factor, taps, kernel, x, target);
             }
         }
     }

@@ -46,532 +46,598 @@ typedef struct {
     const double *coupling_slope;
 } tendon_signals_f64;
 
-/* Columns along `count` samples, of one choice of parameters or, with a memory, of several at once. */
-typedef void tendon_columns_f64(size_t count, const tendon_signals_f64 *s, double dt, const double *p, double *out);
+/* Columns along `count` samples at `joints` joints, of one choice of parameters or of several. */
+typedef void tendon_columns_f64(size_t count, size_t joints, const tendon_signals_f64 *s, double dt, const double *p, double *out);
 
-/* coulomb_columns along `count` samples, 2 rows in `out`. */
+/* coulomb_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_coulomb_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coulomb_torque along `count` samples, 1 row in `out`. */
+/* coulomb_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coulomb_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coulomb_asymmetric_columns along `count` samples, 3 rows in `out`. */
+/* coulomb_asymmetric_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_coulomb_asymmetric_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coulomb_asymmetric_torque along `count` samples, 1 row in `out`. */
+/* coulomb_asymmetric_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coulomb_asymmetric_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_columns along `count` samples, 2 rows in `out`. */
+/* viscous_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_torque along `count` samples, 1 row in `out`. */
+/* viscous_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_asymmetric_columns along `count` samples, 3 rows in `out`. */
+/* viscous_asymmetric_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_viscous_asymmetric_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_asymmetric_torque along `count` samples, 1 row in `out`. */
+/* viscous_asymmetric_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_asymmetric_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_cubic_columns along `count` samples, 2 rows in `out`. */
+/* viscous_cubic_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_cubic_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_cubic_torque along `count` samples, 1 row in `out`. */
+/* viscous_cubic_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_cubic_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_power_columns along `count` samples, 2 rows in `out`. */
+/* viscous_power_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_power_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* viscous_power_torque along `count` samples, 1 row in `out`. */
+/* viscous_power_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_power_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* stribeck_columns along `count` samples, 2 rows in `out`. */
+/* stribeck_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_stribeck_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* stribeck_torque along `count` samples, 1 row in `out`. */
+/* stribeck_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_stribeck_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* load_friction_columns along `count` samples, 2 rows in `out`. */
+/* load_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_load_friction_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* load_friction_torque along `count` samples, 1 row in `out`. */
+/* load_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_load_friction_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* friction_patch_columns along `count` samples, 2 rows in `out`. */
+/* friction_patch_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_friction_patch_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* friction_patch_torque along `count` samples, 1 row in `out`. */
+/* friction_patch_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_friction_patch_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* lugre_columns along `count` samples, 2 rows in `out`. */
+/* lugre_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_lugre_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* lugre_torque along `count` samples, 1 row in `out`. */
+/* lugre_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_lugre_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* lugre_states along `count` samples, 2 rows in `out`. */
+/* lugre_states along `count` samples, 2 rows a joint in `out`. */
 void tendon_lugre_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* lugre_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+/* lugre_columns of 8 choices of parameters, p (8, 2); out (joints, 2, count, 8). */
 void tendon_lugre_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* thermal_friction_columns along `count` samples, 3 rows in `out`. */
+/* thermal_friction_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_thermal_friction_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* thermal_friction_torque along `count` samples, 1 row in `out`. */
+/* thermal_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_thermal_friction_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* offset_columns along `count` samples, 2 rows in `out`. */
+/* offset_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_offset_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* offset_torque along `count` samples, 1 row in `out`. */
+/* offset_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_offset_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* linear_spring_columns along `count` samples, 3 rows in `out`. */
+/* linear_spring_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_linear_spring_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* linear_spring_torque along `count` samples, 1 row in `out`. */
+/* linear_spring_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_linear_spring_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* parallel_spring_columns along `count` samples, 3 rows in `out`. */
+/* parallel_spring_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_parallel_spring_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* parallel_spring_torque along `count` samples, 1 row in `out`. */
+/* parallel_spring_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_parallel_spring_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* cable_columns along `count` samples, 5 rows in `out`. */
+/* cable_columns along `count` samples, 5 rows a joint in `out`. */
 void tendon_cable_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* cable_torque along `count` samples, 1 row in `out`. */
+/* cable_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_cable_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* end_stop_columns along `count` samples, 3 rows in `out`. */
+/* end_stop_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_end_stop_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* end_stop_torque along `count` samples, 1 row in `out`. */
+/* end_stop_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_end_stop_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* spring_hysteresis_columns along `count` samples, 2 rows in `out`. */
+/* spring_hysteresis_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_spring_hysteresis_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* spring_hysteresis_torque along `count` samples, 1 row in `out`. */
+/* spring_hysteresis_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_spring_hysteresis_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* spring_hysteresis_states along `count` samples, 5 rows in `out`. */
+/* spring_hysteresis_states along `count` samples, 5 rows a joint in `out`. */
 void tendon_spring_hysteresis_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (8, 2, count). */
+/* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (joints, 2, count, 8). */
 void tendon_spring_hysteresis_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_ripple_columns along `count` samples, 3 rows in `out`. */
+/* torque_ripple_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_torque_ripple_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_ripple_torque along `count` samples, 1 row in `out`. */
+/* torque_ripple_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_ripple_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_saturation_columns along `count` samples, 2 rows in `out`. */
+/* torque_saturation_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_saturation_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_saturation_torque along `count` samples, 1 row in `out`. */
+/* torque_saturation_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_saturation_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_scale_columns along `count` samples, 2 rows in `out`. */
+/* torque_scale_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_scale_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_scale_torque along `count` samples, 1 row in `out`. */
+/* torque_scale_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_scale_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_delay_columns along `count` samples, 2 rows in `out`. */
+/* torque_delay_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_delay_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* torque_delay_torque along `count` samples, 1 row in `out`. */
+/* torque_delay_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_delay_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* elasticity_columns along `count` samples, 1 row in `out`. */
+/* elasticity_columns along `count` samples, 1 row a joint in `out`. */
 void tendon_elasticity_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* elasticity_torque along `count` samples, 1 row in `out`. */
+/* elasticity_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_elasticity_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* elasticity_states along `count` samples, 4 rows in `out`. */
+/* elasticity_states along `count` samples, 4 rows a joint in `out`. */
 void tendon_elasticity_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* elasticity_columns of 8 choices of parameters, p (8, 2); out (8, 1, count). */
+/* elasticity_columns of 8 choices of parameters, p (8, 2); out (joints, 1, count, 8). */
 void tendon_elasticity_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* backlash_columns along `count` samples, 1 row in `out`. */
+/* backlash_columns along `count` samples, 1 row a joint in `out`. */
 void tendon_backlash_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* backlash_torque along `count` samples, 1 row in `out`. */
+/* backlash_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_backlash_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* backlash_states along `count` samples, 5 rows in `out`. */
+/* backlash_states along `count` samples, 5 rows a joint in `out`. */
 void tendon_backlash_states_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* backlash_columns of 8 choices of parameters, p (8, 3); out (8, 1, count). */
+/* backlash_columns of 8 choices of parameters, p (8, 3); out (joints, 1, count, 8). */
 void tendon_backlash_columns_at_once_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* gravity_columns along `count` samples, 3 rows in `out`. */
+/* gravity_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_gravity_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* gravity_torque along `count` samples, 1 row in `out`. */
+/* gravity_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_gravity_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* payload_columns along `count` samples, 2 rows in `out`. */
+/* payload_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_payload_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* payload_torque along `count` samples, 1 row in `out`. */
+/* payload_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_payload_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coupled_friction_columns along `count` samples, 2 rows in `out`. */
+/* coupled_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_coupled_friction_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coupled_friction_torque along `count` samples, 1 row in `out`. */
+/* coupled_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coupled_friction_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coupled_gear_columns along `count` samples, 4 rows in `out`. */
+/* coupled_gear_columns along `count` samples, 4 rows a joint in `out`. */
 void tendon_coupled_gear_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* coupled_gear_torque along `count` samples, 1 row in `out`. */
+/* coupled_gear_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coupled_gear_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* plate_columns along `count` samples, 4 rows in `out`. */
+/* plate_columns along `count` samples, 4 rows a joint in `out`. */
 void tendon_plate_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* plate_torque along `count` samples, 1 row in `out`. */
+/* plate_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_plate_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* plate_damping_columns along `count` samples, 2 rows in `out`. */
+/* plate_damping_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_plate_damping_columns_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
     double *restrict out);
 
-/* plate_damping_torque along `count` samples, 1 row in `out`. */
+/* plate_damping_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_plate_damping_torque_batch_f64(
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,
@@ -587,9 +653,21 @@ void tendon_decimate_f64(
     const double *restrict x,
     double *restrict out);
 
-/* Columns (rows, count) of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes,
- *   filtered and decimated: out (choices, rows, kept).
- * lanes: choices that `columns` takes at once; scratch (lanes, rows, count). */
+/* The same of the first `filled` of 8 columns, x (..., 8), each into a row of `out`; the rows begin `apart` from
+ *   each other. */
+void tendon_decimate_at_once_f64(
+    size_t count,
+    size_t filled,
+    size_t apart,
+    size_t factor,
+    size_t taps,
+    const double *restrict kernel,
+    const double *restrict x,
+    double *restrict out);
+
+/* Columns of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes, filtered and
+ *   decimated: out (choices, rows, kept).
+ * lanes: choices that `columns` takes at once; rows: of all joints; scratch (rows, count, lanes). */
 void tendon_in_band_f64(
     tendon_columns_f64 *columns,
     size_t lanes,
@@ -597,6 +675,7 @@ void tendon_in_band_f64(
     size_t width,
     size_t choices,
     size_t count,
+    size_t joints,
     const tendon_signals_f64 *s,
     double dt,
     const double *restrict p,

@@ -24,7 +24,7 @@
 #endif
 
 typedef double tendon_lanes_f64 __attribute__((vector_size(8 * TENDON_LANES)));
-typedef int64_t tendon_masks_f64 __attribute__((vector_size(8 * TENDON_LANES)));
+typedef uint64_t tendon_words_f64 __attribute__((vector_size(8 * TENDON_LANES)));
 typedef double tendon_memory_f64 __attribute__((vector_size(8 * TENDON_LANES), aligned(8), may_alias));
 
 static inline tendon_lanes_f64 tendon_load_f64(const double *x)
@@ -43,38 +43,25 @@ static inline tendon_lanes_f64 tendon_spread_f64(double x)
     return x - (tendon_lanes_f64){0.0};
 }
 
-/* a where the mask is all ones, b where it is 0. */
-static inline tendon_lanes_f64 tendon_select_f64(tendon_masks_f64 mask, tendon_lanes_f64 a, tendon_lanes_f64 b)
-{
-    return (tendon_lanes_f64)((mask & (tendon_masks_f64)a) | (~mask & (tendon_masks_f64)b));
-}
-
-static inline tendon_lanes_f64 tendon_round_lanes_f64(tendon_lanes_f64 x)
-{
-    return (x + 6755399441055744.0) - 6755399441055744.0;
-}
-
 /* As tendon_sincos_f64, operation by operation. */
 static inline void tendon_sincos_lanes_f64(tendon_lanes_f64 x, tendon_lanes_f64 *sine, tendon_lanes_f64 *cosine)
 {
-    const tendon_lanes_f64 n = tendon_round_lanes_f64(x * 0.6366197723675814);
-    const tendon_lanes_f64 r = ((x - n * 1.5707963267341256) - n * 6.077100506303966e-11)
-        - n * 2.0222662487959506e-21;
+    const tendon_lanes_f64 shifted = x * 0.6366197723675814 + 6755399441055744.0;
+    const tendon_words_f64 bits = (tendon_words_f64)shifted;
+    const tendon_lanes_f64 n = shifted - 6755399441055744.0;
+    const tendon_lanes_f64 r = (x - n * 1.5707963267341256) - n * 6.077100506303966e-11;
     const tendon_lanes_f64 z = r * r;
-    const tendon_lanes_f64 half = 0.5 * z;
-    const tendon_lanes_f64 w = 1.0 - half;
-    const tendon_lanes_f64 s = r + (z * r) * (-0.16666666666666632 + z * (0.00833333333332249
-        + z * (-0.0001984126982985795 + z * (2.7557313707070068e-06 + z * (-2.5050760253406863e-08
-        + z * 1.58969099521155e-10)))));
-    const tendon_lanes_f64 c = w + (((1.0 - w) - half) + (z * z) * (0.0416666666666666
-        + z * (-0.001388888888887411 + z * (2.480158728947673e-05 + z * (-2.7557314351390663e-07
-        + z * (2.087572321298175e-09 - z * 1.1359647557788195e-11))))));
-    const tendon_lanes_f64 m = n - 4.0 * tendon_round_lanes_f64(n * 0.25);
-    const tendon_masks_f64 odd = m * m == 1.0;
-    const tendon_lanes_f64 a = tendon_select_f64(odd, c, s);
-    const tendon_lanes_f64 b = tendon_select_f64(odd, s, c);
-    *sine = tendon_select_f64((m - 0.5) * (m - 0.5) > 1.0, -a, a);
-    *cosine = tendon_select_f64((m + 0.5) * (m + 0.5) > 1.0, -b, b);
+    const tendon_lanes_f64 zz = z * z;
+    const tendon_lanes_f64 zr = z * r;
+    const tendon_lanes_f64 s = r + ((zr * (-0.16666666666666632 + z * 0.00833333333332249)
+        - n * 2.0222662487959506e-21) + (zr * zz) * ((-0.0001984126982985795 + z * 2.7557313707070068e-06)
+        + zz * (-2.5050760253406863e-08 + z * 1.58969099521155e-10)));
+    const tendon_lanes_f64 c = 1.0 - ((0.5 * z - zz * (0.0416666666666666 - z * 0.001388888888887411))
+        - (zz * zz) * ((2.480158728947673e-05 - z * 2.7557314351390663e-07)
+        + zz * (2.087572321298175e-09 - z * 1.1359647557788195e-11)));
+    const tendon_words_f64 other = ((tendon_words_f64)s ^ (tendon_words_f64)c) & -(bits & 1U);
+    *sine = (tendon_lanes_f64)((tendon_words_f64)s ^ other ^ ((bits & 2U) << 62));
+    *cosine = (tendon_lanes_f64)((tendon_words_f64)c ^ other ^ (((bits + 1U) & 2U) << 62));
 }
 
 static inline tendon_lanes_f64 tendon_sin_lanes_f64(tendon_lanes_f64 x)

@@ -20,7 +20,10 @@ app = typer.Typer()
 def add(
     model: ModelFile,
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="As tendon effects lists it.")],
-    joint: Annotated[int | None, typer.Option(help="Counted from 1; not for effects of the arm or contact.")] = None,
+    joint: Annotated[
+        str | None,
+        typer.Option(metavar="JOINT", help="From 1, or a name of the model's; not for effects of the arm or contact."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME."), FILLED] = None,
     effects: EffectsFile = None,
     json: Json = None,
@@ -28,12 +31,13 @@ def add(
     """Put an effect into the model file and regenerate. Another torque_ripple is put beside those that are there."""
     check_own(model)
     source = opened(model, effects)
-    name = source.name_of_next(effect, joint)
-    text = source.add(source.text, effect, joint)
+    number = None if joint is None else source.joint_number(joint)
+    name = source.name_of_next(effect, number)
+    text = source.add(source.text, effect, number)
     rendered = render_all(source, text, out, effects)  # what cannot be generated is not written either
     with source.replaced(text):
         rendered.write()
-    added = name if joint is None else f"{name}@{joint}"
+    added = name if number is None else f"{name}@{number}"
     document = {"model": str(model), "added": added, **rendered.document()}
 
     def show(_: Any) -> None:

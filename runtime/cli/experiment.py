@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.opening import opened
+from runtime.cli.opening import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN
@@ -22,10 +22,10 @@ app = typer.Typer()
 def experiment(
     model: ModelFile,
     between: Annotated[
-        str,
+        list[str],
         typer.Option(
             metavar="EFFECT@JOINT[:KEY=VALUE,...],...",
-            help="Rivals to tell apart; one alone is told from the model as it is.",
+            help="Rivals to tell apart, repeatable; one alone is told from the model as it is.",
         ),
     ],
     out: Annotated[
@@ -39,12 +39,13 @@ def experiment(
     from runtime.report.terminal import pages
 
     source = opened(model, effects)
-    with pages.working("deriving and compiling the model"):
-        loaded = source.model()
     from runtime.experiments import design as experiments
     from runtime.report.terminal import experiment_pages
 
-    rivals = experiments.parse_rivals(between, loaded)
+    check_hidden(source, "--between", experiments.rival_texts(",".join(between)))
+    with pages.working("deriving and compiling the model"):
+        loaded = source.model()
+    rivals = experiments.parse_rivals(",".join(between), loaded)
     with pages.working("looking for a motion") as tell:
         proposal = experiments.propose(loaded, rivals, settings, tell)
     document = proposal.to_json()

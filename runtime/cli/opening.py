@@ -30,4 +30,4 @@ def check_hidden(source: Source, option: str, texts: Sequence[str]) -> None:
 
     arm = source.arm()
     for text in texts:
-        hidden_in(text, source.described, len(arm.joints), arm.name, option)
+        hidden_in(text, source.described, [joint.name for joint in arm.joints], arm.name, option)

@@ -57,12 +57,21 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         # All files that are written say their names; what has none is a stream.
         return _complain(_reason(error, "standard output" if error.errno in _NO_ROOM else ""), BAD_INPUT)
     except Exception as error:
+        if _came_of_ctrl_c(error):
+            return _complain("interrupted", INTERRUPTED)
         # typer's usage errors come from one click or another; both can format themselves.
         if show := getattr(error, "format_message", None):
             return _complain(f"{_command(error)}: {show()} (see {_command(error)} --help)", BAD_INPUT)
         if _is_for_people(error):
             return _complain(str(error), BAD_INPUT)
         raise
+
+
+def _came_of_ctrl_c(error: BaseException | None) -> bool:
+    """Whether it is what became of Ctrl-C, as in the middle of an import of compiled code."""
+    return error is not None and (
+        isinstance(error, KeyboardInterrupt) or _came_of_ctrl_c(error.__cause__ or error.__context__)
+    )
 
 
 def collect_seldom() -> None:

@@ -51,7 +51,13 @@ def simulate(
     recording.write(out, made)
     known = structure(loaded)
     present = [
-        {"effect": term.effect, "joint": term.joint, "hidden": term not in known, "values": dict(v)}
+        {
+            "effect": term.effect,
+            "joint": term.joint,
+            "hidden": term not in known,
+            "values": dict(v),
+            "assumed": [name for name in v if name not in known.get(term, v)],
+        }
         for term, v in values.items()
     ]
     document = {"out": str(out), "samples": len(made.t), "seconds": len(made.t) * made.dt, "seed": settings.seed}

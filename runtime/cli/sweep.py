@@ -21,11 +21,11 @@ from runtime.planning.options import Starts
 from runtime.workspace import UsageError, effects_described, scenario_path, scenario_source
 
 if TYPE_CHECKING:
-    from runtime.model.loader import Model
     from runtime.planning.scenario import Scenario
     from runtime.sweep.job import Code, Job, Result
     from runtime.sweep.journal import Journal
     from runtime.sweep.pools import Pool
+    from runtime.workspace import Source
 
 app = typer.Typer()
 
@@ -35,7 +35,7 @@ _HELP = """Optimize many variations of a scenario. All that --over names, each w
 cycle_time=1.0:3.0:0.2    s; or cycle_time=1.0,1.2
 case=A,B,C,D              bare, springs, friction, both
 stiffness=5100,5900       N/m, of all springs
-stiffness@4=5100,5900     of the one at joint 4
+stiffness@4=5100,5900     of the one at joint 4, or @NAME of the joint
 offset=-0.5,0             rad or m, likewise
 plate.stiffness=600,1300  a parameter of the contact
 seed=0:99                 other first guesses
@@ -66,7 +66,8 @@ def sweep(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    from runtime.report.terminal import sweep_pages
+    from runtime.planning import scenario_file
+    from runtime.report.terminal import pages, sweep_pages
     from runtime.sweep import grid, journal
     from runtime.sweep import table as tables
     from runtime.sweep.job import Code
@@ -77,8 +78,12 @@ def sweep(
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
-    axes = grid.parse(over, effects_described(effects, space=True))
-    case, model = _read(scenario_path(scenario), effects, [table, diary, *([Path(json)] if json else [])])
+    path, written = scenario_path(scenario), [table, diary, *([Path(json)] if json else [])]
+    asked, source = _read(path, effects, written)
+    axes = grid.parse(over, effects_described(effects, space=True), [joint.name for joint in source.arm().joints])
+    with pages.working("deriving and compiling the model"):
+        model = source.model()
+    case = scenario_file.fitted(asked, model, str(path))
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)
     names = [axis.name for axis in axes]
@@ -108,18 +113,15 @@ def sweep(
         raise typer.Exit(NO)
 
 
-def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Scenario, Model]:
-    """A scenario and its arm, compiled; written: by the sweep, not to be among what is read."""
+def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Scenario, Source]:
+    """A scenario and its arm; written: by the sweep, not to be among what is read."""
     from runtime.planning import scenario_file
-    from runtime.report.terminal import pages
 
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, effects)
     keep([path, source.path], written)
     tell(source)
-    with pages.working("deriving and compiling the model"):
-        model = source.model()
-    return scenario_file.fitted(asked, model, str(path)), model
+    return asked, source
 
 
 @contextmanager

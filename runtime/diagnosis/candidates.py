@@ -100,7 +100,7 @@ class CandidateField:
         if self.motion.rigid_given and reads_arm(self.model.library, term.effect, known=LINK_LOAD):
             # The rigid-body torque is the user's own: what the file says of the arm is not meant.
             return False
-        return not self.regressors.signals[0].lacks(term)
+        return not self.regressors.signals((term.joint or 1) - 1)[0].lacks(term)
 
     @cached_property
     def ground(self) -> Ground:
@@ -139,7 +139,7 @@ class CandidateField:
             noise=np.vstack([*noise, silent, -fixed_noise[None]]),
             index=index,
             use=use,
-            piece=self.motion.row_piece,
+            piece=self.motion.row_piece(joint),
             weight=1 / rms if rms else 0.0,
             directions=self.motion.eliminated(joint),
             clear=self.motion.untouched(joint),
@@ -172,16 +172,16 @@ class CandidateField:
         parts = tuple(
             replace(
                 r,
-                y=r.y[rows],
-                base=r.base[:, rows],
-                noise=r.noise[:, rows],
-                use=r.use[rows] & motion.moving(i),
-                piece=motion.row_piece,
+                y=r.y[at],
+                base=r.base[:, at],
+                noise=r.noise[:, at],
+                use=r.use[at] & motion.moving(i),
+                piece=motion.row_piece(i),
                 directions=motion.eliminated(i),
-                clear=r.use[rows] & motion.untouched(i),
-                dependent=motion.dependent(i, r.use[rows] & motion.moving(i)),
+                clear=r.use[at] & motion.untouched(i),
+                dependent=motion.dependent(i, r.use[at] & motion.moving(i)),
             )
-            for i, r in enumerate(self.ground.rows)
+            for i, (r, at) in enumerate(zip(self.ground.rows, rows, strict=True))
         )
         regressors = Regressors(self.model, motion, self.fit.prediction, self.fit.ahead)
         return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper)

@@ -8,7 +8,7 @@ torque to matter, says that the recordings are not of one arm, or that the base 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -145,7 +145,7 @@ def _name(names: Sequence[str], number: int) -> str:
 def _table(identification: Identification, number: int, name: str, floors: Sequence[float]) -> Table:
     """The common structure's linear unknowns from one recording."""
     common, motion = identification.fit, identification.motion
-    own = replace(motion, pieces=tuple(p for p in motion.pieces if p.recording == number))
+    own = motion.of_recording(number)
     problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction, common.ahead)
     problem.weights = common.weights
     solved = problem.solve(common.shapes, Skew(common.skew))

@@ -228,7 +228,7 @@ def _freed(field: CandidateField, term: Term) -> float:
     if not field.model.library.effects[term.effect].gives_way:
         return 1.0
     own = joints_of(field.model, term)[0]
-    signals = field.excerpt[0].signals
+    signals = field.excerpt[0].signals(own)
     link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in signals])))
     rotor = field.model.joints[own].rotor_inertia
     if rotor is None:

@@ -22,9 +22,11 @@ from runtime.estimation.suspicions import suspicions
 from runtime.estimation.torque_lines import per_turn
 from runtime.estimation.twist import fit_twist
 from runtime.model.loader import Model
-from runtime.model.terms import Term, at, structure
-from runtime.motion.motion import Motion, prepare
+from runtime.model.terms import Term, structure
+from runtime.motion.motion import Motion
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording, RecordingError
+from runtime.wording import numbered
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "reason": self.reason,
             "band": {
-                "cutoff_hz": band.cutoff,
-                "reason": band.reason,
+                **band.to_json(),
                 "above": [{"joint": x.joint + 1, "order": x.order, "frequency_hz": x.frequency} for x in band.above],
             },
             "skew": self.steps[-1].identification.inference.skew_json(),
@@ -213,8 +214,8 @@ def _verdict(
             near = ", ".join(str(f.term) for f in search.findings if f.joint_index == i)
             share = 100 * _explained(first, last, i)
             return "unexplained", (
-                f"{preface}joint {i + 1}: {near} comes nearest, but explains only {share:.0f} % of what is above the "
-                f"noise: {rest}"
+                f"{preface}joint {_called(i, last)}: {near} comes nearest, but explains only {share:.0f} % of what is "
+                f"above the noise: {rest}"
             )
     if search.findings:
         found = "; ".join(_sentence(f, last) for f in search.findings)
@@ -225,9 +226,21 @@ def _verdict(
     for i in range(search.model.n):
         rest = remainder(first, i)
         if rest:
-            return "unexplained", f"{preface}joint {i + 1}: no effect of the library explains the residual: {rest}"
+            why = f"{preface}joint {_called(i, last)}: no effect of the library explains the residual: {rest}"
+            return "unexplained", why + _undecided(search, i)
     text = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in last.joints)
     return "clean", f"{preface}the residual is noise ({text}): the recordings show no missing effect"
+
+
+def _undecided(search: Search, joint: int) -> str:
+    """What a second recording would decide, as the end of a sentence."""
+    near = search.undecided(joint)
+    if near is None:
+        return ""
+    return (
+        f"; {near.term} would explain {100 * near.share:.0f} % of what is above the noise floor, which stretches that "
+        "were left out in turn do not bear out: record the motion again and give that as --held-out"
+    )
 
 
 def _outdone(search: Search, wider: Wider) -> str | None:
@@ -244,8 +257,9 @@ def _outdone(search: Search, wider: Wider) -> str | None:
         if found.finding.after.fitted.rms[i] < last.fitted.rms[i]:
             info = found.finding.after.identification.model.library.effects[found.term.effect]
             return (
-                f"joint {i + 1}: {', '.join(str(f.term) for f in here)} came nearest, but a term that no effect of the "
-                f"library has explains far more, {info.equation}: physics is missing that is not in the library"
+                f"joint {_called(i, last)}: {', '.join(str(f.term) for f in here)} came nearest, but a term that "
+                f"no effect of the library has explains far more, {info.equation}: physics is missing that is not in "
+                "the library"
             )
     return None
 
@@ -259,7 +273,9 @@ def _explained(first: Step, last: Step, joint: int) -> float:
 def _sentence(finding: Finding, last: Step) -> str:
     i, shown = finding.joint_index, finding.evidence.twist
     before, after = finding.before.fitted.relative[i], finding.after.fitted.relative[i]
-    text = f"{finding.term.effect}{at(finding.term)}{_order(finding.term, last)} "
+    joint = finding.term.joint
+    where = "" if joint is None else f" at joint {_called(joint - 1, last)}"
+    text = f"{finding.term.effect}{where}{_order(finding.term, last)} "
     if shown is None:
         text += f"(error {100 * before:.2f} % to {100 * after:.2f} %)"
     else:
@@ -267,6 +283,11 @@ def _sentence(finding: Finding, last: Step) -> str:
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
+
+
+def _called(joint: int, step: Step) -> str:
+    """A joint (0-based) by its number and the model file's name."""
+    return numbered(joint + 1, step.joints[joint].name)
 
 
 def _order(term: Term, last: Step) -> str:

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from runtime.diagnosis.settings import LARGEST_COLUMN, LEAST_OWN
-from runtime.estimation.alike import Alike
+from runtime.diagnosis.settings import LARGEST_COLUMN, LEAN, LEAST_OWN
+from runtime.estimation.alike import Alike, Sides
 from runtime.estimation.folds import Grams, NormalEquations
 from runtime.estimation.least_squares import inverse
 from runtime.estimation.robust import lag_by_lag
@@ -275,7 +275,20 @@ class Ground:
         b, k = self.size, len(block.lower)
         kept = [*range(b), *range(b + 1, b + k + 1)]
         lower, upper = np.append(self.lower, block.lower), np.append(self.upper, block.upper)
-        return Grams(moments[:, kept][:, :, kept], lower, upper, self._ends.setdefault(b + k, []))
+        lean = np.append(np.zeros(b), self._lean(moments))
+        return Grams(moments[:, kept][:, :, kept], lower, upper, lean, self._ends.setdefault(b + k, []))
+
+    def _lean(self, moments: Array) -> Array:
+        """(k,) what speaks for zero of a block's coefficients where a fold is left out: what all rows but a few tell of
+        an effect may stand in that fold alone, and what those few say of it is noise. Of a torque that has a part
+        without coefficient, zero is no neutral value."""
+        whole, b = moments.sum(axis=0), self.size
+        if whole[b, b] != 0:
+            return np.zeros(len(whole) - b - 2)
+        projection, _ = self._projection
+        cross = whole[b + 1 : -1, :b]
+        own = np.diagonal(whole)[b + 1 : -1] - np.einsum("kb,bc,kc->k", cross, projection, cross)
+        return LEAN * np.maximum(own, 0.0)
 
     def posed(
         self, moments: Array, block: CandidateBlock | None, added: Array | None = None, grams: Grams | None = None
@@ -307,7 +320,8 @@ class Ground:
 
     @cached_property
     def _base(self) -> Grams:
-        return Grams(self._base_grams[:, :-1, :-1], self.lower, self.upper, self._ends.setdefault(self.size, []))
+        lean = np.zeros(self.size)
+        return Grams(self._base_grams[:, :-1, :-1], self.lower, self.upper, lean, self._ends.setdefault(self.size, []))
 
     @cached_property
     def _base_equations(self) -> NormalEquations:
@@ -315,8 +329,8 @@ class Ground:
         return NormalEquations(self._base, moments, squares, self.level, self.fold_sizes)
 
     @cached_property
-    def _ends(self) -> dict[int, list[Mask]]:
-        """By number of unknowns, which of them ended on bounds."""
+    def _ends(self) -> dict[int, list[Sides]]:
+        """By number of unknowns, on which bounds they ended."""
         return {}
 
     def solve(self, block: CandidateBlock | None = None) -> Solution:

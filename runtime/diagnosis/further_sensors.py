@@ -28,7 +28,7 @@ from runtime.estimation.robust import over_stretches
 from runtime.estimation.settings import FOLDS, LARGEST_QUANTILE, LOADED
 from runtime.estimation.twist import late
 from runtime.model.terms import Term, joints_of
-from runtime.motion.motion import Piece
+from runtime.motion.piece import Piece
 from runtime.motion.sensors import Sensors
 
 Array = NDArray[np.float64]
@@ -126,8 +126,8 @@ class FurtherSensors:
             return ()
         twists, loads = [], []
         # The direction of the load is asked for, which what rests would be taken out of.
-        whole = replace(self.field.regressors, motion=motion.with_standstill, _columns={})
-        for signals, piece in zip(whole.signals, motion.pieces, strict=True):
+        whole = replace(self.field.regressors, motion=motion.with_standstill)
+        for signals, piece in zip(whole.signals(own), motion.pieces_of(own), strict=True):
             deflection = signals.deflection(candidate.term, candidate.shape)
             twist = self._aligned(piece).twist
             if deflection is None or twist is None:
@@ -160,7 +160,7 @@ class FurtherSensors:
     def _lag(self, joints: list[int], noise: bool) -> dict[int, Array]:
         """(M,) by joint: torque that the links of some joints (0-based) do not take because they lag behind, beyond
         what the fitted model holds of it; or what encoder noise adds to it."""
-        total = {i: np.zeros(len(self.field.motion.row_piece)) for i in range(self.field.model.n)}
+        total = {i: np.zeros(len(self.field.motion.row_piece(i))) for i in range(self.field.model.n)}
         for own in joints:
             if (own, noise) not in self._lags:
                 self._lags[own, noise] = self._lag_of(own, noise)
@@ -186,8 +186,9 @@ class FurtherSensors:
             assert twist_qdd is not None
             return piece.equation(piece.in_band(-signals.coupling(joint, own) * twist_qdd[own]), joint)
 
-        pairs = list(zip(regressors.signals, regressors.motion.pieces, strict=True))
-        return {i: np.concatenate([torque(s, p, i) for s, p in pairs]) for i in range(self.field.model.n)}
+        return {
+            i: np.concatenate([torque(s, s.piece, i) for s in regressors.signals(i)]) for i in range(self.field.model.n)
+        }
 
     def _torque(self, regressors: Regressors, term: Term, joint: int) -> Array:
         """(M,) of a term of the fitted model, in the band."""
@@ -229,8 +230,9 @@ class FurtherSensors:
         the link side is, too, but for its shapes.
         """
         field, motion = self.field, self.field.motion
-        parts = [np.array([_output_torque(p)[joint], np.ones(len(p.t))]) for p in motion.pieces]
-        pairs = zip(motion.pieces, parts, strict=True)
+        pieces = motion.pieces_of(joint)
+        parts = [np.array([_output_torque(p)[joint], np.ones(len(p.t))]) for p in pieces]
+        pairs = zip(pieces, parts, strict=True)
         link, offset = np.concatenate([p.equation(p.in_band(x), joint) for p, x in pairs], axis=1)
         link = link - field.regressors.measured(joint)
         free = [*field.regressors.rigid(joint), field.regressors.acceleration(joint), offset]

@@ -400,9 +400,9 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
         of_joint = [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
         # What happens in one stretch only, as a contact may, is left to chance where that stretch is held out.
         of_joint.append(min((c for c in found if c.term.joint == joint), key=lambda c: left[c.term]))
-        chosen += [c for c in of_joint if c not in chosen]
-    chosen += [c for c in scored if c not in chosen and field.watched(c.term)]
-    return chosen
+        chosen += of_joint
+    chosen += [c for c in scored if field.watched(c.term)]
+    return list({c.term: c for c in chosen}.values())
 
 
 def _rivals(model: Model, evidence: Sequence[Evidence]) -> tuple[Term, ...]:

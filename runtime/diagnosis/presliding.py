@@ -39,6 +39,7 @@ def _levels(model: Model, term: Term) -> list[str]:
 def _level(step: Step, term: Term) -> float:
     """Mean magnitude of the joint's dry friction that a term reads, as a step has it."""
     found = step.identification
-    signals, joint = Regressors(found.model, found.motion, found.fit.prediction).signals, (term.joint or 1) - 1
+    joint = (term.joint or 1) - 1
+    signals = Regressors(found.model, found.motion, found.fit.prediction).signals(joint)
     names = _levels(found.model, term)
     return float(np.mean([np.mean(np.abs(s.at(name, joint))) for s in signals for name in names]))

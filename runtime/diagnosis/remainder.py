@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
@@ -21,6 +22,8 @@ from runtime.estimation.compare import structure_shares
 from runtime.estimation.torque_lines import per_turn
 from runtime.model.loader import EffectInfo
 from runtime.motion import spectrum
+
+Array = NDArray[np.float64]
 
 
 def remainder(step: Step, joint: int) -> str | None:
@@ -67,13 +70,13 @@ def above_band(step: Step) -> str:
         if line is not None and term.joint is not None:
             known.setdefault(term.joint - 1, []).append(shape[line.name])
     found = [
-        f"joint {line.joint + 1}: a line at {per_turn(line.order, model.joints[line.joint].gear_ratio)} lies above it, "
-        f"at {line.frequency:.3g} Hz"
+        f"joint {line.joint + 1}: a line at {per_turn(line.order, model.joints[line.joint].gear_ratio)} lies above its "
+        f"band, which ends at {band.cutoffs[line.joint]:g} Hz, at {line.frequency:.3g} Hz"
         for line in band.above
         if line.rms > LEAST_EFFECT * step.floors[line.joint]
         and not any(abs(line.order / order - 1) < SAME_ORDER for order in known.get(line.joint, ()))
     ]
-    return f"; the band ends at {band.cutoff:g} Hz, and {'; '.join(found)}" if found else ""
+    return "".join(f"; {text}" for text in found)
 
 
 def outside(step: Step, joint: int) -> str | None:
@@ -86,19 +89,22 @@ def outside(step: Step, joint: int) -> str | None:
     signs = []
     noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
     read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
-    left = motion.noise_left(joint)
+    left, rate = motion.noise_left(joint), motion.row_rate(joint)
     white = max(s.rms**2 - float(np.mean(read[use] ** 2)), LEAST_WHITE * s.rms**2) if use.any() else 1.0
-    expected = white * left / (np.mean(left[use]) if use.any() else 1.0) + _smooth(read**2, motion.row_rate)
-    worst, rows = spectrum.bursts(residual, use, expected, motion.row_rate)
-    slow = spectrum.slow_over_white(residual, use, motion.row_rate, motion.band.cutoff)
+    expected = white * left / (np.mean(left[use]) if use.any() else 1.0) + _smooth(read**2, rate)
+    worst, rows = spectrum.bursts(residual, use, expected, rate)
+    if motion.band.mistimed:
+        # Noise is then loud where the motion is fast, and where the clocks that stamped it are apart.
+        worst = 1.0
+    slow = spectrum.slow_over_white(residual, use, rate, motion.cutoff(joint))
     both = slow > SLOW_AND_BURSTS[0] and worst > SLOW_AND_BURSTS[1]
-    line = spectrum.strongest_line(residual, motion.row_rate)
+    line = spectrum.strongest_line(residual, rate)
     if line is not None:
         signs.append(f"{100 * line.share:.0f} % of it is at {line.frequency:.2f} Hz")
     if (slow > SLOW_DENSITY or both) and line is None:
         signs.append(f"it is {slow:.1f} times as dense at low frequencies as in the rest of the band")
     if worst > BURST_POWER or both:
-        times = ", ".join(f"{t:.0f}" for t in motion.row_time[rows][:TIMES_SAID])
+        times = ", ".join(f"{t:.0f}" for t in motion.row_time(joint)[rows][:TIMES_SAID])
         signs.append(f"it comes in bursts, at {times} s")
     if not signs:
         return None
@@ -108,7 +114,7 @@ def outside(step: Step, joint: int) -> str | None:
     return f"{'; '.join(signs)}, and it {back}: a disturbance from outside, or noise that is not white"
 
 
-def _smooth(x: np.ndarray, rate: float) -> np.ndarray:
+def _smooth(x: Array, rate: float) -> Array:
     # Of a motion of less than a second, over all of it.
     width = min(len(x), max(1, round(rate)))
     return np.convolve(x, np.full(width, 1 / width), "same")

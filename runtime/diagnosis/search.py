@@ -180,7 +180,13 @@ class Search(Trail):
 
     def _vouched(self, evidence: Evidence) -> bool:
         """Whether a recording that was not fitted can tell if what gates on the fitted ones hold against it matters."""
-        return self.held_out is not None and evidence.answerable and evidence.share > LEAST_VOUCHED_SHARE
+        return self.held_out is not None and _answerable(evidence)
+
+    def undecided(self, joint: int) -> Evidence | None:
+        """What a recording that is not fitted would decide of a joint (0-based), the strongest; None where there is
+        such a recording, or nothing that hangs on one."""
+        open_ones = [e for e in self.last.ranked if _answerable(e) and joint in own_joints(self.model, e.term)]
+        return max(open_ones, key=lambda e: e.delta_bic, default=None) if self.held_out is None else None
 
     def _able(self, term: Term) -> bool:
         """Whether the term's joint moves for long enough to say anything of it."""
@@ -390,6 +396,10 @@ def _as_shown(after: Step, one: Witnessed) -> bool:
     bend it to anything."""
     fitted = after.identification.inference.values[one.term]
     return all(1 / SHOWN_ALIKE < fitted[name].value / e.value < SHOWN_ALIKE for name, e in one.values.items())
+
+
+def _answerable(evidence: Evidence) -> bool:
+    return evidence.answerable and evidence.share > LEAST_VOUCHED_SHARE
 
 
 def _instead(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:

@@ -126,4 +126,4 @@ def residuals_elsewhere(identification: Identification, motion: Motion) -> list[
 
 def seconds_moving(motion: Motion, joint: int) -> float:
     """For how long a joint (0-based) moves faster than its encoder's noise."""
-    return float(motion.moving(joint).sum()) / motion.row_rate
+    return float(motion.moving(joint).sum()) / motion.row_rate(joint)

@@ -77,7 +77,7 @@ def _weighed(
     own = len(rows.base) - equation.along
     index, free = np.arange(own), np.full(own, np.inf)
     heard = np.vstack([noise.base[:own], noise.twist])
-    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece, 1.0)
+    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece(joint), 1.0)
     before = float(np.sqrt(Ground.levelled((row,), -free, free).solve().sse / row.count))
     row = replace(row, weight=1 / before if before else 0.0)
     ground = Ground.levelled((row,), -free, free)
@@ -144,5 +144,5 @@ def _alone(rows: TwistRows, own: int) -> Array:
 
 def _floor(field: CandidateField, joint: int) -> float:
     """RMS of white noise of both encoders in the band, taken to be alike."""
-    band = field.motion.band
-    return float(np.sqrt(2 * band.position_density[joint] * band.cutoff))
+    motion = field.motion
+    return float(np.sqrt(2 * motion.band.position_density[joint] * motion.cutoff(joint)))

@@ -13,14 +13,16 @@ from runtime.estimation.settings import KEPT_ENDS, OPTIMAL, WELL_POSED
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Sides = NDArray[np.int8]
+"""(K,) 1 for a coefficient on its lower bound, -1 for one on its upper bound, 0 for the others."""
 
 
 @dataclass(frozen=True)
 class Alike:
     """As `bounded`, of several problems with the same bounds.
 
-    grams (F, K, K); lower, upper (K,); ends: sets of coefficients (K,) that stood on a bound in problems like these,
-    the likely first, kept up to date
+    grams (F, K, K); lower, upper (K,); ends: on which bounds coefficients stood in problems like these, the likely
+    first, kept up to date
     Problems that are alike end on the same bounds: what one of them has found is tried on the others, all at once. It
     is the answer where nothing falls towards the inside (Karush, Kuhn and Tucker), as there is one least square of Gram
     matrices that are positive; of others, `bounded` goes its own way.
@@ -29,26 +31,26 @@ class Alike:
     grams: Array
     lower: Array
     upper: Array
-    ends: list[Mask] = field(default_factory=list)
+    ends: list[Sides] = field(default_factory=list)
 
     def solve(self, moments: Array) -> Array:
         """(F, K) coefficients, moments (F, K)."""
         found, left = np.tile(self.lower, (len(self.grams), 1)), np.ones(len(self.grams), dtype=bool)
         if self._least_pivot > 0:
-            for held in list(self.ends) or [np.zeros(len(self.lower), dtype=bool)]:
+            for sides in list(self.ends) or [np.zeros(len(self.lower), dtype=np.int8)]:
                 if left.any():
-                    self._try(held, moments, found, left)
+                    self._try(sides, moments, found, left)
         while left.any():
             first = int(np.argmax(left))
             found[first] = bounded(self.grams[first], moments[first], self.lower, self.upper)
-            held = (found[first] == self.lower) | (found[first] == self.upper)
-            self._try(held, moments, found, left)
+            sides = np.where(found[first] == self.lower, 1, np.where(found[first] == self.upper, -1, 0)).astype(np.int8)
+            self._try(sides, moments, found, left)
             left[first] = False
         return found
 
-    def _try(self, held: Mask, moments: Array, found: Array, left: Mask) -> None:
+    def _try(self, sides: Sides, moments: Array, found: Array, left: Mask) -> None:
         """Write the answers of those of the problems left that end with these coefficients on their bounds."""
-        ending = self._ending(held)
+        ending = self._ending(sides)
         if ending is None:
             return
         theta = times(ending.inverse, moments) + ending.offset
@@ -59,14 +61,14 @@ class Alike:
             ended &= (fall * ending.inward).max(axis=1, initial=0.0) <= most
         if ended.any():
             found[ended], left[ended] = theta[ended], False
-            self._remember(held, int(ended.sum()))
+            self._remember(sides, int(ended.sum()))
 
-    def _remember(self, held: Mask, count: int) -> None:
+    def _remember(self, sides: Sides, count: int) -> None:
         """In front where most of the problems end so, else behind the first."""
-        key = held.tobytes()
+        key = sides.tobytes()
         others = [e for e in self.ends if e.tobytes() != key]
         place = 0 if 2 * count > len(self.grams) else 1
-        self.ends[:] = [*others[:place], held, *others[place:]][:KEPT_ENDS]
+        self.ends[:] = [*others[:place], sides, *others[place:]][:KEPT_ENDS]
 
     @cached_property
     def _reach(self) -> Array:
@@ -104,27 +106,27 @@ class Alike:
     def _endings(self) -> dict[bytes, _Ending | None]:
         return {}
 
-    def _ending(self, held: Mask) -> _Ending | None:
-        key = held.tobytes()
+    def _ending(self, sides: Sides) -> _Ending | None:
+        key = sides.tobytes()
         if key not in self._endings:
-            self._endings[key] = self._made(held & self._told, self._told & ~held)
+            self._endings[key] = self._made(np.where(self._told, sides, 0))
         return self._endings[key]
 
-    def _made(self, held: Mask, free: Mask) -> _Ending | None:
-        """None where it is not told on which bound one of them is held, or where something may be unseen."""
-        low = np.isfinite(self.lower)
-        least = self._least_pivot
-        if np.any(held & (low == np.isfinite(self.upper))) or least == 0:
+    def _made(self, sides: Sides) -> _Ending | None:
+        """None where one of them has no such bound, or where something may be unseen."""
+        free, least = self._told & (sides == 0), self._least_pivot
+        if not np.isfinite(np.where(sides > 0, self.lower, self.upper)[sides != 0]).all():
             return None
-        if least <= WELL_POSED and self._pivot(free) <= WELL_POSED:
+        if least == 0 or (least <= WELL_POSED and self._pivot(free) <= WELL_POSED):
             return None
         inverse, size, solved = np.zeros_like(self.grams), self._reach[:, free], np.linalg.inv(self._scaled(free))
         place = np.flatnonzero(free)
         inverse[:, place[:, None], place] = solved / (size[:, :, None] * size[:, None])
-        at = np.where(held, np.where(low, self.lower, self.upper), np.clip(0.0, self.lower, self.upper))
+        resting = np.clip(0.0, self.lower, self.upper)
+        at = np.where(sides > 0, self.lower, np.where(sides < 0, self.upper, resting))
         at[free] = 0.0
         offset = at - times(inverse, self.grams @ at) if at.any() else np.zeros_like(self._reach)
-        return _Ending(inverse, offset, np.where(held, np.where(low, 1.0, -1.0), 0.0))
+        return _Ending(inverse, offset, sides.astype(float))
 
 
 def times(matrices: Array, vectors: Array) -> Array:

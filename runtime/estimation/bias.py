@@ -62,8 +62,8 @@ def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
         use, residual = motion.moving(i), fit.residual[i]
         if not use.any():
             continue
-        ar = autoregression(residual, motion.untouched(i), motion.row_piece)
-        by = Whitening.of(ar, use, motion.row_piece, motion.eliminated(i))
+        ar = autoregression(residual, motion.untouched(i), motion.row_piece(i))
+        by = Whitening.of(ar, use, motion.row_piece(i), motion.eliminated(i))
         white, noise = by(np.vstack([x, residual])), by(_read(problem, fit, i, size))
         weight = 1 / max(float(white[-1] @ white[-1]) / white.shape[1], 1e-300)
         gram += weight * (white[:-1] @ white[:-1].T - noise[:-1] @ noise[:-1].T)

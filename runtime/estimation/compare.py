@@ -117,7 +117,7 @@ class Comparison:
             )
             joints.append(entry)
         return {
-            "band": {"cutoff_hz": band.cutoff, "reason": band.reason},
+            "band": band.to_json(),
             "skew": self.identification.inference.skew_json(),
             "joints": joints,
             "warnings": warnings(self.identification),
@@ -136,7 +136,7 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
     floors = []
     for i, residual in enumerate(fit.residual):
         noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
-        floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
+        floors.append(floor(motion, found[i], i, residual, fit.coefficients @ noise + fixed_noise))
     return laid_open(identification, motion, fit.residual, floors)
 
 
@@ -149,24 +149,24 @@ def laid_open(
     """
     model, fit = identification.model, identification.fit
     regressors = Regressors(model, motion, fit.prediction)
-    loads = np.concatenate([s.loads[:, p.centres] for s, p in _pairs(regressors)], axis=1)
     out = []
     for i, joint in enumerate(model.joints):
         use = motion.moving(i)
         tau = motion.recorded(i, fit.skew)
+        load = np.concatenate([np.asarray(s.at("load", i))[s.piece.centres] for s in regressors.signals(i)])
         warm = all(bool(p.measured[i]) for p in motion.pieces)
         out.append(
             JointSeries(
                 i + 1,
                 joint.force_unit,
                 joint.position_unit,
-                motion.row_time[use],
-                motion.row_piece[use],
-                motion.rows("q")[i, use],
-                motion.rows("qd")[i, use],
-                motion.rows("qdd")[i, use],
-                loads[i, use],
-                motion.rows("warmth")[i, use] if warm else None,
+                motion.row_time(i)[use],
+                motion.row_piece(i)[use],
+                motion.rows("q", i)[i, use],
+                motion.rows("qd", i)[i, use],
+                motion.rows("qdd", i)[i, use],
+                load[use],
+                motion.rows("warmth", i)[i, use] if warm else None,
                 tau[use],
                 (tau - residuals[i])[use],
                 floors[i],
@@ -174,10 +174,6 @@ def laid_open(
             )
         )
     return tuple(out)
-
-
-def _pairs(regressors: Regressors) -> list[tuple[Signals, Any]]:
-    return list(zip(regressors.signals, regressors.motion.pieces, strict=True))
 
 
 def structure_json(series: JointSeries) -> list[dict[str, Any]]:
@@ -201,27 +197,32 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
     found = dict.fromkeys(series.signals(), between)
     for use in sides:
         part = r[use] - r[use].mean()
-        weight = float(part @ part)
-        lag = float(np.clip((part[1:] @ part[:-1]) / weight, 0.0, 1.0)) if weight else 0.0
-        independent = max(2.0, len(part) * (1 - lag) / (1 + lag))
         for name, values in series.signals().items():
-            if name != "direction" and weight:
-                found[name] += weight / total * _share(part, weight, values[use], independent)
+            if name != "direction" and part.any():
+                found[name] += float(part @ part) / total * _share(part, values[use])
     return {name: min(share, 1.0) for name, share in found.items()}
 
 
-def _share(r: Array, total: float, values: Array, independent: float) -> float:
-    """Share of r's variance that its means over quantile bins explain, corrected for what chance would.
+def _share(r: Array, values: Array) -> float:
+    """Share of the variance of r (N,) that its means over quantile bins explain, less what chance would.
 
-    Chance is the number of bins over the number of independent samples, from the correlation time.
+    What the means leave tells how much of their squares is chance: if it hangs together from row to row, so many rows
+    are one. r itself does not tell that: a function of a slow signal is as slow.
     """
     edges = np.unique(np.quantile(values, np.linspace(0, 1, STRUCTURE_BINS + 1)[1:-1]))
     index = np.searchsorted(edges, values)
     count = np.bincount(index)
-    explained = float(np.sum(np.bincount(index, weights=r) ** 2 / np.maximum(count, 1))) / total
-    bins = int(np.count_nonzero(count))
-    by_chance = (bins - 1) / max(independent - 1, bins)
-    return float(np.clip((explained - by_chance) / (1 - by_chance), 0.0, 1.0))
+    means = np.bincount(index, weights=r) / np.maximum(count, 1)
+    left = r - means[index]
+    bins, power = int(np.count_nonzero(count)), float(left @ left)
+    lag = float(np.clip((left[1:] @ left[:-1]) / power, 0.0, 1.0)) if power else 0.0
+    # Rows that are as good as one, of which some must be over once every bin has had its mean.
+    alike = (1 + lag) / max(1 - lag, 1e-12)
+    over = len(r) - bins * alike
+    if over <= 0:
+        return 0.0
+    chance = (bins - 1) * alike * power / over
+    return float(np.clip(1 - (power + chance) / float(r @ r), 0.0, 1.0))
 
 
 def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
@@ -237,7 +238,7 @@ def as_written(identification: Identification) -> tuple[tuple[float, float], ...
     prediction = Prediction(identification.problem.layout.stated[: len(model.lumps)], known)
     out = []
     for i in range(model.n):
-        predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces])
+        predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces_of(i)])
         use = motion.moving(i)
         left = motion.torque(i, identification.fit.skew)[use] - predicted[use]
         out.append(errors(left, motion.recorded(i, identification.fit.skew)[use]))
@@ -332,13 +333,12 @@ def improper_inertia(identification: Identification) -> list[str]:
 
 def _least_apparent(motion: Motion) -> float:
     """The least inertia that the torque of a joint which moves asks for, kg m² (kg); 0 if none asks for any."""
-    q, qd, qdd = (motion.rows(name) for name in ("q", "qd", "qdd"))
-    torque = np.array([motion.torque(i, 0.0) for i in range(motion.n)])
     found = []
     for i in range(motion.n):
         use = motion.moving(i)
         if use.any():
-            found.append(asked(i, q[:, use], qd[:, use], qdd[:, use], torque[:, use]))
+            q, qd, qdd = (motion.rows(name, i)[:, use] for name in ("q", "qd", "qdd"))
+            found.append(asked(i, q, qd, qdd, motion.torque(i, 0.0)[use]))
     return min((x for x in found if np.isfinite(x)), default=0.0)
 
 
@@ -358,7 +358,7 @@ def range_warnings(identification: Identification) -> list[str]:
 
 
 def _fastest(motion: Motion, joint: int) -> float:
-    return max(float(np.abs(p.qd[joint]).max()) for p in motion.pieces)
+    return max(float(np.abs(p.qd[joint]).max()) for p in motion.pieces_of(joint))
 
 
 def active_from(identification: Identification, joint: int, up_to: float) -> float | None:

@@ -137,7 +137,7 @@ def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
         shift, soft = moved @ smoothing_score(problem, fit, jacobian)[there], WHITENED_BIAS
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
     covariance[part] += soft**2 * np.outer(other, other)
-    degrees = len(np.unique(stretches(problem.motion))) - 1
+    degrees = len(np.unique(stretches(problem.motion, 0))) - 1
     return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
 
 
@@ -234,9 +234,10 @@ def shape_derivative(problem: Problem, fit: Fit, term: Term, name: str, step: fl
     return (sides[0] - sides[1]) / (2 * step)
 
 
-def stretches(motion: Motion) -> NDArray[np.intp]:
-    """(M,) the stretch of each row: residuals of different ones are taken to be independent."""
-    found: NDArray[np.intp] = np.floor(motion.row_time / SCORE_BLOCK_S).astype(int) + motion.row_piece * 1_000_000
+def stretches(motion: Motion, joint: int) -> NDArray[np.intp]:
+    """(M,) the stretch of each row of a joint (0-based): residuals of different ones are taken to be independent."""
+    second, piece = motion.row_time(joint), motion.row_piece(joint)
+    found: NDArray[np.intp] = np.floor(second / SCORE_BLOCK_S).astype(int) + piece * 1_000_000
     return found
 
 
@@ -255,13 +256,14 @@ def quantile(degrees: int) -> float:
 def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:
     size = len(jacobian[0])
     motion = problem.motion
-    _, index = np.unique(stretches(motion), return_inverse=True)
-    scores = np.zeros((index.max() + 1, size))
+    each = [stretches(motion, i) for i in range(motion.n)]
+    every = np.unique(np.concatenate(each))
+    scores = np.zeros((len(every), size))
     bread = np.zeros((size, size))
     for i, x in enumerate(jacobian):
         use, w = motion.moving(i), problem.weights[i]
         bread += w**2 * x[:, use] @ x[:, use].T
-        contribution = x * (w**2 * fit.residual[i])
+        contribution, index = x * (w**2 * fit.residual[i]), np.searchsorted(every, each[i])
         for k in range(size):
             scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))
     return bread, over_stretches(scores, len(jacobian))

@@ -41,7 +41,7 @@ def ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahead
 def large(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
     """These times (n,) s, where first order does not do for them: it has the encoders' noise in it, that is known."""
     given = np.array(times)
-    small = 2 * np.pi * motion.band.cutoff * np.abs(given) < SMALL_DELAY
+    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SMALL_DELAY
     return Ahead(skew, np.where(small, 0.0, given))
 
 
@@ -57,7 +57,7 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
         rest = y - bounded(gram, x @ y, layout.lower, layout.upper, layout.stated) @ x
         return float(rest @ rest) / max(float(y @ y), 1e-300)
 
-    step = 1 / (DELAY_STEPS * problem.motion.band.cutoff)
+    step = 1 / (DELAY_STEPS * problem.motion.cutoff(joint))
     times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
     best = float(times[int(np.argmin([left(float(t)) for t in times]))])
     from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit

@@ -154,7 +154,7 @@ def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Pr
     """Whether what hangs on every transmission has an inertia, without which its motion has no meaning."""
     regressors = Regressors(model, motion, prediction)
     own = [t.joint - 1 for t in terms if t.joint and model.library.effects[t.effect].gives_way]
-    return all(float(np.min(s.link_inertia(i))) > 0 for s in regressors.signals for i in own)
+    return all(float(np.min(s.link_inertia(i))) > 0 for i in own for s in regressors.signals(i))
 
 
 def _needs_prediction(model: Model, term: Term) -> bool:
@@ -285,7 +285,7 @@ def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
         return {}
     found = {}
     for joint in open_rotors(problem.model, problem.layout.terms):
-        assumed = problem.regressors.signals[0].assumed_rotor(joint)
+        assumed = problem.regressors.signals(joint)[0].assumed_rotor(joint)
         if assumed > 0:
             found[joint] = (ROTOR_ASSUMED, assumed / ROTOR_ASSUMED)
     return found

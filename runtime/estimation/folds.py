@@ -8,22 +8,23 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation.alike import Alike, times
+from runtime.estimation.alike import Alike, Sides, times
 from runtime.estimation.least_squares import rank
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Grams:
     """The left-hand sides of normal equations in folds: folds (FOLDS, K, K) of the unknowns' columns, compensated;
-    lower, upper (K,); ends as for `Alike`, shared with others of the same unknowns."""
+    lower, upper (K,); lean (K,): as much again speaks for zero of each where a fold is left out; ends as for `Alike`,
+    shared with others of the same unknowns."""
 
     folds: Array
     lower: Array
     upper: Array
-    ends: list[Mask] = field(default_factory=list)
+    lean: Array
+    ends: list[Sides] = field(default_factory=list)
 
     @cached_property
     def whole(self) -> Alike:
@@ -32,7 +33,12 @@ class Grams:
     @cached_property
     def rests(self) -> Alike:
         """Every fold left out once."""
-        return Alike(self.whole.grams - self.folds, self.lower, self.upper, self.ends)
+        return Alike(self.left + np.diag(self.lean), self.lower, self.upper, self.ends)
+
+    @property
+    def left(self) -> Array:
+        """(FOLDS, K, K) without each of the folds."""
+        return self.whole.grams - self.folds
 
     @cached_property
     def rank(self) -> int:
@@ -78,7 +84,7 @@ class NormalEquations:
         moments, squares = self.moments.sum(axis=0) - self.moments, self.squares.sum() - self.squares
         theta = self.grams.rests.solve(moments)
         held = _left(self.grams.folds, self.moments, self.squares, theta)
-        trained = _left(self.grams.rests.grams, moments, squares, theta)
+        trained = _left(self.grams.left, moments, squares, theta)
         return held + self.level, trained + self.level.sum() - self.level
 
     @cached_property

@@ -49,7 +49,7 @@ def period(regressors: Regressors, term: Term) -> float:
 
 
 def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[float, float]:
-    pieces = regressors.motion.pieces
+    pieces = regressors.motion.pieces_of(joints[0])
     if of == "duration":
         return 0.0, max(float(p.t[-1]) for p in pieces)
     if of == "elapsed":
@@ -76,7 +76,7 @@ def _of_kind(info: EffectInfo, kind: ParameterKind, values: Values, default: flo
 
 
 def _everywhere(regressors: Regressors, signal: str, joints: tuple[int, ...]) -> Array:
-    return np.concatenate([np.atleast_1d(s.at(signal, i)) for s in regressors.signals for i in joints])
+    return np.concatenate([np.atleast_1d(s.at(signal, i)) for i in joints for s in regressors.signals(i)])
 
 
 def axis(regressors: Regressors, term: Term, parameter: DescribedParameter, known: Values) -> Array:

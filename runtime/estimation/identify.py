@@ -14,14 +14,15 @@ from runtime.estimation import delays, soundness, tip_rests
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.fitting import drivable, solve
 from runtime.estimation.problem import Fit, Problem, weighted
-from runtime.estimation.settings import LOWERED_TO, LOWERINGS, MOST_COMPENSATED
+from runtime.estimation.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, LOWERINGS, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, structure
-from runtime.motion.band import choose_band, lowered, rigid_inertia
+from runtime.motion.band import choose_band, coupled, lowered, rigid_inertia
 from runtime.motion.clock import grid
 from runtime.motion.inertia import believable
 from runtime.motion.lines_above import raised
-from runtime.motion.motion import Motion, prepare
+from runtime.motion.motion import Motion
+from runtime.motion.prepare import prepare
 from runtime.recordings.plausible import fast_clock, given_twice
 from runtime.recordings.recording import Recording, RecordingError
 
@@ -62,7 +63,7 @@ class Identification:
     def to_json(self) -> dict[str, Any]:
         """Every figure of the fit, as JSON has them; intervals are 95 %."""
         document: dict[str, Any] = {
-            "band": {"cutoff_hz": self.motion.band.cutoff, "reason": self.motion.band.reason},
+            "band": self.motion.band.to_json(),
             "skew": self.inference.skew_json(),
             "delay": self.delay_json(),
             **self.inference.to_json(self.model),
@@ -116,15 +117,14 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     refuse_copies(recordings)
     refuse_fast_clocks(recordings)
     given = rigid_inertia(recordings)
-    stated = _diagonal(model) if model.lumps_known else np.full(model.n, np.nan)
-    inertia = believable(stated, recordings) if given is None else given
+    inertia = _inertia(model, recordings) if given is None else np.diag(given)
     ratios = [joint.gear_ratio for joint in model.joints]
     band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
     first = motion = prepare(recordings, band, model)
     for _ in range(LOWERINGS):
         if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:
             return motion
-        lower = lowered(motion.band, LOWERED_TO * motion.band.cutoff)
+        lower = lowered(motion.band, LOWERED_TO)
         if lower is None:
             break
         motion = prepare(recordings, lower, model)
@@ -156,6 +156,12 @@ def identify_motion(
     return Identification(model, motion, *solve(model, motion, known, skew, start))
 
 
-def _diagonal(model: Model) -> Array:
-    """(n,) D_ii of the model file at q = 0."""
-    return np.diagonal(model.inertia(np.zeros((model.n, 1)))[:, :, 0]).copy()
+def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
+    """(n, n) kg m² (kg), what each joint's torque asks for each joint's acceleration: as the model file has it all over
+    the recordings' configurations, as far as it is believed."""
+    n = model.n
+    if not model.lumps_known:
+        return coupled(np.full((n, n), np.nan), believable(np.full(n, np.nan), recordings))
+    own = np.diagonal(model.inertia(np.zeros((n, 1)))[:, :, 0]).copy()
+    q = np.concatenate([r.q[:, :: max(1, r.q.shape[1] // INERTIA_CONFIGURATIONS)] for r in recordings], axis=1)
+    return coupled(np.sqrt(np.mean(model.inertia(q) ** 2, axis=2)), believable(own, recordings))

@@ -32,16 +32,17 @@ def intervals(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, 
     return found
 
 
-def _moments(problem: Problem, _term: Term) -> tuple[float, float, float]:
+def _moments(problem: Problem, term: Term) -> tuple[float, float, float]:
     """First and last moment of the recordings, and a row of the band, s."""
     pieces = problem.motion.pieces
     low, high = min(p.began + float(p.t[0]) for p in pieces), max(p.began + float(p.t[-1]) for p in pieces)
-    return low, high, 1 / problem.motion.row_rate
+    return low, high, 1 / problem.motion.row_rate(joints_of(problem.model, term)[0])
 
 
 def _places(problem: Problem, term: Term) -> tuple[float, float, float]:
     """Lowest and highest position of the term's joint, and how far it goes from sample to sample."""
-    pieces, joint = problem.motion.pieces, joints_of(problem.model, term)[0]
+    joint = joints_of(problem.model, term)[0]
+    pieces = problem.motion.pieces_of(joint)
     low, high = min(float(p.q[joint].min()) for p in pieces), max(float(p.q[joint].max()) for p in pieces)
     return low, high, float(np.mean([np.abs(p.qd[joint]).mean() * p.dt for p in pieces]))
 

@@ -227,7 +227,7 @@ class Problem:
         return noisy - x, noisy_fixed - fixed
 
     def _rows(self, regressors: Regressors, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
-        x = np.zeros((self.layout.size, len(self.motion.row_piece)))
+        x = np.zeros((self.layout.size, len(self.motion.row_piece(joint))))
         fixed = np.zeros(x.shape[1])
         for part in self._parts(joint, shapes):
             rows = part.rows(regressors)

@@ -10,7 +10,7 @@ Oriolo, Robotics, 2009, chapter 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import pi
@@ -23,7 +23,8 @@ from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem, least_inertia
 from runtime.estimation.settings import SUSPICION_SAMPLES
 from runtime.model.catalogue import JointInfo
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
 from runtime.recordings.units import UNITS
 
 Array = NDArray[np.float64]
@@ -154,7 +155,7 @@ class Readings:
     def _possible(self, reading: Reading, lumps: Array) -> bool:
         """Whether an arm can have such an inertia."""
         mix = _mix(reading, self.model.joints)
-        there = _changed(self.motion, lambda p: replace(p, q=mix @ p.q))
+        there = self.motion.changed(lambda p: replace(p, q=mix @ p.q))
         return least_inertia(self.model, there, lumps)[0] > 0
 
     def _table(self, reading: Reading) -> dict[int, _Equations]:
@@ -166,7 +167,7 @@ class Readings:
 
     def _equations(self, problem: Problem) -> dict[int, _Equations]:
         motion = problem.motion
-        of_one = [_changed(motion, partial(_all_torques_of, j)) for j in range(motion.n)]
+        of_one = [motion.changed(partial(_all_torques_of, j)) for j in range(motion.n)]
         found = {}
         for i in self.able:
             use = motion.moving(i)
@@ -203,13 +204,9 @@ def _moved(motion: Motion, mix: Array) -> Motion:
 
     standing = np.where(np.isinf(motion.standstill), 0.0, motion.standstill)
     standstill = np.where(np.isinf(motion.standstill), np.inf, mix @ standing)
-    return _changed(motion, change).resting(standstill, motion.quiet)
+    return motion.changed(change).resting(standstill, motion.quiet)
 
 
 def _all_torques_of(joint: int, p: Piece) -> Piece:
     """With one joint's torque (0-based) at all joints."""
     return replace(p, tau=np.tile(p.tau[joint], (len(p.tau), 1)))
-
-
-def _changed(motion: Motion, change: Callable[[Piece], Piece]) -> Motion:
-    return replace(motion, pieces=tuple(change(p) for p in motion.pieces))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from runtime.estimation.settings import SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
-from runtime.model.terms import Prediction, Term, given, joints_of
-from runtime.motion.motion import Motion, Piece
+from runtime.model.terms import Prediction, Structure, Term, given, joints_of
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,13 @@ class Signals(SignalContext):
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
     _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
     _read: dict[tuple[str, int | None, int], dict[str, Array | float]] = field(default_factory=dict)
+
+    def where(self, values: Structure) -> Signals:
+        """The same where other effects act: what the arm's functions gave along this piece is read, not computed
+        again."""
+        made = Signals(self.model, self.piece, replace(self._known, values=values), _slopes=self._slopes)
+        made._outputs = self._outputs
+        return made
 
     def signal(self, name: str, joint: int, own: int | None) -> Array | float:
         key = (name, joint, own)
@@ -231,55 +239,55 @@ class Regressors:
     prediction: Prediction | None = None
     ahead: Ahead | None = None
     extents: dict[tuple[str, tuple[int, ...]], tuple[float, float]] = field(default_factory=dict)
-    _columns: dict[tuple[Hashable, ...], Array] = field(default_factory=dict)
+    _columns: dict[tuple[Hashable, ...], Array] = field(default_factory=dict, init=False)
+    _signals: dict[tuple[int, ...], tuple[Signals, ...]] = field(default_factory=dict, init=False)
 
-    @cached_property
-    def signals(self) -> tuple[Signals, ...]:
-        return tuple(Signals(self.model, piece, self.prediction) for piece in self.motion.pieces)
+    def signals(self, joint: int) -> tuple[Signals, ...]:
+        """Along every piece, in the band of a joint's equation (0-based)."""
+        view = self.motion.view(joint)
+        if view.joints not in self._signals:
+            self._signals[view.joints] = tuple(Signals(self.model, piece, self.prediction) for piece in view.pieces)
+        return self._signals[view.joints]
 
     @cached_property
     def perturbed(self) -> Regressors:
         """The same along the motion with a further realisation of the encoders' noise on it."""
         return Regressors(self.model, self.motion.perturbed, self.prediction, self.ahead)
 
-    def _kept(self, key: tuple[Hashable, ...], of_motion: bool, make: Callable[[], Array]) -> Array:
-        """What `make` gives, computed once: for this motion if it depends on nothing else, or for these regressors."""
-        store = self.motion.columns if of_motion else self._columns
-        if key not in store:
-            store[key] = make()
-        return store[key]
-
     def rigid(self, joint: int) -> Array:
         """(p, M) derivative of the joint's torque (0-based) by the base inertial parameters; zero where the user's own
         model gives it whole."""
 
-        def make() -> Array:
-            if self.motion.rigid_given:
-                return np.zeros((self.model.n, len(self.model.lumps), len(self.motion.row_piece)))
-            parts = [p.equations(self.model.regressor(p.q, p.qd, p.qdd)) for p in self.motion.pieces]
-            return np.concatenate(parts, axis=2)
+        if self.motion.rigid_given:
+            return np.zeros((len(self.model.lumps), len(self.motion.row_piece(joint))))
 
-        return self._kept(("rigid", self.model.directory), True, make)[joint]
+        def rows(p: Piece, joints: tuple[int, ...]) -> dict[int, Array]:
+            return p.equations_in_blocks(lambda at: self.model.regressor(p.q[:, at], p.qd[:, at], p.qdd[:, at]), joints)
+
+        return self._of_all("rigid", joint, lambda s, joints: rows(s.piece, joints))
 
     def measured(self, joint: int) -> Array:
         """(M,) the part of the joint's torque (0-based) that measured signals give, whatever the parameters."""
 
-        def make() -> Array:
-            parts = [
-                np.zeros((self.model.n, len(p.centres))) if s.measured is None else p.equations(s.measured)
-                for s, p in zip(self.signals, self.motion.pieces, strict=True)
-            ]
-            return np.concatenate(parts, axis=1)
+        def torque(s: Signals) -> Array:
+            return np.zeros(s.piece.q.shape) if s.measured is None else s.measured
 
-        return self._kept(("measured", self.model.directory), True, make)[joint]
+        return self._of_all("measured", joint, lambda s, joints: s.piece.equations(torque(s), joints))
+
+    def _of_all(self, what: str, joint: int, make: Callable[[Signals, tuple[int, ...]], Mapping[int, Array]]) -> Array:
+        """(..., M) in-band rows of a joint (0-based) of what is computed at once for some joints along a piece; kept
+        for this motion."""
+        store, key = self.motion.columns, (what, self.model.directory)
+        if (*key, joint) not in store:
+            joints = self.motion.view(joint).joints
+            parts = [make(s, joints) for s in self.signals(joint)]
+            store.update({(*key, i): np.concatenate([part[i] for part in parts], axis=-1) for i in joints})
+        return store[*key, joint]
 
     def acceleration(self, joint: int) -> Array:
         """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
 
-        def make() -> Array:
-            return np.concatenate([p.equation(p.in_band(p.qdd[joint]), joint) for p in self.motion.pieces])
-
-        return self._kept(("acceleration", joint), True, make)
+        return self._of_all("acceleration", joint, lambda s, joints: s.piece.equations(s.piece.qdd, joints))
 
     def columns(
         self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
@@ -305,24 +313,28 @@ class Regressors:
     ) -> list[Array]:
         library = self.model.library
         store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
-        where = (library.directory, self.model.directory, term, joint, *given.items())
+        where = (library.directory, self.model.directory, term, *given.items())
         keys = [(*where, *shape.values()) for shape in shapes]
-        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if key not in store}
+        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if (joint, *key) not in store}
         if absent:
-            store.update(zip(absent, self._in_band(term, joint, list(absent.values()), given), strict=True))
-        return [store[key] for key in keys]
+            for i, columns in self._in_band(term, joint, list(absent.values()), given).items():
+                store.update(zip(((i, *key) for key in absent), columns, strict=True))
+        return [store[joint, *key] for key in keys]
 
     def _in_band(
         self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
-    ) -> Array:
+    ) -> dict[int, Array]:
+        """(S, 1 + k, M) at the joint, and at all that feel the same and share its band: it is simulated once."""
         if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
-            return np.array([self._late(joint, self.ahead)] * len(shapes))
-        library = self.model.library
-        parts = [
-            p.equation(p.low_pass.columns(library, term.effect, {**s.of(term, joint), **given}, shapes, p.dt), joint)
-            for s, p in zip(self.signals, self.motion.pieces, strict=True)
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
+            return {joint: np.array([self._late(joint, self.ahead)] * len(shapes))}
+        library, felt = self.model.library, joints_of(self.model, term)
+        joints = [i for i in self.motion.view(joint).joints if i in felt] if joint in felt else [joint]
+        parts = []
+        for s in self.signals(joint):
+            read = [{**s.of(term, i), **given} for i in joints]
+            columns = s.piece.low_pass.columns(library, term.effect, read, shapes, s.piece.dt)
+            parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])
+        return {i: np.concatenate([part[k] for part in parts], axis=2) for k, i in enumerate(joints)}
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,19 +39,41 @@ def eliminated(model: Model, motion: Motion, prediction: Prediction) -> Motion:
     It reaches every joint, whose own motion shows nothing of it: where a plate sticks at the end of a stroke, all
     joints that press it may be moving.
     """
+    most, unknown = np.zeros(model.n), []
+    here, again = (Regressors(model, m, prediction) for m in (motion, motion.perturbed))
+    for view in motion.views:
+        first = view.joints[0]
+        samples, dry = _unknown(motion, view.joints, here.signals(first), again.signals(first), prediction)
+        unknown.append(samples)
+        most = np.maximum(most, dry)
     floor = motion.band.torque_floor()[: model.n]
-    unknown, most = [np.zeros(p.q.shape, dtype=bool) for p in motion.pieces], np.zeros(model.n)
-    here, again = (Regressors(model, m, prediction).signals for m in (motion, motion.perturbed))
+    quiet = np.minimum(motion.quiet, np.divide(floor, most, out=np.full(model.n, np.inf), where=most > 0))
+    views = tuple(
+        replace(view, pieces=tuple(p.unknown_at(x, quiet) for p, x in zip(view.pieces, samples, strict=True)))
+        for view, samples in zip(motion.views, unknown, strict=True)
+    )
+    return replace(motion, views=views, quiet=quiet)
+
+
+def _unknown(
+    motion: Motion,
+    joints: Sequence[int],
+    here: Sequence[Signals],
+    again: Sequence[Signals],
+    prediction: Prediction,
+) -> tuple[list[Mask], Array]:
+    """Samples (n, N) of every piece at which what rubs is unknown to some joints (0-based), and (n,) as much as it may
+    be of each joint's torque there; again: the signals as another reading of the encoders gives them."""
+    model, floor = here[0].model, motion.band.torque_floor()
+    unknown, most = [np.zeros(s.piece.q.shape, dtype=bool) for s in here], np.zeros(motion.n)
     for term, name in rubbing(model, prediction.values):
         rest = _standstill(here, again, term, name)
         for signals, samples in zip(here, unknown, strict=True):
-            for i in joints_of(model, term):
+            for i in (i for i in joints_of(model, term) if i in joints):
                 dry = _dry_friction(signals, term, name, i, rest)
                 samples[i] |= _rests(signals, term, name, i, rest) & (dry > floor[i])
                 most[i] = max(most[i], dry.max(where=samples[i], initial=0.0))
-    quiet = np.minimum(motion.quiet, np.divide(floor, most, out=np.full(model.n, np.inf), where=most > 0))
-    pieces = tuple(p.unknown_at(samples, quiet) for p, samples in zip(motion.pieces, unknown, strict=True))
-    return replace(motion, pieces=pieces, quiet=quiet)
+    return unknown, most
 
 
 def _standstill(here: Iterable[Signals], again: Iterable[Signals], term: Term, name: str) -> float:

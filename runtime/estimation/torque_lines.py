@@ -124,14 +124,14 @@ def per_turn(order: float, ratio: float) -> str:
 def motor_angle(model: Model, motion: Motion, joint: int) -> MotorAngle:
     """Of a joint (0-based) along a motion."""
     use, ratio = motion.moving(joint), model.joints[joint].gear_ratio
-    starts = np.flatnonzero(np.diff(motion.row_time, prepend=motion.row_time[:1]) < 0)
+    time = motion.row_time(joint).copy()
+    starts = np.flatnonzero(np.diff(time, prepend=time[:1]) < 0)
     # What one recording says of the phase of a wave over the time, another does not know: any offset will do.
-    time = motion.row_time.copy()
     for start in starts:
         time[start:] += time[start - 1] - time[start]
     return MotorAngle(
-        ratio * motion.rows("q")[joint][use],
-        ratio * np.abs(motion.rows("qd")[joint][use]),
+        ratio * motion.rows("q", joint)[joint][use],
+        ratio * np.abs(motion.rows("qd", joint)[joint][use]),
         time[use],
-        motion.band.cutoff,
+        motion.cutoff(joint),
     )

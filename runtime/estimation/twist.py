@@ -157,7 +157,7 @@ def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
     for _ in range(TWIST_PASSES):
         skew += float(equation.solution[0])
         equation = _equation(problem, fit, joint, skew, errors)
-    info, stretch = problem.model.joints[joint], stretches(problem.motion)
+    info, stretch = problem.model.joints[joint], stretches(problem.motion, joint)
     covariance, degrees = equation.covariance(stretch)
     late = Estimate(skew, interval(skew, float(covariance[0, 0]), degrees), "s")
     unit, loaded = f"{info.force_unit}/{info.position_unit}", equation.of_gap()
@@ -197,11 +197,12 @@ def late(problem: Problem, fit: Fit) -> Array:
 def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array) -> TwistEquation:
     motion, band = problem.motion, problem.motion.band
     # What rests is eliminated from linear equations; this one has the direction of the load, too.
-    whole = replace(problem.regressors, motion=motion.with_standstill, _columns={})
+    whole = replace(problem.regressors, motion=motion.with_standstill)
     plain, again = (_rows(problem, fit, joint, skew, r) for r in (whole, whole.perturbed))
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
-    inside = white_inside(motion.recorded(joint, fit.skew), motion.row_rate, band.cutoff)
-    noise = band.cutoff * min(inside, float(band.torque_density[joint]))
+    cutoff = motion.cutoff(joint)
+    inside = white_inside(motion.recorded(joint, fit.skew), motion.row_rate(joint), cutoff)
+    noise = cutoff * min(inside, float(band.torque_density[joint]))
     along = int(problem.model.joints[joint].rotor_inertia is None)
     return TwistEquation(plain, again, noise, errors, along)
 
@@ -211,14 +212,14 @@ def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regre
     motion, shift = regressors.motion, np.zeros(problem.model.n)
     shift[joint] = skew
     parts = []
-    for piece in motion.pieces:
+    for piece in motion.pieces_of(joint):
         twist = piece.sensors.aligned(piece.t, piece.q, piece.qdd, shift).twist
         assert twist is not None
         parts.append(piece.in_band(np.array([twist[joint], piece.qd[joint], piece.qdd[joint]])))
     twists, rate, acceleration = np.concatenate(parts, axis=1)
     rotor = problem.model.joints[joint].rotor_inertia
     load = motion.recorded(joint, fit.skew) - _at_the_motor(problem, fit, joint, regressors)
-    base = [rate, *_constants(problem)]
+    base = [rate, *_constants(problem, joint)]
     if rotor is None:
         base.append(acceleration)
     else:
@@ -232,15 +233,15 @@ def _gap(rows: TwistRows, largest: float, use: Mask) -> TwistRows:
     return TwistRows(rows.twist, base, np.sign(load), use)
 
 
-def _constants(problem: Problem) -> list[Array]:
-    """(M,) a recording: the zeros of its two encoders are apart by any constant."""
-    of = np.array([p.recording for p in problem.motion.pieces])[problem.motion.row_piece]
+def _constants(problem: Problem, joint: int) -> list[Array]:
+    """(M,) a recording: the zeros of a joint's two encoders are apart by any constant."""
+    of = np.array([p.recording for p in problem.motion.pieces])[problem.motion.row_piece(joint)]
     return [(of == k).astype(float) for k in np.unique(of)]
 
 
 def _at_the_motor(problem: Problem, fit: Fit, joint: int, regressors: Regressors) -> Array:
     """(M,) torque that the fitted model spends before the transmission."""
-    spent = np.zeros(len(problem.motion.row_piece))
+    spent = np.zeros(len(problem.motion.row_piece(joint)))
     for term in _motor_terms(problem, joint):
         columns = regressors.columns(term, joint, fit.shapes[term])
         spent += np.append(1.0, fit.coefficients[problem.layout.slices[term]]) @ columns

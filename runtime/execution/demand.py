@@ -7,18 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Structure, given
-from runtime.planning.evaluate import Effort, at_times, effort, mounted
+from runtime.planning.evaluate import Effort, effort, mounted
+from runtime.planning.limits import Along, every_instant, limited
 from runtime.planning.trajectory import JointMotion, Trajectory
-
-Array = NDArray[np.float64]
-
-RATE = 4000.0  # Hz
-_SLACK = {"position": 1e-6, "speed": 5e-3, "torque": 5e-3}
-"""Of a limit: what exceeds it by less is let pass. An optimization keeps limits at its nodes, not between them."""
+from runtime.wording import number, told_apart
 
 
 @dataclass(frozen=True)
@@ -46,10 +41,7 @@ class PlannedCycle:
     @cached_property
     def dense(self) -> Effort:
         """The same at even times, ends included."""
-        t = np.linspace(0.0, self.trajectory.duration, round(self.trajectory.duration * RATE) + 1)
-        # Just before the end: the end of a periodic motion is its beginning.
-        t[-1] = np.nextafter(t[-1], 0.0)
-        return at_times(self.model, self.trajectory, t, friction=True)
+        return every_instant(self.model, self.trajectory, friction=True)
 
     @property
     def motion(self) -> JointMotion:
@@ -63,24 +55,14 @@ class PlannedCycle:
 
     def exceeded(self) -> Iterator[Excess]:
         """Where the plan asks for more than a joint's limits allow, the worst of each kind and joint."""
-        m = self.motion
-        for i, joint in enumerate(self.model.joints):
-            if joint.position_limits is not None:
-                low, high = joint.position_limits
-                yield from self._excess("position", i, m.q[i], low, high, joint.position_unit)
-            if joint.speed_limit is not None:
-                speed, unit = np.abs(m.qd[i]), f"{joint.position_unit}/s"
-                yield from self._excess("speed", i, speed, 0.0, joint.speed_limit, unit)
-            if joint.torque_limit is not None:
-                torque = np.abs(self.dense.tau[i])
-                yield from self._excess("torque", i, torque, 0.0, joint.torque_limit, joint.force_unit)
+        return (self._worst(along) for along in limited(self.dense) if not along.kept)
 
-    def _excess(self, what: str, joint: int, x: Array, low: float, high: float, unit: str) -> Iterator[Excess]:
-        over = np.maximum(x - high, low - x)
-        k = int(np.argmax(over))
-        if over[k] > _SLACK[what] * max(abs(low), abs(high)):
-            limit = high if x[k] > high else low
-            yield Excess(what, joint + 1, float(self.motion.t[k]), float(x[k]), float(limit), unit)
+    def _worst(self, along: Along) -> Excess:
+        k = int(np.argmax(along.excess))
+        value, limit = float(along.x[k]), along.high if along.x[k] > along.high else along.low
+        if along.what != "position":
+            value, limit = abs(value), abs(limit)
+        return Excess(along.what, along.joint + 1, float(self.motion.t[k]), value, limit, along.unit)
 
 
 @dataclass(frozen=True)
@@ -97,8 +79,8 @@ class Excess:
     def __str__(self) -> str:
         more = abs(self.value - self.limit)
         return (
-            f"the plan's {self.what} of joint {self.joint} is {self.value:.4g} {self.unit} at t = {self.t:.4g} s, "
-            f"{more:.3g} {self.unit} beyond the limit of {self.limit:.4g}"
+            f"the plan's {self.what} of joint {self.joint} is {told_apart(self.value, self.limit, 4)} {self.unit} at "
+            f"t = {self.t:.4g} s, {more:.3g} {self.unit} beyond the limit of {number(self.limit, 4)}"
         )
 
 

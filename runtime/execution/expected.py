@@ -64,6 +64,7 @@ class ExpectedRun:
         joints = [
             {
                 "joint": k + 1,
+                "name": joint.name,
                 "torque": self.torque[k],
                 "torque_limit": joint.torque_limit,
                 "force_unit": joint.force_unit,

@@ -109,7 +109,13 @@ def standing(link: BoardLink, setup: Setup) -> list[dict[str, Any]]:
     finally:
         session.close()
     return [
-        {"joint": k, "position": float(here[k - 1]), "start": float(start[k - 1]), "position_unit": joint.position_unit}
+        {
+            "joint": k,
+            "name": joint.name,
+            "position": float(here[k - 1]),
+            "start": float(start[k - 1]),
+            "position_unit": joint.position_unit,
+        }
         for k, joint in enumerate(setup.model.joints, 1)
     ]
 

@@ -74,7 +74,7 @@ def document(plan: PlannedCycle, trials: Sequence[Trial], dt: float) -> dict[str
         "status": "stopped" if stopped else "done",
         "reason": _reason(trials),
         "joints": [
-            {"joint": i, "position_unit": j.position_unit, "force_unit": j.force_unit}
+            {"joint": i, "name": j.name, "position_unit": j.position_unit, "force_unit": j.force_unit}
             for i, j in enumerate(plan.model.joints, 1)
         ],
         "plan": plan_document(plan),

@@ -40,8 +40,8 @@ class ExperimentError(ValueError):
     """What was asked is no experiment; the message says why and what to do."""
 
 
-def parse_rivals(text: str, model: Model) -> list[Hidden]:
-    """`EFFECT@JOINT[:KEY=VALUE,...]`, several separated by commas. Raises ExperimentError."""
+def rival_texts(text: str) -> list[str]:
+    """Of `EFFECT@JOINT[:KEY=VALUE,...]`, several separated by commas, each."""
     parts: list[str] = []
     for cell in text.split(","):
         continues = "=" in cell.partition(":")[0] and parts
@@ -49,10 +49,15 @@ def parse_rivals(text: str, model: Model) -> list[Hidden]:
             parts[-1] += f",{cell}"
         else:
             parts.append(cell.strip())
+    return parts
+
+
+def parse_rivals(text: str, model: Model) -> list[Hidden]:
+    """The effects that are to be told apart. Raises ExperimentError."""
     try:
-        rivals = [parse_hidden(part, model) for part in parts]
+        rivals = [parse_hidden(part, model, "--between") for part in rival_texts(text)]
     except SimulationError as error:
-        raise ExperimentError(str(error).replace("--hide", "--between", 1)) from error
+        raise ExperimentError(str(error)) from error
     for rival in rivals:
         if sum(rival.term == other.term for other in rivals) > 1:
             raise ExperimentError(f"--between {text}: {rival.term} is named twice; name different rivals")
@@ -124,20 +129,40 @@ class Confirmation:
 
 def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
     """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); stops at a wrong answer."""
+    return _confirmed(bench, [(motion, truth, seed) for seed in seeds for truth in _truths(bench)])
+
+
+def confirm_beside(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> tuple[Confirmation, Confirmation]:
+    """Of the motion, and of the ordinary excitation with the first seed alone; no core waits between the two."""
+    ordinary: list[_Asked] = [(bench.ordinary_path, truth, seeds[0]) for truth in _truths(bench)]
+    own: list[_Asked] = [(motion, truth, seed) for seed in seeds for truth in _truths(bench)]
+    trials = _confirmed(bench, [*ordinary, *own], len(ordinary)).trials
+    return Confirmation(trials[: len(ordinary)]), Confirmation(trials[len(ordinary) :])
+
+
+_Asked = tuple[Array, int | None, int]
+"""A motion, which rival is hidden in it, and the seed of its noise."""
+
+
+def _truths(bench: TrialArm) -> list[int | None]:
+    """Numbers of the rivals, and None, nothing, where there is only one."""
+    return [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
+
+
+def _confirmed(bench: TrialArm, asked: Sequence[_Asked], spared: int = 0) -> Confirmation:
+    """One diagnosis after the other; a wrong answer ends it, but for those of the first `spared`."""
     trials: list[SimulatedDiagnosis] = []
-    truths = [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
-    asked = [(truth, seed) for seed in seeds for truth in truths]
     with steps("diagnoses", len(asked)) as step:
-        for trial in of_long(partial(_trial, bench, motion), asked):
+        for trial in of_long(partial(_trial, bench), asked):
             trials.append(trial)
             step()
-            if not trial.right:
+            if not trial.right and len(trials) > spared:
                 break
     return Confirmation(tuple(trials))
 
 
-def _trial(bench: TrialArm, motion: Array, asked: tuple[int | None, int]) -> SimulatedDiagnosis:
-    truth, seed = asked
+def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis:
+    motion, truth, seed = asked
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
     own = len(bench.rivals) * seed + (0 if truth is None else truth)
@@ -224,7 +249,7 @@ class Proposal:
                 {"joint": i + 1, "torque": noise, "floor": floor}
                 for i, (noise, floor) in enumerate(zip(self.bench.noise, self.bench.floor, strict=True))
             ],
-            "band": {"cutoff_hz": self.bench.band.cutoff, "reason": self.bench.band.reason},
+            "band": self.bench.band.to_json(),
             "separations": [self._pair(*pair) for pair in self.after],
             "trials": [t.to_json() for t in self.confirmation.trials],
             "ordinary_trials": [t.to_json() for t in self.ordinary.trials],
@@ -236,6 +261,7 @@ class Proposal:
         allowed = Envelope.of(joint)
         return {
             "joint": i + 1,
+            "name": joint.name,
             "position": [float(q.min()), float(q.max())],
             "position_limits": [allowed.middle - allowed.reach / MARGIN, allowed.middle + allowed.reach / MARGIN],
             "position_stated": joint.position_limits is not None,
@@ -286,9 +312,7 @@ def propose(
     say("judging the pieces of motion")
     repertoire = Repertoire.of(bench, limit, Freedom())
     seeds = [settings.seed + s for s in TRIAL_SEEDS]
-    choice, motion, confirmation = _tried(bench, repertoire, seeds, say)
-    say("diagnosing the ordinary excitation")
-    ordinary = confirm(bench, bench.ordinary_path, seeds[:1])
+    choice, motion, ordinary, confirmation = _tried(bench, repertoire, seeds, say)
     relief: tuple[tuple[str, float, bool], ...] = ()
     if not confirmation and not choice.enough:
         relief = tuple(_relief(bench, limit, freedom, say) for freedom in WIDER)
@@ -308,17 +332,28 @@ def propose(
 
 def _tried(
     bench: TrialArm, repertoire: Repertoire, seeds: Sequence[int], say: Tell
-) -> tuple[PieceChoice, Array, Confirmation]:
-    """The first plan that is confirmed, or the last that was tried: the same wrong answer again ends it."""
-    wrong: list[str | None] = []
-    for choice in plans(repertoire.choices()):
-        motion = repertoire.motion(choice)
-        say(f"diagnosing {motion.shape[1] / RATE:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}")
-        confirmation = confirm(bench, motion, seeds)
-        wrong.append(confirmation.problem)
+) -> tuple[PieceChoice, Array, Confirmation, Confirmation]:
+    """The first plan that is confirmed, or the last that was tried, and confirmations of the ordinary excitation and
+    of the plan: the same wrong answer again ends it."""
+    coming = plans(repertoire.choices())
+    choice = next(coming)
+    motion = repertoire.motion(choice)
+    say(f"diagnosing {_told(repertoire, choice)}, and the ordinary excitation")
+    ordinary, confirmation = confirm_beside(bench, motion, seeds)
+    wrong = [confirmation.problem]
+    for other in coming:
         if confirmation or wrong.count(confirmation.problem) >= SAME_ANSWER:
             break
-    return choice, motion, confirmation
+        choice, motion = other, repertoire.motion(other)
+        say(f"diagnosing {_told(repertoire, choice)}")
+        confirmation = confirm(bench, motion, seeds)
+        wrong.append(confirmation.problem)
+    return choice, motion, ordinary, confirmation
+
+
+def _told(repertoire: Repertoire, choice: PieceChoice) -> str:
+    """A choice in words."""
+    return f"{choice.seconds:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}"
 
 
 def _relief(bench: TrialArm, limit: TorqueLimit, freedom: Freedom, say: Tell) -> tuple[str, float, bool]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from math import ceil
 
@@ -27,7 +28,7 @@ from runtime.experiments.settings import (
     VISIBLE,
 )
 from runtime.model.terms import joints_of
-from runtime.progress import each
+from runtime.progress import each, of_each
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, along, excitation
 
@@ -89,12 +90,13 @@ class PieceChoice:
 
 @dataclass(frozen=True)
 class Repertoire:
-    """Pieces that keep to the limits, and the ground on which they were judged together."""
+    """Pieces that keep to the limits, and the ground on which they were judged together, `passes` times over."""
 
     envelopes: tuple[Envelope, ...]
     names: tuple[str, ...]
     parts: tuple[Array, ...]
     ground: MotionGround
+    passes: int
 
     @classmethod
     def of(cls, bench: TrialArm, limit: TorqueLimit, freedom: Freedom) -> Repertoire:
@@ -106,16 +108,16 @@ class Repertoire:
                 f"{bench.model.name}: no motion keeps to the torque limits; its friction and weight alone exceed them"
             )
         names, parts = tuple(found), tuple(found.values())
-        # Twice over, so that friction that changes with time is seen at both ends.
-        path, spans = in_sequence([*parts, *parts], joints)
-        return cls(joints, names, parts, MotionGround.of(bench, path, spans))
+        passes = 2 if _changes_with_time(bench) else 1
+        path, spans = in_sequence([*parts] * passes, joints)
+        return cls(joints, names, parts, MotionGround.of(bench, path, spans), passes)
 
     def choice(self, numbers: tuple[int, ...]) -> PieceChoice:
         """These pieces, so many times through that repeats and length suffice for a diagnosis."""
         once = sum(self.parts[k].shape[1] / RATE + PAUSE for k in numbers)
         times = max(LEAST_TIMES, ceil(LEAST_SECONDS / once))
-        both = [k + half for half in (0, len(self.parts)) for k in numbers]
-        return PieceChoice(numbers, times, times * once, self.ground.weigh(both, times / 2))
+        chosen = [k + before * len(self.parts) for before in range(self.passes) for k in numbers]
+        return PieceChoice(numbers, times, times * once, self.ground.weigh(chosen, times / self.passes))
 
     def choices(self) -> list[PieceChoice]:
         """All single pieces and pairs, and larger choices that grow from the best; the base model is fitted on the
@@ -137,6 +139,12 @@ class Repertoire:
         return in_sequence([self.parts[k] for k in choice.numbers] * choice.times, self.envelopes)[0]
 
 
+def _changes_with_time(bench: TrialArm) -> bool:
+    """Whether something that acts is seen at both ends of a motion only, as friction of a drive that warms up."""
+    acting = {term.effect for term in bench.base} | {rival.term.effect for rival in bench.rivals}
+    return any("time" in bench.model.library.needs[effect] for effect in acting)
+
+
 def _subject(bench: TrialArm) -> list[int]:
     """Joints (0-based) in question: those of the rivals, all for an effect of the arm."""
     found: set[int] = set()
@@ -154,8 +162,14 @@ def _ordinary(bench: TrialArm) -> Array:
 
 def peaks(bench: TrialArm, path: Array) -> Array:
     """(1 + rivals, n) largest torques along a motion: of the base model, then with each rival in it."""
+    return np.array(list(_peaks(bench, path)))
+
+
+def _peaks(bench: TrialArm, path: Array) -> Iterator[Array]:
+    """The rows of `peaks`, each computed when it is asked for: a rival with a memory takes long."""
     motion = along(bench.known, path)
-    return np.array([np.abs(bench.record(motion, r, None).tau).max(axis=1) for r in (None, *bench.rivals)])
+    for rival in (None, *bench.rivals):
+        yield np.abs(bench.record(motion, rival, None).tau).max(axis=1)
 
 
 @dataclass(frozen=True)
@@ -182,7 +196,8 @@ class TorqueLimit:
 
     def allows(self, bench: TrialArm, path: Array, factor: float) -> bool:
         """Whether a path (n, N) asks for no more than `factor` times these torques."""
-        return bool(np.all(peaks(bench, path) <= factor * self.largest))
+        rows = zip(_peaks(bench, path), factor * self.largest, strict=True)
+        return all(bool(np.all(peak <= most)) for peak, most in rows)
 
 
 def _within(bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, factor: float) -> dict[str, Array]:
@@ -191,15 +206,14 @@ def _within(bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, fac
     found: dict[str, Array] = {}
     for part in SMALLER:
         envelopes = [replace(joint, reach=part * joint.reach) for joint in joints]
-        for piece in pieces(envelopes, subject, lambda: _ordinary(bench)):
-            made = _slowed(bench, joints, piece, limit, factor) if piece.name not in found else None
-            if made is not None:
-                found[piece.name] = made
+        left = [piece for piece in pieces(envelopes, subject, lambda: _ordinary(bench)) if piece.name not in found]
+        made = of_each("pieces of motion", partial(_slowed, bench, joints, limit, factor), left)
+        found.update((piece.name, path) for piece, path in zip(left, made, strict=True) if path is not None)
     return found
 
 
 def _slowed(
-    bench: TrialArm, joints: Sequence[Envelope], piece: MotionPiece, limit: TorqueLimit, factor: float
+    bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, factor: float, piece: MotionPiece
 ) -> Array | None:
     """The piece as fast as the torques allow; None if they do not allow even the slowest."""
     # The slowest comes second: if it asks for too much, those between need not be tried.

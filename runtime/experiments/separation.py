@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import permutations
 
 import numpy as np
@@ -21,13 +21,15 @@ from runtime.estimation import grids
 from runtime.estimation.identify import prepared
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
-from runtime.estimation.regressors import Regressors
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion, Piece, prepare
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
+from runtime.motion.prepare import prepare
+from runtime.progress import of_each
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, simulate
@@ -77,7 +79,7 @@ class TrialArm:
     def floor(self) -> Array:
         """(n,) RMS inside the band of the torque's noise and of the encoder's as an inertial torque."""
         inertia = np.diagonal(self.model.inertia(np.zeros((self.model.n, 1)))[:, :, 0])
-        encoder = inertia**2 * self.band.position_density * (2 * np.pi) ** 4 * self.band.cutoff**5 / 5
+        encoder = inertia**2 * self.band.position_density * (2 * np.pi) ** 4 * self.band.cutoffs**5 / 5
         return self.quiet * np.sqrt(self.band.torque_floor() ** 2 + encoder)
 
     def record(self, path: Array | Piece, rival: Hidden | None, seed: int | None) -> Recording:
@@ -149,16 +151,13 @@ class MotionGround:
         # The encoder's steps stay out, so that a special case of a rival is exactly that; the floor has them.
         motion = prepare([replace(recording, q=path)], bench.band, bench.model)
         spans = [(0.0, np.inf)] if spans is None else spans
-        shapes = _shapes(bench, motion)
-        places, at = [], 0
-        for rival, choices in zip(bench.rivals, shapes, strict=True):
-            size = 1 + len(bench.model.library.effects[rival.term.effect].coefficients)
-            places.append(tuple(slice(at + k * size, at + (k + 1) * size) for k in range(len(choices))))
-            at += size * len(choices)
-        joints = tuple(_joint(bench, motion, i, shapes, spans) for i in range(bench.model.n))
-        return cls(bench, joints, tuple(places))
+        rows = _Rows.of(bench, motion)
+        # One after another by view, so that what the joints of a view share is there for the next.
+        order = [joint for view in motion.views for joint in view.joints]
+        found = dict(zip(order, of_each("joints", partial(rows.joint, spans), order), strict=True))
+        return cls(bench, tuple(found[i] for i in range(bench.model.n)), rows.places)
 
-    def weigh(self, chosen: Sequence[int] | None = None, count: int = 1) -> dict[Pair, Separation]:
+    def weigh(self, chosen: Sequence[int] | None = None, count: float = 1) -> dict[Pair, Separation]:
         """Separations on the chosen pieces, `count` times over; a pair without second rival is its visibility."""
         take = slice(None) if chosen is None else list(chosen)
         total, rows = 0.0, 1.0
@@ -190,55 +189,84 @@ class MotionGround:
         return least - EXACT**2 * whole
 
 
-def _shapes(bench: TrialArm, motion: Motion) -> list[list[dict[str, float]]]:
-    """The grid of every rival along this motion."""
-    regressors = Regressors(bench.known, motion, Prediction(bench.model.lump_values, bench.base))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return [grids.points(regressors, rival.term) for rival in bench.rivals]
+@dataclass(frozen=True)
+class _Rows:
+    """Of which the rows of the joints' equations are made along one motion: what the arm does is computed once for all
+    joints of a view and all rivals.
 
+    problem  of the base model        shapes  the grid of every rival
+    """
 
-def _joint(
-    bench: TrialArm,
-    motion: Motion,
-    joint: int,
-    shapes: Sequence[Sequence[dict[str, float]]],
-    spans: Sequence[tuple[float, float]],
-) -> _Joint:
-    model = bench.known
-    prediction = Prediction(model.lump_values, bench.base)
-    problem = Problem(model, motion, tuple(bench.base), prediction)
-    x, _ = problem.rows(joint, {term: _shape(bench, term) for term in bench.base})
-    base = [row for row in x if np.any(row != 0)]
-    if not any("torque_rate" in model.library.needs[r.term.effect] for r in bench.rivals):
+    bench: TrialArm
+    motion: Motion
+    problem: Problem
+    shapes: tuple[tuple[dict[str, float], ...], ...]
+
+    @classmethod
+    def of(cls, bench: TrialArm, motion: Motion) -> _Rows:
+        model = bench.known
+        problem = Problem(model, motion, tuple(bench.base), Prediction(model.lump_values, bench.base))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shapes = tuple(tuple(grids.points(problem.regressors, rival.term)) for rival in bench.rivals)
+        return cls(bench, motion, problem, shapes)
+
+    @property
+    def places(self) -> tuple[tuple[slice, ...], ...]:
+        """As `MotionGround`."""
+        found, at = [], 0
+        for rival, choices in zip(self.bench.rivals, self.shapes, strict=True):
+            size = self._size(rival)
+            found.append(tuple(slice(at + k * size, at + (k + 1) * size) for k in range(len(choices))))
+            at += size * len(choices)
+        return tuple(found)
+
+    def joint(self, spans: Sequence[tuple[float, float]], joint: int) -> _Joint:
+        """The Gram matrices of a joint (0-based)."""
+        base, rivals = self._base(joint), self.bench.rivals
+        torques = [self._torque(rival, joint) for rival in rivals]
+        columns = [self._columns(rival, choices, joint) for rival, choices in zip(rivals, self.shapes, strict=True)]
+        stack = np.concatenate([base, torques, *columns])
+        use, time = self.motion.moving(joint), self.motion.row_time(joint)
+        grams, counts = [], []
+        for start, stop in spans:
+            part = stack[:, use & (time >= start) & (time < stop)]
+            grams.append(part @ part.T)
+            counts.append(part.shape[1])
+        return _Joint(len(base), np.array(grams), np.array(counts, dtype=float))
+
+    def _base(self, joint: int) -> Array:
+        """(K, M) what the base model may take."""
+        model = self.bench.known
+        x, _ = self.problem.rows(joint, {term: _shape(self.bench, term) for term in self.bench.base})
+        base = x[np.any(x != 0, axis=1)]
+        if any("torque_rate" in model.library.needs[r.term.effect] for r in self.bench.rivals):
+            return base
         # The skew between torque and motion is estimated, unless a delay of the drive is in question itself.
-        base.append(problem.regressors.skew(joint))
-    rows = [*base, *(_torque(bench, motion, rival, joint) for rival in bench.rivals)]
-    for rival, choices in zip(bench.rivals, shapes, strict=True):
-        size = 1 + len(model.library.effects[rival.term.effect].coefficients)
-        here = joint in joints_of(model, rival.term)
-        for shape in choices:
-            rows += [*(problem.regressors.columns(rival.term, joint, shape) if here else np.zeros((size, x.shape[1])))]
-    stack, use, time = np.array(rows), motion.moving(joint), motion.row_time
-    grams, counts = [], []
-    for start, stop in spans:
-        part = stack[:, use & (time >= start) & (time < stop)]
-        grams.append(part @ part.T)
-        counts.append(part.shape[1])
-    return _Joint(len(base), np.array(grams), np.array(counts, dtype=float))
+        return np.vstack([base, self.problem.regressors.skew(joint)])
+
+    def _torque(self, rival: Hidden, joint: int) -> Array:
+        """(M,) the rival's torque at a joint, in the band."""
+        if joint not in joints_of(self.bench.known, rival.term):
+            return np.zeros(len(self.motion.row_time(joint)))
+        values = {**self.bench.base, rival.term: rival.values}
+        signals = [s.where(values) for s in self.problem.regressors.signals(joint)]
+        return np.concatenate([s.piece.equation(s.piece.in_band(s.torque(rival.term, joint)), joint) for s in signals])
+
+    def _columns(self, rival: Hidden, choices: Sequence[dict[str, float]], joint: int) -> Array:
+        """(K, M) of all shapes of a rival."""
+        rows = len(self.motion.row_time(joint))
+        if not choices or joint not in joints_of(self.bench.known, rival.term):
+            return np.zeros((len(choices) * self._size(rival), rows))
+        return self.problem.regressors.columns_each(rival.term, joint, choices).reshape(-1, rows)
+
+    def _size(self, rival: Hidden) -> int:
+        """Number of rows of a shape: the fixed part and the columns."""
+        return 1 + len(self.bench.model.library.effects[rival.term.effect].coefficients)
 
 
 def _shape(bench: TrialArm, term: Term) -> dict[str, float]:
     shape = {p.name for p in bench.model.library.effects[term.effect].shape}
     return {k: v for k, v in bench.base[term].items() if k in shape}
-
-
-def _torque(bench: TrialArm, motion: Motion, rival: Hidden, joint: int) -> Array:
-    """(M,) the rival's torque at a joint, in the band."""
-    if joint not in joints_of(bench.known, rival.term):
-        return np.zeros(len(motion.row_time))
-    truth = Prediction(bench.known.lump_values, {**bench.base, rival.term: rival.values})
-    signals = Regressors(bench.known, motion, truth).signals
-    return np.concatenate([s.piece.equation(s.piece.in_band(s.torque(rival.term, joint)), joint) for s in signals])
 
 
 def _beside(gram: Array, base: int) -> Array:

@@ -81,7 +81,7 @@ class Inspection:
             "signals": signals_json(recording) if recording else [],
             "joints": joints_json(recording, self.names) if recording else [],
             "shifts": shifts_json(recording) if recording else [],
-            "repeats": None if fitted is None else {"seconds": repeats.find(fitted.motion).seconds},
+            "repeats": None if fitted is None else {"seconds": repeats.find(fitted.motion)[0].seconds},
             "delay": [] if fitted is None else fitted.delay_json(),
             "parameters": [] if fitted is None else _parameters(fitted),
             "unfitted": self.unfitted,

@@ -13,8 +13,9 @@ from runtime.estimation.compare import JointSeries, laid_open
 from runtime.estimation.identify import Identification, without_tip_rests
 from runtime.estimation.problem import Problem
 from runtime.motion import repeats
-from runtime.motion.motion import Motion, prepare
+from runtime.motion.motion import Motion
 from runtime.motion.noise_floor import Floor, floor
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -52,5 +53,5 @@ def left(identification: Identification, recordings: Sequence[Recording]) -> Hel
     floors = []
     for i, residual in enumerate(residuals):
         noise, fixed_noise = problem.noise_rows(i, fit.shapes)
-        floors.append(floor(motion, found, i, residual, fit.coefficients @ noise + fixed_noise))
+        floors.append(floor(motion, found[i], i, residual, fit.coefficients @ noise + fixed_noise))
     return HeldOut(motion, tuple(residuals), laid_open(identification, motion, residuals, floors))

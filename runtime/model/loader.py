@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import json
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,24 @@ def load_model(directory: Path, effects: Library) -> Model:
 def _open(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:
     try:
         data = json.loads((directory / page).read_text(encoding="utf-8"))
-        return data, ctypes.CDLL(str(directory / "lib.so"))
     except OSError as error:
-        raise LoaderError(f"{directory}: no compiled code here ({error}); codegen.prepare makes it") from error
+        raise _not_there(directory, error) from error
+    return data, _library(directory, "lib.so")
+
+
+def _library(directory: Path, name: str) -> ctypes.CDLL:
+    try:
+        return ctypes.CDLL(str(directory / name))
+    except OSError as error:
+        raise _not_there(directory, error) from error
+
+
+def _not_there(directory: Path, error: OSError) -> LoaderError:
+    return LoaderError(f"{directory}: no compiled code here ({error}); codegen.prepare makes it")
+
+
+_MOST_AT_ONCE = 20_000_000
+"""Numbers, 160 MB; what joints have in common is computed again for each where a recording is longer than that."""
 
 
 def _pointer(array: Array) -> ctypes.c_void_p:
@@ -231,6 +247,11 @@ class Library:
             name: frozenset(self.signal[s].needs for s in info.signals) for name, info in self.effects.items()
         }
 
+    @cached_property
+    def machine(self) -> ctypes.CDLL:
+        """What runs CasADi functions at many places at once: codegen/casadi/machine.py."""
+        return _library(self.directory, "machine.so")
+
     def __getitem__(self, effect: str) -> EffectInfo:
         if effect not in self.effects:
             raise LoaderError(f'there is no effect "{effect}"; tendon effects lists them all')
@@ -308,24 +329,30 @@ class Library:
     def columns_in_band(
         self,
         effect: str,
-        signals: Mapping[str, ArrayLike],
+        signals: Sequence[Mapping[str, ArrayLike]],
         choices: Sequence[Mapping[str, float]],
         dt: float,
         kernel: Array,
         factor: int,
     ) -> Array:
-        """`columns` for many choices of the shape parameters, each through the filter of `decimate`: (S, 1 + k, M)."""
+        """`columns` at several joints that feel an effect, for many choices of the shape parameters, each through the
+        filter of `decimate`: (S, J, 1 + k, M). What its memory reads is the same in the J signals."""
         info = self[effect]
-        arrays, count = self._signals(info, signals)
-        rows, lanes = 1 + len(info.coefficients), self._lanes if info.states and len(choices) > 1 else 1
+        read = [self._signals(info, one) for one in signals]
+        arrays, count = [arrays for arrays, _ in read], read[0][1]
+        joints, rows = len(signals), 1 + len(info.coefficients)
+        lanes = self._lanes if info.states and len(choices) > 1 else 1
+        if joints > 1 and joints * rows * count * lanes > _MOST_AT_ONCE:
+            each = [self.columns_in_band(effect, [one], choices, dt, kernel, factor) for one in signals]
+            return np.concatenate(each, axis=1)
         values = np.array([self._values(info, choice, False) for choice in choices])
         padded = np.concatenate([values, np.repeat(values[-1:], -len(values) % lanes, axis=0)])
-        out = np.empty((len(choices), rows, max(0, (count - len(kernel)) // factor + 1)))
-        taps, scratch = np.ascontiguousarray(kernel), np.empty((lanes, rows, count))
+        out = np.empty((len(choices), joints, rows, max(0, (count - len(kernel)) // factor + 1)))
+        taps, scratch = np.ascontiguousarray(kernel), np.empty((joints, rows, count, lanes))
         columns = getattr(self._lib, f"tendon_{effect}_columns_{'at_once' if lanes > 1 else 'batch'}_f64")
         self._lib.tendon_in_band_f64(
             columns,
-            *map(ctypes.c_size_t, (lanes, rows, values.shape[1], len(choices), count)),
+            *map(ctypes.c_size_t, (lanes, joints * rows, values.shape[1], len(choices), count, joints)),
             self._pointers(arrays),
             ctypes.c_double(dt),
             _pointer(padded),
@@ -334,11 +361,13 @@ class Library:
         )
         return out
 
-    def _pointers(self, arrays: Mapping[str, Array]) -> ctypes.Array[ctypes.c_void_p]:
-        """One a signal; null for those that are not there."""
-        found = (ctypes.c_void_p * len(self.signals))()
-        for name, array in arrays.items():
-            found[self._place[name]] = array.ctypes.data
+    def _pointers(self, joints: Sequence[Mapping[str, Array]]) -> ctypes.Array[ctypes.c_void_p]:
+        """One a signal and joint; null for those that are not there."""
+        size = len(self.signals)
+        found = (ctypes.c_void_p * (size * len(joints)))()
+        for k, arrays in enumerate(joints):
+            for name, array in arrays.items():
+                found[k * size + self._place[name]] = array.ctypes.data
         return found
 
     def _call(
@@ -356,7 +385,8 @@ class Library:
         arrays, count = self._signals(info, signals)
         out = np.empty((rows, count))
         kernel = getattr(self._lib, f"tendon_{info.name}_{what}_batch_f64")
-        kernel(ctypes.c_size_t(count), self._pointers(arrays), ctypes.c_double(dt), _pointer(values), _pointer(out))
+        sizes = ctypes.c_size_t(count), ctypes.c_size_t(1)
+        kernel(*sizes, self._pointers([arrays]), ctypes.c_double(dt), _pointer(values), _pointer(out))
         return out
 
     def _values(self, info: EffectInfo, parameters: Mapping[str, float], linear_too: bool) -> Array:

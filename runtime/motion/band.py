@@ -1,15 +1,17 @@
-"""The band in which model and measurement are compared, chosen from the data.
+"""The bands in which model and measurement are compared, one for every joint's equation, chosen from the data.
 
-A cut-off too high lets the encoder's noise, twice differentiated, into the regressors, and a memory
-effect is then found that is not there; one too low throws away what would tell effects apart. The
-cut-off is where the noise of q̈, times the inertia, has a quarter of the torque noise's variance inside
-the band: then whatever smooths accelerations cannot pass for physics.
+A cut-off too high lets the encoders' noise, twice differentiated, into the regressors, and a memory
+effect is then found that is not there; one too low throws away what would tell effects apart. A joint's
+cut-off is where the noise of all q̈, times what inertia couples them to the joint, has a quarter of the
+variance that the noise of its torque has inside the band: then whatever smooths accelerations cannot pass
+for physics. A wrist's small inertia bears a band several times that of a base.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from runtime.motion.filters import differentiator
 from runtime.motion.fourier import welch
 from runtime.motion.rates import MeasuredRate, judged
 from runtime.motion.settings import (
+    CLOSE_CUTOFFS,
     CUTOFF_OF_SAMPLING,
     ENCODER_SHARE,
     ENOUGH_FOR_NOISE,
@@ -32,6 +35,7 @@ from runtime.motion.settings import (
     STEP_QUANTILE,
     STEP_ROUNDED,
     STEP_SINGLE,
+    WIDE_ENOUGH,
 )
 from runtime.motion.white_noise import SampleNoise
 from runtime.recordings.recording import Recording
@@ -52,12 +56,13 @@ class LineAbove:
 
 @dataclass(frozen=True)
 class Band:
-    """cutoff Hz; reason for people; noise densities one-sided per joint (unit²/Hz) of torque and position;
-    resolution (n,) the positions' step, rad (m), 0 where they have none; rates: what is made of measured rates, by
-    joint; None where there are none; above: lines of the torque over the motor's angle that it does not hold; held:
-    torques at uneven instants are commands, each held until the next."""
+    """cutoffs (n,) Hz, of every joint's equation; reason, for people, of the narrowest; noise densities one-sided per
+    joint (unit²/Hz) of torque and position; resolution (n,) the positions' step, rad (m), 0 where they have none;
+    rates: what is made of measured rates, by joint; None where there are none; above: lines of the torque over the
+    motor's angle that a joint's band does not hold; held: torques at uneven instants are commands, each held until the
+    next; mistimed: the instants at which positions were read are uncertain, in every recording."""
 
-    cutoff: float
+    cutoffs: Array
     reason: str
     torque_density: Array
     position_density: Array
@@ -65,6 +70,24 @@ class Band:
     rates: tuple[MeasuredRate | None, ...] = ()
     above: tuple[LineAbove, ...] = ()
     held: bool = False
+    mistimed: bool = False
+
+    @property
+    def cutoff(self) -> float:
+        """Hz, of the narrowest band, in which all joints can be read."""
+        return float(self.cutoffs.min())
+
+    def to_json(self) -> dict[str, Any]:
+        """As every verb has it: the narrowest cut-off and its reason, and each joint's own."""
+        return {"cutoff_hz": self.cutoff, "cutoffs_hz": self.cutoffs.tolist(), "reason": self.explained}
+
+    @property
+    def explained(self) -> str:
+        """The reason, and which joints are read in wider bands."""
+        wider = sorted({float(f) for f in self.cutoffs if f > self.cutoff})
+        joints = ((f, [str(i + 1) for i, own in enumerate(self.cutoffs) if own == f]) for f in wider)
+        said = (f"{'joint' if len(names) == 1 else 'joints'} {', '.join(names)} up to {f:g} Hz" for f, names in joints)
+        return "; ".join([self.reason, *said])
 
     def rate_noise(self, joint: int) -> float | None:
         """One-sided density of a joint's (0-based) measured rate, (unit/s)²/Hz; None where it is not used."""
@@ -73,7 +96,7 @@ class Band:
 
     def torque_floor(self) -> Array:
         """Standard deviation of white torque noise inside the band, (n,)."""
-        return np.sqrt(self.torque_density * self.cutoff)
+        return np.sqrt(self.torque_density * self.cutoffs)
 
 
 def resolution(q: Array) -> float:
@@ -128,10 +151,24 @@ def beyond_posture(q: Array, x: Array) -> Array:
     return left
 
 
-def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
-    """Cut-off for all joints of all recordings together.
+def coupled(D: Array, inertia: Array) -> Array:
+    """(n, n) kg m² (kg), what each joint's torque asks for each joint's acceleration, at most.
 
-    inertia (n,): D_ii of the model, kg m² (kg).
+    D (n, n): of the model file, NaN where that leaves it open: then as much as two bodies with these inertias may be
+    coupled. inertia (n,): as far as the file's own diagonal is believed.
+    """
+    believed, own = np.sqrt(inertia), np.sqrt(np.abs(np.diagonal(D)))
+    # A joint that is held may be as heavy as can be.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        most, part = np.outer(believed, believed), np.minimum(np.abs(D) / np.outer(own, own), 1.0)
+    found: Array = np.where(np.isfinite(part), part, 1.0) * most
+    return found
+
+
+def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
+    """Cut-offs for all recordings together.
+
+    inertia (n, n): what a joint's torque asks for each joint's acceleration, kg m² (kg).
     """
     grids = [grid(r) for r in recordings]
     rate = min(1 / g.spacing for g in grids)
@@ -142,41 +179,72 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         step[i] = max(resolution(r.q[i, g.longest.samples]) for r, g in zip(recordings, grids, strict=True))
         torque[i] = np.median([d.density(r.tau[i]) for r, d in zip(recordings, noise, strict=True)])
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        balance = (5 * ENCODER_SHARE * torque / (inertia**2 * position)) ** (1 / 4) / (2 * np.pi)
-    # A torque that never changes has no noise to be rivalled: the joint is passive, and left out of the fit.
-    balance[(torque == 0) | np.isnan(balance)] = np.inf
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
-    band = Band(*_cut(balance, ceiling), torque, position, step)
-    band = replace(band, rates=judged(recordings, grids, band.cutoff, position))
-    quiet = [i for i in range(n) if band.rate_noise(i) is not None]
-    if not quiet:
+    band = Band(*_cut(inertia, torque, position, np.zeros(n), ceiling), torque, position, step)
+    band = replace(band, mistimed=all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True)))
+    band = replace(band, rates=judged(recordings, grids, band.cutoffs, position))
+    quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)
+    if np.isnan(quiet).all():
         return band
-    density = np.array([band.rate_noise(i) for i in quiet], dtype=float)
-    with np.errstate(divide="ignore"):
-        balance[quiet] = (3 * ENCODER_SHARE * torque[quiet] / (inertia[quiet] ** 2 * density)) ** (1 / 2) / (2 * np.pi)
-    cutoff, reason = _cut(balance, ceiling)
-    return replace(band, cutoff=cutoff, reason=reason) if cutoff > band.cutoff else band
+    of_rate = np.isfinite(quiet)
+    densities = np.where(of_rate, 0.0, position), np.where(of_rate, quiet, 0.0)
+    cutoffs, reason = _cut(inertia, torque, *densities, ceiling)
+    wider = np.maximum(cutoffs, band.cutoffs)
+    return replace(band, cutoffs=wider, reason=reason if wider.min() > band.cutoff else band.reason)
 
 
-def _cut(balance: Array, ceiling: float) -> tuple[float, str]:
-    """The cut-off and its reason; balance (n,): Hz, above which a joint's encoder, as an inertial torque, rivals the
-    torque noise."""
-    joint = int(np.argmin(balance))
-    cutoff = float(f"{np.clip(balance[joint], LOWEST_CUTOFF, ceiling):.3g}")
-    if balance[joint] >= ceiling:
-        return cutoff, f"the position is clean enough for the whole band up to {cutoff:g} Hz"
-    if balance[joint] <= LOWEST_CUTOFF:
-        return cutoff, f"above {cutoff:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
+def _cut(inertia: Array, torque: Array, position: Array, rate: Array, ceiling: float) -> tuple[Array, str]:
+    """The cut-offs (n,) and the reason of the narrowest.
+
+    torque, position, rate (n,): densities of noise; a joint's position or rate is what is differentiated, the other's
+    is 0. The band in which each joint's own acceleration would not rival its torque's noise is the least for all: a
+    coupling may be no more than what two inertias permit.
+    """
+    alone = _balance(np.diag(np.diagonal(inertia)), torque, position, rate)
+    joint = int(np.argmin(alone))
+    least = float(f"{np.clip(alone[joint], LOWEST_CUTOFF, ceiling):.3g}")
+    widest = min(max(least, WIDE_ENOUGH), ceiling)
+    every = np.clip(np.minimum(_balance(inertia, torque, position, rate), alone), least, widest)
+    # A joint that is passive is in no fit, and needs no band of its own.
+    cutoffs = np.array([least if silent else float(f"{f:.3g}") for f, silent in zip(every, torque == 0, strict=True)])
+    if alone[joint] >= ceiling:
+        return _shared(cutoffs), f"the position is clean enough for the whole band up to {least:g} Hz"
+    if alone[joint] <= LOWEST_CUTOFF:
+        return _shared(cutoffs), f"above {least:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
     who = f"the encoder noise of joint {joint + 1}"
-    return cutoff, f"above {cutoff:g} Hz {who}, as an inertial torque, would rival the torque noise"
+    return _shared(cutoffs), f"above {least:g} Hz {who}, as an inertial torque, would rival the torque noise"
 
 
-def lowered(band: Band, cutoff: float) -> Band | None:
-    """A narrower band of the same recordings; None where nothing of the motion would be left in it."""
+def _balance(inertia: Array, torque: Array, position: Array, rate: Array) -> Array:
+    """(n,) Hz, above which accelerations, as an inertial torque, rival the noise of a joint's own; as `_cut`.
+
+    One-sided white noise twice and once differentiated, up to f: (2π)⁴ f⁵/5 and (2π)² f³/3 of its density.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        square = inertia**2
+        fourth, second = square @ position * (2 * np.pi) ** 4 / 5, square @ rate * (2 * np.pi) ** 2 / 3
+        share = ENCODER_SHARE * torque
+        # Stable whichever of the two is 0: f² of fourth f⁴ + second f² = share.
+        found = np.sqrt(2 * share / (second + np.sqrt(second**2 + 4 * fourth * share)))
+    # A torque that never changes has no noise to be rivalled: the joint is passive, and left out of the fit.
+    found[(torque == 0) | np.isnan(found)] = np.inf
+    return np.asarray(found)
+
+
+def _shared(cutoffs: Array) -> Array:
+    """Cut-offs (n,) of which those that are close are one, the lower: each more is a further view of all recordings."""
+    found, order = cutoffs.copy(), np.argsort(cutoffs)
+    lowest = cutoffs[order[0]]
+    for i in order:
+        lowest = cutoffs[i] if cutoffs[i] > CLOSE_CUTOFFS * lowest else lowest
+        found[i] = lowest
+    return found
+
+
+def lowered(band: Band, factor: float) -> Band | None:
+    """Narrower bands of the same recordings; None where nothing of the motion would be left in them."""
     if band.cutoff <= LOWEST_CUTOFF:
         return None
-    cutoff = float(f"{max(cutoff, LOWEST_CUTOFF):.3g}")
-    return replace(
-        band, cutoff=cutoff, reason=f"above {cutoff:g} Hz most of the measured accelerations is the encoders' noise"
-    )
+    cutoffs = np.array([float(f"{max(factor * f, LOWEST_CUTOFF):.3g}") for f in band.cutoffs])
+    what = "most of the measured accelerations is the encoders' noise"
+    return replace(band, cutoffs=cutoffs, reason=f"above {cutoffs.min():g} Hz {what}")

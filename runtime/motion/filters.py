@@ -124,11 +124,12 @@ class LowPass:
         self,
         library: Library,
         effect: str,
-        signals: Mapping[str, ArrayLike],
+        signals: Sequence[Mapping[str, ArrayLike]],
         choices: Sequence[Mapping[str, float]],
         dt: float,
     ) -> Array:
-        """(S, 1 + k, M) in-band columns of an effect for many choices of its shape; the rest as `Library.columns`.
+        """(S, J, 1 + k, M) in-band columns of an effect at J joints for many choices of its shape; the rest as
+        `Library.columns`.
 
         library   the effect's own: guesses are tried on a motion that was prepared without them
         """

@@ -47,7 +47,8 @@ def shown(recordings: Sequence[Recording]) -> Array:
 
 
 def _asked_at_all(motion: tuple[Array, Array, Array, Array]) -> Array:
-    return np.array([asked(i, *motion) for i in range(len(motion[0]))])
+    q, qd, qdd, tau = motion
+    return np.array([asked(i, q, qd, qdd, row) for i, row in enumerate(tau)])
 
 
 def _slow_motion(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array] | None:
@@ -74,12 +75,12 @@ def _smooth(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
 
 
 def asked(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
-    """kg m² (kg), what a joint's torque asks for its acceleration, signals (n, M), beside friction, gravity and what
-    the other joints' accelerations ask; NaN where that explains too little of the torque to be told."""
+    """kg m² (kg), what a joint's torque tau (M,) asks for its acceleration, of all signals (n, M), beside friction,
+    gravity and what the other joints' accelerations ask; NaN where that explains too little of it to be told."""
     turns = [f(row) for row in q for f in (np.sin, np.cos)]
     others = [row for k, row in enumerate(qdd) if k != joint]
     rest = np.array([qd[joint], np.sign(qd[joint]), np.ones(q.shape[1]), *turns, *others])
-    y = np.array([qdd[joint], tau[joint]])
+    y = np.array([qdd[joint], tau])
     beside = y - np.linalg.lstsq(rest.T, y.T, rcond=None)[0].T @ rest
     own, cross, whole = (float(a @ b) for a, b in (beside[[0, 0]], beside, beside[[1, 1]]))
     if own <= 0 or cross <= 0 or cross**2 < INERTIA_SEEN * own * whole:

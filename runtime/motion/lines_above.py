@@ -1,4 +1,4 @@
-"""Lines of the torque over the motor's angle that lie above the band, and a band raised to hold them."""
+"""Lines of the torque over the motor's angle that lie above the band, and bands raised to hold them."""
 
 from __future__ import annotations
 
@@ -35,32 +35,38 @@ def lines_above(recordings: Sequence[Recording], band: Band, ratios: Sequence[fl
 
 
 def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: Sequence[float]) -> Band:
-    """The band, up to above the highest of the lines beyond it that the encoders' noise permits.
+    """Every joint's band up to above the highest of the lines beyond it that the encoders' noise permits.
 
-    inertia (n,) as for `choose_band`. As an inertial torque in the raised band, that noise must be small against what
-    the lines are; a line that would need more of it stays above.
+    inertia (n, n) as for `choose_band`. As an inertial torque in the raised band, that noise must be small against what
+    the joint's lines are; a line that would need more of it stays above.
     """
     above = lines_above(recordings, band, ratios)
     highest = CUTOFF_OF_SAMPLING * min(1 / r.dt for r in recordings)
-    for line in sorted(above, key=lambda line: -line.frequency):
-        cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
-        # One-sided white noise of the position, twice differentiated, up to the cut-off.
-        noise = inertia * np.sqrt(band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5)
-        together = float(np.sqrt(sum(other.rms**2 for other in above if other.joint == line.joint)))
-        if cutoff <= highest and noise[line.joint] < NOISE_OF_LINES * together:
-            reason = (
-                f"raised from {band.cutoff:g} Hz to hold a line of joint {line.joint + 1}'s torque that repeats "
-                f"{line.order:.4g} times per turn of the motor, at {line.frequency:.3g} Hz"
-            )
-            rest = tuple(other for other in above if LINE_INSIDE * other.frequency > cutoff)
-            return replace(band, cutoff=cutoff, reason=reason, above=rest)
-    return replace(band, above=tuple(above))
+    cutoffs, reasons = band.cutoffs.copy(), []
+    for joint in sorted({line.joint for line in above}):
+        own = [line for line in above if line.joint == joint]
+        together = float(np.sqrt(sum(line.rms**2 for line in own)))
+        for line in sorted(own, key=lambda line: -line.frequency):
+            cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
+            # One-sided white noise of the positions, twice differentiated, up to the cut-off.
+            noise = float(np.sqrt(inertia[joint] ** 2 @ band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5))
+            if cutoff <= highest and noise < NOISE_OF_LINES * together:
+                reasons.append(
+                    f"the band of joint {joint + 1} is raised from {cutoffs[joint]:g} to {cutoff:g} Hz to hold a line "
+                    f"of its torque that repeats {line.order:.4g} times per turn of the motor, "
+                    f"at {line.frequency:.3g} Hz"
+                )
+                cutoffs[joint] = cutoff
+                break
+    rest = tuple(line for line in above if LINE_INSIDE * line.frequency > cutoffs[line.joint])
+    return replace(band, cutoffs=cutoffs, reason="; ".join([band.reason, *reasons]), above=rest)
 
 
 def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: float) -> list[LineAbove]:
+    cutoff = float(band.cutoffs[joint])
     # A stretch of each is enough to see a line, as it is for noise.
     stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
-    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio, band.cutoff) for r, s in stretches]
+    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio, cutoff) for r, s in stretches]
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]
@@ -69,7 +75,7 @@ def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: fl
     ordered = np.sort(speed)
     middle = float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
     # Above the band at the middle speed, and below what a raised band could hold.
-    span = 2 * np.pi * band.cutoff / middle, 2 * np.pi * CUTOFF_OF_SAMPLING / recordings[0].dt / middle
+    span = 2 * np.pi * cutoff / middle, 2 * np.pi * CUTOFF_OF_SAMPLING / recordings[0].dt / middle
     among = max(2, round((span[1] - span[0]) * float(np.ptp(angle)) / (2 * np.pi)))
     rows = angle, torque - torque.mean(), np.ones((1, len(angle))), np.array([[1 / len(angle)]])
     return [

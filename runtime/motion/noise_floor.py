@@ -43,7 +43,7 @@ def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: A
     read (M,): what another reading of the encoders would change in the predicted torque.
     """
     use = motion.moving(joint)
-    torque = motion.band.torque_density[joint] * motion.band.cutoff
+    torque = motion.band.torque_density[joint] * motion.cutoff(joint)
     left = float(np.mean(motion.noise_left(joint)[use])) if use.any() else 1.0
     spectrum = float(np.sqrt(torque * left + np.mean(read[use] ** 2))) if use.any() else float(np.sqrt(torque))
     parts = repeats.pure_error(residual, use)

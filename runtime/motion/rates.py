@@ -50,13 +50,14 @@ class MeasuredRate:
 
 
 def judged(
-    recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoff: float, position_density: Array
+    recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoffs: Array, position_density: Array
 ) -> tuple[MeasuredRate | None, ...]:
     """By joint; None where not all recordings have a rate, or none is long enough to tell.
 
-    cutoff Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
+    cutoffs (n,) Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
     """
-    return tuple(_of_joint(i, recordings, grids, cutoff, float(density)) for i, density in enumerate(position_density))
+    each = enumerate(zip(cutoffs.tolist(), position_density.tolist(), strict=True))
+    return tuple(_of_joint(i, recordings, grids, cutoff, density) for i, (cutoff, density) in each)
 
 
 def _of_joint(

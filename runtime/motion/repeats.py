@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.motion.fourier import convolved
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import BandView, Motion
+from runtime.motion.piece import Piece
 from runtime.motion.settings import (
     REPEAT_ALIKE,
     REPEAT_ALIKE_RATE,
@@ -83,18 +84,26 @@ class Repeats:
         return float(np.sqrt(noise)), float(np.sqrt(max(repeating, 0.0)))
 
 
-def find(motion: Motion) -> Repeats:
-    """Stretches of at least two seconds whose joint angles come back the same, later in the same piece."""
+def find(motion: Motion) -> tuple[Repeats, ...]:
+    """Stretches of at least two seconds whose joint angles come back the same, later in the same piece; of every joint
+    in the rows of its equation."""
+    found = {joint: repeats for view in motion.views for joint, repeats in _of_view(motion, view).items()}
+    return tuple(found[i] for i in range(motion.n))
+
+
+def _of_view(motion: Motion, view: BandView) -> dict[int, Repeats]:
+    """By joint of a view, the same for all."""
     pairs: list[RepeatedRows] = []
     start = 0
-    for piece in motion.pieces:
+    for piece in view.pieces:
         for p in _in_piece(piece, motion.standstill):
             pairs.append(replace(p, first=start + p.first, second=start + p.second))
         start += len(piece.centres)
     rows = sum(len(p.first) for p in pairs)
     # A window is a whole number of rows, and may be a part of one shorter than it should be.
     enough = len(pairs) * REPEAT_WINDOW_S >= REPEAT_LEAST_S
-    return Repeats(tuple(pairs) if enough else (), rows / motion.row_rate)
+    found = Repeats(tuple(pairs) if enough else (), rows / motion.row_rate(view.joints[0]))
+    return dict.fromkeys(view.joints, found)
 
 
 def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:

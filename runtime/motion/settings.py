@@ -22,6 +22,15 @@ HIGHEST_CUTOFF: Final = 100.0
 LOWEST_CUTOFF: Final = 8.0
 """Hz; below, the motion itself would be cut off, however coarse the encoder; development recordings."""
 
+CLOSE_CUTOFFS: Final = 1.5
+"""ratio; joints whose cut-offs are that close share the lower: every further view of a recording takes the time of
+one, and a band that is wider by less shows hardly more; a choice."""
+
+WIDE_ENOUGH: Final = 30.0
+"""Hz; a joint whose encoder would bear more than the arm's narrowest band gets no more than that: what a joint does to
+another lies below it, and above resonances of transmissions begin, which in one joint's rows alone pass for those of
+another; development recordings of two joints, at 48 and 88 Hz."""
+
 CUTOFF_OF_SAMPLING: Final = 0.2
 """part of the sampling rate; the smoothing, which stops at three times the cut-off, has no room above; by
 construction."""
@@ -37,6 +46,20 @@ WHITE_FROM: Final = 0.3
 
 WHITE_TO: Final = 0.45
 """part of the sampling rate; above, filters of the instruments end the spectrum; development recordings."""
+
+TIMING_DIFFERENCES: Final = 6
+"""number; so often positions are differenced until their motion is gone: 5 Hz at 500 samples a second leave 1e-7 of it;
+by construction."""
+
+TIMING_BLOCK: Final = 64
+"""samples; a block's noise is known to a fifth, and the rate hardly changes; by construction."""
+
+TIMING_BLOCKS: Final = 10
+"""number of blocks; fewer tell nothing of how noise and rate go together; by construction."""
+
+FOLLOWS_RATE: Final = 0.7
+"""number; the correlation of noise and squared rate over blocks, from which on instants are uncertain; simulated
+recordings: below 0.45 with even stamps, coarse encoders too, above 0.85 with stamps of whole milliseconds."""
 
 EXCITATION_WINDOW_S: Final = 1.0
 """s; short against a change of the motion, long against a period of the lowest cut-off; development recordings."""
@@ -156,6 +179,10 @@ recordings."""
 
 BAND_STOPBAND_DB: Final = 60.0
 """dB; what is folded back by the decimation is a thousandth; by construction."""
+
+BLOCK_ROWS: Final = 500
+"""number of rows; regressors are made of so many at a time: some ten thousand samples of a wide one fit into the
+processor's caches, and a long recording's are never whole in the memory; time."""
 
 TRANSITION: Final = 0.5
 """part of the cut-off; from pass-band to stop-band of the band's filter, a quarter to either side of the cut-off; a

@@ -94,7 +94,11 @@ class UnknownTorque:
         rows, count = self.directions.shape
         if rows * count > DENSE_DIRECTIONS:
             return None
-        axes, size, _ = np.linalg.svd(self.directions.toarray(), full_matrices=False)
+        # Of the rows that they reach: the others keep their zeros to the last bit.
+        reached = np.flatnonzero(np.diff(self.directions.indptr))
+        inside, size, _ = np.linalg.svd(self.directions[reached].toarray(), full_matrices=False)
+        axes = np.zeros((rows, len(size)))
+        axes[reached] = inside
         return axes, size**2 / (size**2 + SAME_DIRECTION**2)
 
     def __call__(self, x: Array) -> Array:

@@ -193,5 +193,6 @@ class ExportResult(_Result):
         return self.written
 
     def __repr__(self) -> str:
-        unsaid = "; ".join(self.json["unsaid"])
-        return f"{self.json['out']}: {self.json['name']}" + (f"\nno words for: {unsaid}" if unsaid else "")
+        left = (("not said", "unsaid"), ("kept as they were", "kept"))
+        lines = [f"{words}: {'; '.join(self.json[key])}" for words, key in left if self.json[key]]
+        return "\n".join([f"{self.json['out']}: {self.json['name']}", *lines])

@@ -74,9 +74,13 @@ def improve(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -
     return ImprovementResult(result, summary, arm.with_text(result.model_text))
 
 
-def add(arm: LoadedArm, effect: str, joint: int | None = None) -> LoadedArm:
-    """The arm with an effect more, its values unknown until they are identified. Nothing is written."""
-    return arm.with_text(arm.source.add(arm.text, effect, joint))
+def add(arm: LoadedArm, effect: str, joint: int | str | None = None) -> LoadedArm:
+    """The arm with an effect more, its values unknown until they are identified. Nothing is written.
+
+    joint   from 1, or a name that the model file gives; None for effects of the arm or the contact
+    """
+    number = arm.source.joint_number(joint) if isinstance(joint, str) else joint
+    return arm.with_text(arm.source.add(arm.text, effect, number))
 
 
 def simulate(

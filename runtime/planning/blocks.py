@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from runtime.planning.batch import Instructions
+
 Array = NDArray[np.float64]
 
 
@@ -96,6 +98,20 @@ class Expression:
         r = ca.SX.sym("r", squares.numel())
         curved, _ = ca.hessian(weight * (cost + 2 * ca.dot(r, squares)) + ca.dot(y, rows), self.z)
         return ca.Function("bent", [self.z, self.p, weight, y, r], [curved])
+
+    @cached_property
+    def instructions(self) -> ExpressionInstructions:
+        """For many places at once."""
+        return ExpressionInstructions(*map(Instructions.of, (self.value, self.squared, self.bent)))
+
+
+@dataclass(frozen=True)
+class ExpressionInstructions:
+    """Those of `value`, `squared` and `bent`."""
+
+    value: Instructions
+    slope: Instructions
+    curvature: Instructions
 
 
 @dataclass(frozen=True)

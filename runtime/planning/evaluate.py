@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, structure
+from runtime.planning.program import quadrature
 from runtime.planning.scenario import Scenario
 from runtime.planning.springs import is_spring
 from runtime.planning.trajectory import JointMotion, Trajectory
@@ -36,14 +37,23 @@ def mounted(model: Model, trajectory: Trajectory) -> Structure:
 class Effort:
     """Torques along a motion at times with quadrature weights (N,): ∫ f dt = Σ weights f.
 
-    tau (n, N) motor torques; spring (n, N) what the springs push the joints forward with, τ_s of (2).
+    terms   of which the torques are made; rate: of the samples, Hz, for what has a memory
+    tau     (n, N) motor torques
     """
 
     model: Model
     motion: JointMotion
+    terms: Structure
+    rate: float
     weights: Array
     tau: Array
-    spring: Array
+
+    @cached_property
+    def spring(self) -> Array:
+        """(n, N) What the springs push the joints forward with, τ_s of (2)."""
+        m = self.motion
+        bare = {term: values for term, values in self.terms.items() if not is_spring(self.model.library[term.effect])}
+        return torque_along(self.model, m.q, m.qd, m.qdd, self.rate, bare) - self.tau
 
     @cached_property
     def cost(self) -> Array:
@@ -58,10 +68,10 @@ class Effort:
 
 def effort(model: Model, trajectory: Trajectory, friction: bool | None = None) -> Effort:
     """Torques at the nodes of a quadrature, phase by phase; friction: None for as it was planned."""
-    s, w = np.polynomial.legendre.leggauss(NODES)
+    s, w = quadrature(NODES)
     starts, durations = trajectory.starts[:-1], np.diff(trajectory.starts)
-    t = np.concatenate([a + d * (s + 1) / 2 for a, d in zip(starts, durations, strict=True)])
-    weights = np.concatenate([d * w / 2 for d in durations])
+    t = np.concatenate([a + d * s for a, d in zip(starts, durations, strict=True)])
+    weights = np.concatenate([d * w for d in durations])
     return at_times(model, trajectory, t, weights, friction)
 
 
@@ -78,9 +88,7 @@ def at_times(
     }
     step = float(np.mean(np.diff(t))) if len(t) > 1 else trajectory.duration
     tau = torque_along(model, m.q, m.qd, m.qdd, 1 / step, terms)
-    bare = {term: values for term, values in terms.items() if not is_spring(model.library[term.effect])}
-    spring = torque_along(model, m.q, m.qd, m.qdd, 1 / step, bare) - tau
-    return Effort(model, m, np.full(len(t), step) if weights is None else weights, tau, spring)
+    return Effort(model, m, terms, 1 / step, np.full(len(t), step) if weights is None else weights, tau)
 
 
 def objective(scenario: Scenario, found: Effort) -> float:

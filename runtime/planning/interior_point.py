@@ -46,12 +46,14 @@ _LARGEST_START = 1e3
 
 @dataclass(frozen=True)
 class Manner:
-    """accuracy of the conditions of optimality; barrier μ at first; push: least distance from bounds at first."""
+    """accuracy of the conditions of optimality; barrier μ at first; push: least distance from bounds at first;
+    multiplier: of bounds at first, None: what the barrier asks for there, as where x solved nearly the same program."""
 
     accuracy: float
     iterations: int
     barrier: float = 0.1
     push: float = 1e-2
+    multiplier: float | None = 1.0
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,9 @@ class _Search:
         least = np.where(self.has_low, self.low + off[0], -np.inf)
         most = np.where(self.has_high, self.high - off[1], np.inf)
         s = np.clip(self.program.inequalities(rows, x), least, most)
-        zl, zu = self.has_low.astype(float), self.has_high.astype(float)
+        given = self.manner.multiplier
+        zl = np.where(self.has_low, self.mu / (s - self.low) if given is None else given, 0.0)
+        zu = np.where(self.has_high, self.mu / (self.high - s) if given is None else given, 0.0)
         y = np.zeros(len(slopes.equalities))
         if len(y):
             dual = (slopes.gradient + self._pulled(slopes, zu - zl))[free]

@@ -10,40 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.planning.batch import Batch, Instructions, Machine
 from runtime.planning.blocks import ProgramBlock
 
 Array = NDArray[np.float64]
-
-
-class Batch:
-    """A CasADi function at N places at once, without copies: inputs (size, N), outputs (N, size), dense."""
-
-    def __init__(self, function: ca.Function, count: int) -> None:
-        symbols = [ca.SX.sym("in", *function.size_in(i)) for i in range(function.n_in())]
-        dense = ca.Function("dense", symbols, [ca.densify(result) for result in function.call(symbols)])
-        mapped = dense.map(count)
-        self._buffer, self._call = mapped.buffer()
-        sizes = [function.size_in(i) for i in range(function.n_in())]
-        self.inputs = [np.zeros((count, rows * columns)) for rows, columns in sizes]
-        shapes = [function.size_out(i) for i in range(function.n_out())]
-        # Column-major, as CasADi counts: the columns of one place after another.
-        self.outputs = [np.zeros((count, columns, rows)) for rows, columns in shapes]
-        give: Any = self._buffer
-        for i, given in enumerate(self.inputs):
-            give.set_arg(i, memoryview(given.data))
-        for i, result in enumerate(self.outputs):
-            give.set_res(i, memoryview(result.data))
-
-    def __call__(self) -> list[Array]:
-        """Of the inputs as they stand; the arrays are written anew by the next call."""
-        self._call()
-        return self.outputs
 
 
 @dataclass(frozen=True)
@@ -61,6 +35,7 @@ class PlacedBlock:
     """A block with its places as dense arrays: unknowns (k,) of x that it sees, maps (N, nz, k) from them to z."""
 
     block: ProgramBlock
+    machine: Machine
 
     @cached_property
     def unknowns(self) -> NDArray[np.int64]:
@@ -77,17 +52,20 @@ class PlacedBlock:
     def _flat(self) -> Array:
         return self.maps.reshape(-1, len(self.unknowns))
 
+    def _batch(self, instructions: Instructions) -> Batch:
+        return Batch(self.machine, instructions, self.block.count)
+
     @cached_property
     def _value(self) -> Batch:
-        return Batch(self.block.expression.value, self.block.count)
+        return self._batch(self.block.expression.instructions.value)
 
     @cached_property
     def _slope(self) -> Batch:
-        return Batch(self.block.expression.squared, self.block.count)
+        return self._batch(self.block.expression.instructions.slope)
 
     @cached_property
     def _curvature(self) -> Batch:
-        return Batch(self.block.expression.bent, self.block.count)
+        return self._batch(self.block.expression.instructions.curvature)
 
     def seen(self, x: Array) -> Array:
         """(N, nz) z at every place."""
@@ -141,8 +119,8 @@ class Kernels:
     size: int
 
     @classmethod
-    def of(cls, blocks: Sequence[ProgramBlock]) -> Kernels:
-        return cls(tuple(PlacedBlock(b) for b in blocks), blocks[0].places.shape[1])
+    def of(cls, blocks: Sequence[ProgramBlock], machine: Machine) -> Kernels:
+        return cls(tuple(PlacedBlock(b, machine) for b in blocks), blocks[0].places.shape[1])
 
     @cached_property
     def _ends(self) -> list[slice]:

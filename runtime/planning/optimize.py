@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import cycle, product
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import Effort, at_times, effort, objective
+from runtime.planning.limits import Along, every_instant, limited
 from runtime.planning.options import PlanningSettings
 from runtime.planning.program import Program
 from runtime.planning.scenario import Scenario
+from runtime.planning.settings import MOST_TIGHTENINGS
 from runtime.planning.solve import Attempt, Miss, Solver
 from runtime.planning.springs import SoughtSpring, usual
 from runtime.planning.starts import random_start
 from runtime.planning.task import Task
+from runtime.planning.tightening import tightened
 from runtime.planning.trajectory import Phase, Trajectory
-from runtime.progress import steps
+from runtime.progress import of_long, one_thread, steps
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 WIDTH = 0.1
 """rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
@@ -30,6 +35,10 @@ _WAYS = ((5 * WIDTH, 2 * WIDTH, WIDTH), (2 * WIDTH, WIDTH / 2))
 """Widths on the way from the search to the result. Where joints stick, each may end in a slightly worse place."""
 _SOFT = 1.0
 """The same while searching: so smooth that each start finds its basin in some thirty steps."""
+_STEPS = 30
+"""Of a solution, about."""
+_WORTH_FORKING = 0.06
+"""s of work, which processes begin and end in some hundredths of a second."""
 _STARTS = 4
 _SHARES = (0.01, 0.3)
 """Of the squared torque of joints whose spring is yet to be chosen, in the motions that it is chosen for."""
@@ -107,17 +116,26 @@ class Planner:
         self.model, self.scenario, self._started = model, scenario, time.perf_counter()
         task = Task(model, scenario)
         self.coarse, self.fine = Solver(Program(task, _few), 1e-3, 150), Solver(Program(task, _many), 1e-8, 400)
+        self._step: Callable[[], None] = lambda: None
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
-        with steps("solutions", self._solutions(starts)) as step:
-            self.coarse.done = self.fine.done = step
+        with one_thread(), steps("solutions", self._solutions(starts)) as self._step:
             return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
 
     def _solutions(self, starts: int) -> int:
         """How many solutions a plan takes, about."""
         searched = max(starts, len(_SHARES)) + 2 * len(_SHARES) if self.scenario.springs else starts
         bought = sum(bool(spring.catalogue) for spring in self.scenario.springs)
-        return searched + sum(map(len, _WAYS)) + (2**bought if bought else 0)
+        return searched + len(_WAYS) + (2**bought if bought else 0)
+
+    def _each(self, solver: Solver, solve: Callable[[T], Attempt], parts: Sequence[T]) -> list[Attempt]:
+        """What `solve` finds with the solver for each part, on all cores where that is worth their processes."""
+        worth = _STEPS * solver.pace * len(parts) > _WORTH_FORKING
+        found = []
+        for attempt in of_long(solve, parts) if worth else map(solve, parts):
+            found.append(attempt)
+            self._step()
+        return found
 
     def search(self, guesses: Sequence[Array]) -> list[Attempt]:
         """Coarse solutions, the best first.
@@ -125,18 +143,20 @@ class Planner:
         The motion that suits a spring can be far from the one without: so springs begin as they suit motions for
         which torque at their joints is nearly free, or costs less.
         """
+        coarse = self.coarse
         if not self.scenario.springs:
             # A large barrier carries all guesses into one wide basin, a small one leaves each in its own: which of them
             # is the better is seen at the end.
-            ways = cycle((self.coarse.run, self.coarse.refine))
-            return sorted((way(x, _SOFT) for way, x in zip(ways, guesses, strict=False)), key=self._rank)
+            begun = list(zip(cycle((coarse.run, coarse.refine)), guesses, strict=False))
+            return sorted(self._each(coarse, lambda begin: begin[0](begin[1], _SOFT), begun), key=self._rank)
+        # Each guess serves one share, and a single one both.
+        shared = [(k, x) for k in range(len(_SHARES)) for x in guesses[k :: len(_SHARES)] or guesses]
+        found = self._each(coarse, lambda part: coarse.relieved(part[1], _SOFT, _SHARES[part[0]]), shared)
         sprung = []
-        for k, share in enumerate(_SHARES):
-            # Each guess serves one share, and a single one both.
-            own = guesses[k :: len(_SHARES)] or guesses
-            relieved = min((self.coarse.relieved(x, _SOFT, share) for x in own), key=lambda a: (not a.met, a.cost))
-            sprung += [self.coarse.refine(guess, _SOFT) for guess in self._sprung(relieved.x)]
-        return sorted(sprung, key=self._rank)
+        for k in range(len(_SHARES)):
+            own = [attempt for (share, _), attempt in zip(shared, found, strict=True) if share == k]
+            sprung += self._sprung(min(own, key=lambda a: (not a.met, a.cost)).x)
+        return sorted(self._each(coarse, lambda x: coarse.refine(x, _SOFT), sprung), key=self._rank)
 
     def _rank(self, attempt: Attempt) -> tuple[bool, float]:
         """The cheapest that meets all constraints, else the one that misses them least.
@@ -149,11 +169,14 @@ class Planner:
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The first attempt refined, and its springs chosen."""
-        ways = [(self._refined(attempts[0].x, widths), widths[-1]) for widths in _WAYS]
-        free, width = min(ways, key=lambda way: self._rank(way[0]))
+        ways = self._each(self.fine, lambda widths: self._refined(attempts[0].x, widths), _WAYS)
+        free, (*_, width) = min(zip(ways, _WAYS, strict=True), key=lambda way: self._rank(way[0]))
         if free.missed is not None:
             raise Infeasible(self.scenario, free.missed, attempts)
-        chosen, choices = self._chosen(free, width)
+        fixed, chosen, choices = self._chosen(free, width)
+        chosen = self._kept_everywhere(chosen, width, fixed)
+        if chosen.missed is not None:
+            raise Infeasible(self.scenario, chosen.missed, attempts)
         trajectory = self.trajectory(chosen.x)
         found = effort(self.model, trajectory)
         setup = self.coarse.setup_seconds + self.fine.setup_seconds
@@ -179,7 +202,24 @@ class Planner:
         *before, last = widths
         for width in before:
             x = self.fine.near(x, width)
-        return self.fine.refine(x, last)
+        return self.fine.onwards(x, last)
+
+    def _kept_everywhere(self, found: Attempt, width: float, fixed: Mapping[int, float]) -> Attempt:
+        """The motion, sought again where it goes beyond a limit between its nodes, at which alone a program asks."""
+        rows = self.fine.rows
+        for _ in range(MOST_TIGHTENINGS):
+            t, beyond = self._beyond(found.x)
+            if found.missed is not None or not beyond:
+                return found
+            rows = tightened(self.fine.program, rows, t, beyond)
+            found = self.fine.onwards(found.x, width, fixed, rows)
+        t, beyond = self._beyond(found.x)
+        return replace(found, missed=found.missed or next((along.missed(t) for along in beyond), None))
+
+    def _beyond(self, x: Array) -> tuple[Array, list[Along]]:
+        """Instants of a motion, and the limits that it does not keep at all of them."""
+        seen = every_instant(self.model, self.trajectory(x))
+        return seen.motion.t, [along for along in limited(seen) if not along.kept]
 
     def _spring(self, k: int) -> slice:
         return self.fine.program.task.unknowns.spring(k)
@@ -213,24 +253,28 @@ class Planner:
             taut[self._spring(k)] = spring.unknowns(values)
         return [fitting, taut]
 
-    def _chosen(self, free: Attempt, width: float) -> tuple[Attempt, tuple[SpringChoice, ...]]:
-        """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again."""
+    def _chosen(self, free: Attempt, width: float) -> tuple[Mapping[int, float], Attempt, tuple[SpringChoice, ...]]:
+        """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again.
+
+        Gives the sizes chosen, by number of the spring (0-based), and the motion with them, too.
+        """
         springs = self.scenario.springs
         options = [neighbours(s.catalogue, k) for s, k in zip(springs, self._sizes(free), strict=True)]
         if not any(options):
-            return free, ()
-        tried = []
-        for combination in product(*(o or (None,) for o in options)):
-            fixed = {k: value for k, value in enumerate(combination) if value is not None}
-            tried.append((fixed, self.fine.refine(free.x, width, fixed)))
-        tried.sort(key=lambda item: self._rank(item[1]))
+            return {}, free, ()
+        combinations = [
+            {k: value for k, value in enumerate(combination) if value is not None}
+            for combination in product(*(o or (None,) for o in options))
+        ]
+        found = self._each(self.fine, lambda fixed: self.fine.onwards(free.x, width, fixed), combinations)
+        tried = sorted(zip(combinations, found, strict=True), key=lambda item: self._rank(item[1]))
         if tried[0][1].missed is not None:
             raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
         named = [
             SpringChoice({springs[k].joint: v for k, v in fixed.items()}, attempt.cost if attempt.met else None)
             for fixed, attempt in tried
         ]
-        return tried[0][1], tuple(named)
+        return *tried[0], tuple(named)
 
     # --- results ---
 

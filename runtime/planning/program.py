@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,13 @@ def bernstein(degree: int, s: Array, derivative: int = 0) -> Array:
     """(N, M + 1): what each control point of (9) contributes at s in [0, 1], or to a derivative by s."""
     basis = BPoly(np.eye(degree + 1)[:, None, :], [0.0, 1.0])
     return np.asarray(basis.derivative(derivative)(s) if derivative else basis(s))
+
+
+@cache
+def quadrature(count: int) -> tuple[Array, Array]:
+    """Nodes s in [0, 1] (N,) of Gauss and Legendre, and their weights, which sum to 1; not to be written to."""
+    s, weights = np.polynomial.legendre.leggauss(count)
+    return (s + 1) / 2, weights / 2
 
 
 @dataclass(frozen=True)
@@ -48,10 +55,9 @@ class Program:
     def _along(self, phase: int) -> ProgramBlock:
         """At the nodes of Gauss and Legendre within a phase."""
         plan = self.task.scenario.phases[phase]
-        nodes, weights = np.polynomial.legendre.leggauss(self.nodes(plan.degree))
-        s = (nodes + 1) / 2
+        s, weights = quadrature(self.nodes(plan.degree))
         where = tuple(f"phase {phase + 1} ({plan.start} to {plan.end}) at {x:.0%} of it" for x in s)
-        return ProgramBlock(self.task.along[phase], self._sample_places(phase, s), weights / 2, where)
+        return ProgramBlock(self.task.along[phase], self._sample_places(phase, s), weights, where)
 
     def _sample_places(self, phase: int, s: Array) -> sparse.csr_matrix:
         """(N nz, nx): at each place the free coordinates, their first and second derivatives, springs, and the peak."""

@@ -12,7 +12,7 @@ from runtime.model.terms import Values
 from runtime.planning.evaluate import Effort, at_times, effort
 from runtime.planning.optimize import Infeasible, Plan, SpringChoice
 from runtime.planning.scenario import Scenario
-from runtime.planning.solve import Attempt
+from runtime.planning.solve import MET, Attempt
 from runtime.planning.springs import SoughtSpring, usual
 from runtime.planning.trajectory import Trajectory
 from symbolic.described import DescribedParameter
@@ -51,7 +51,7 @@ def document(model: Model, plan: Plan) -> dict[str, Any]:
             "seconds": plan.seconds,
         },
         "left_out": dict(plan.left_out),
-        "warnings": warnings(model, plan.scenario),
+        "warnings": [*warnings(model, plan.scenario), *_idle(plan), *_under_way(model, plan)],
     }
 
 
@@ -121,7 +121,8 @@ def _spring(model: Model, spring: SoughtSpring, values: Values, free: float) -> 
 def _words(parameters: Sequence[DescribedParameter], values: Values, kind: JointType) -> str:
     """Parameters of a spring with their values."""
     return ", ".join(
-        f"{p.name if p.says is None else p.says} {values[p.name]:.4g} {p.unit.text(kind)}".strip() for p in parameters
+        f"{p.name if p.says is None else p.says} {float(f'{values[p.name]:.4g}'):g} {p.unit.text(kind)}".strip()
+        for p in parameters
     )
 
 
@@ -157,6 +158,27 @@ def warnings(model: Model, scenario: Scenario) -> list[str]:
             "identified at, and beyond them a plan may find friction that is not there; add [joint.limits] speed"
         )
     return found
+
+
+def _idle(plan: Plan) -> list[str]:
+    """That a spring is there for nothing."""
+    idle = [joint for joint in sorted(plan.trajectory.springs) if not plan.effort.spring[joint - 1].any()]
+    return [f"the spring at joint {j} pulls nowhere in this motion, which gains nothing from it" for j in idle]
+
+
+def _under_way(model: Model, plan: Plan) -> list[str]:
+    """That joints move at an end of a motion which is made once: nothing that stands follows it there."""
+    trajectory, phases = plan.trajectory, plan.scenario.phases
+    if trajectory.periodic:
+        return []
+    moving = np.abs(trajectory.at(model, [0.0, trajectory.duration]).qd) > MET
+    ends = ("begins", "stands before", phases[0].start), ("ends", "stands afterwards", phases[-1].end)
+    return [
+        f"the motion {what} with joints that move ({_listed((np.flatnonzero(moving[:, k]) + 1).tolist())}); if the arm "
+        f"{stands}, say rest = true in [points.{point}]"
+        for k, (what, stands, point) in enumerate(ends)
+        if moving[:, k].any()
+    ]
 
 
 def _listed(numbers: Sequence[int]) -> str:

@@ -20,3 +20,18 @@ MOST_PHASES: Final = 1000
 MOST_BYTES: Final = 20_000_000
 """length in bytes; of a trajectory's file: MOST_PHASES of seven joints with MAX_POINTS numbers of 24 letters are 5 MB;
 a choice."""
+
+LEAST_POSITION_EXCESS: Final = 5e-4
+"""part of the larger end of a joint's range: what a plan goes beyond it by less is let pass. A program keeps limits at
+its nodes, and between them a position that touches one goes 3e-5 of it further; a milliradian is far from where an arm
+is stopped; a choice."""
+
+LEAST_SPEED_EXCESS: Final = 5e-3
+"""part of a joint's speed limit; the same of rates, which bend more between nodes; a choice."""
+
+LEAST_TORQUE_EXCESS: Final = 5e-3
+"""part of a joint's torque limit; the same of torques, which friction and springs give kinks; a choice."""
+
+MOST_TIGHTENINGS: Final = 6
+"""number of times that a plan is sought again, held further within the limits where it went beyond them between nodes;
+two are enough where a limit can be kept; a choice."""

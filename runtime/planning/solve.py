@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.interruption import heard_in_casadi
+from runtime.planning.batch import Machine
 from runtime.planning.blocks import Sum, assemble
 from runtime.planning.interior_point import SOLVED, Bounded, Manner, Minimum, minimize
 from runtime.planning.kernels import Kernels
 from runtime.planning.program import Program
 
 Array = NDArray[np.float64]
+Bounds = tuple[Array, Array]
+"""Lower and upper, of a program's rows (m,) or unknowns (nx,)."""
 
 MET = 1e-4
 """By which a constraint may be missed, in its own unit, and still counts as met."""
-_FAR, _THERE = (0.1, 1e-2), (1e-4, 1e-5)
-"""Barrier at first and least distance from bounds, of a guess that is rough or in the right basin: there a larger
-barrier would push it over the ridge into the next, as springs and friction make many."""
+_FAR, _THERE, _NEXT = (0.1, 1e-2, 1.0), (1e-4, 1e-5, 1.0), (1e-4, 1e-5, None)
+"""Barrier at first, least distance from bounds and their multipliers, of a guess that is rough, in the right basin, or
+the solution of a program that is nearly this one: there a larger barrier would push it over the ridge into the next, as
+springs and friction make many."""
 _ROUGH = 1e-3
 """Accuracy of solutions that only show where to begin."""
 _INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
@@ -60,20 +65,33 @@ class Attempt:
 
 class Solver:
     """Solves a program from given points: by the dense interior-point method, and where that ends without a solution by
-    IPOPT from the same point; accuracy: of the optimality conditions, relative to their scale; done: called after each
-    solution."""
+    IPOPT from the same point; accuracy: of the optimality conditions, relative to their scale."""
 
     def __init__(self, program: Program, accuracy: float, iterations: int) -> None:
         self.program, self.accuracy, self.iterations = program, accuracy, iterations
         started = time.perf_counter()
-        self.done: Callable[[], None] = lambda: None
-        self._kernels = Kernels.of(program.blocks)
+        with heard_in_casadi():
+            self._kernels = Kernels.of(program.blocks, Machine(program.task.model.library.machine))
+            for block in program.blocks:
+                block.expression.instructions  # noqa: B018 (derived once, before processes are forked that need it)
         self.setup_seconds = time.perf_counter() - started
         blocks = program.blocks
-        self._rows = (
+        self.rows: Bounds = (
             np.concatenate([block.lower.ravel() for block in blocks]),
             np.concatenate([block.upper.ravel() for block in blocks]),
         )
+
+    @cached_property
+    def pace(self) -> float:
+        """How long a step of the search takes here, about: its derivatives, s."""
+        p, y = self.program.task.p.vector(self.program.task.values(1.0)), np.zeros(len(self.rows[0]))
+        x = np.zeros(self._kernels.size)
+        for _ in range(2):
+            # The first makes room for its numbers, the second counts.
+            began = time.perf_counter()
+            self._kernels.condensed(x, p, self._kernels.slope(x, p)[1], 1.0, y, y)
+            seconds = time.perf_counter() - began
+        return seconds
 
     def run(self, x: Array, width: float, sizes: Mapping[int, float] | None = None) -> Attempt:
         """A solution from the rough guess x (nx,); width of the switches in rad/s (m/s).
@@ -92,41 +110,52 @@ class Solver:
         """The solution in whose basin x lies."""
         return self._run(_THERE, x, width, sizes or {}, 1.0)
 
+    def onwards(
+        self, x: Array, width: float, sizes: Mapping[int, float] | None = None, rows: Bounds | None = None
+    ) -> Attempt:
+        """The solution next to x, which solved a program that is nearly this one.
+
+        rows   within which its rows are sought, where not within their own bounds
+        """
+        return self._run(_NEXT, x, width, sizes or {}, 1.0, rows=rows)
+
     def near(self, x: Array, width: float) -> Array:
-        """(nx,) About where `refine` would end, for a narrower width to begin with."""
-        return self._run(_THERE, x, width, {}, 1.0, max(_ROUGH, self.accuracy)).x
+        """(nx,) About where `onwards` would end, for a narrower width to begin with."""
+        return self._run(_NEXT, x, width, {}, 1.0, accuracy=max(_ROUGH, self.accuracy)).x
 
     def _run(
         self,
-        start: tuple[float, float],
+        start: tuple[float, float, float | None],
         x: Array,
         width: float,
         sizes: Mapping[int, float],
         share: float,
+        *,
         accuracy: float | None = None,
+        rows: Bounds | None = None,
     ) -> Attempt:
         p, bounds = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes)
-        whole = Bounded(self._kernels, p, self._rows[0], self._rows[1], bounds[0], bounds[1])
+        whole = Bounded(self._kernels, p, *(rows or self.rows), *bounds)
         began = time.perf_counter()
         manner = Manner(accuracy or self.accuracy, self.iterations, *start)
         found = minimize(whole, x, manner)
         if found.status != SOLVED:
-            found = self._by_ipopt(manner, x, p, bounds)
+            found = self._by_ipopt(manner, x, whole)
         seconds = time.perf_counter() - began
-        self.done()
         return Attempt(found.x, found.cost, found.status, found.iterations, seconds, self._missed(found.rows))
 
     @cached_property
     def _sum(self) -> Sum:
         return assemble(self.program.blocks)
 
-    def _by_ipopt(self, manner: Manner, x: Array, p: Array, bounds: tuple[Array, Array]) -> Minimum:
+    def _by_ipopt(self, manner: Manner, x: Array, whole: Bounded) -> Minimum:
         """The same problem from the same point, with a restoration phase where constraints resist."""
         near = {f"ipopt.{slack}bound_{kind}": manner.push for slack in ("", "slack_") for kind in ("push", "frac")}
         options = {"ipopt.tol": manner.accuracy, "ipopt.max_iter": manner.iterations, "ipopt.mu_init": manner.barrier}
-        solver = self._sum.solver({**_QUIET, **options, **near})
-        lower, upper = bounds
-        found = solver(x0=np.clip(x, lower, upper), p=p, lbx=lower, ubx=upper, lbg=self._rows[0], ubg=self._rows[1])
+        within = {"lbx": whole.low, "ubx": whole.high, "lbg": whole.lower, "ubg": whole.upper}
+        with heard_in_casadi():
+            solver = self._sum.solver({**_QUIET, **options, **near})
+            found = solver(x0=np.clip(x, whole.low, whole.high), p=whole.p, **within)
         rows, stats = np.array(found["g"]).ravel(), solver.stats()
         x = np.array(found["x"]).ravel()
         if stats["return_status"] in _INTERRUPTED:
@@ -134,7 +163,7 @@ class Solver:
             raise KeyboardInterrupt
         return Minimum(x, float(found["f"]), rows, str(stats["return_status"]), int(stats["iter_count"]))
 
-    def bounds(self, sizes: Mapping[int, float]) -> tuple[Array, Array]:
+    def bounds(self, sizes: Mapping[int, float]) -> Bounds:
         """Of the unknowns, (nx,) each: springs alone are bounded, the motion by its constraints."""
         u = self.program.task.unknowns
         lower, upper = np.full(u.size, -np.inf), np.full(u.size, np.inf)
@@ -149,7 +178,7 @@ class Solver:
         return [(where, what) for b in self.program.blocks for where in b.where for what in b.expression.labels]
 
     def _missed(self, rows: Array) -> Miss | None:
-        lower, upper = self._rows
+        lower, upper = self.rows
         amount = np.maximum(lower - rows, rows - upper)
         amount[~np.isfinite(rows)] = np.inf
         if not len(amount) or amount.max() <= MET:

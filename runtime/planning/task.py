@@ -27,6 +27,11 @@ INF = float("inf")
 NONE = ca.SX(0, 1)
 
 
+def limit_label(what: str, i: int) -> str:
+    """Of the row that limits a position, speed or torque of joint i (0-based)."""
+    return f"{what} of joint {i + 1}"
+
+
 @dataclass(frozen=True)
 class Task:
     """What a scenario asks of an arm. Solutions may differ in p: cycle time, targets, effects, lumps, lengths."""
@@ -181,13 +186,13 @@ class Task:
             unit = info.position_unit
             low, high = self._rates(plan, i)
             if low > -INF or high < INF:
-                rows.append((at.qd[i], low, high, f"speed of joint {i + 1}", f"{unit}/s"))
+                rows.append((at.qd[i], low, high, limit_label("speed", i), f"{unit}/s"))
             span = self.span(i)
             if span is not None:
-                rows.append((at.q[i], *span, f"position of joint {i + 1}", unit))
+                rows.append((at.q[i], *span, limit_label("position", i), unit))
             if info.torque_limit is not None:
                 limit = info.torque_limit
-                rows.append((at.torque[i], -limit, limit, f"torque of joint {i + 1}", info.force_unit))
+                rows.append((at.torque[i], -limit, limit, limit_label("torque", i), info.force_unit))
         if plan.kind == "contact":
             rows.append((self.scenario.elbow * ca.sin(at.q[1]), CLEAR_OF_SINGULAR, INF, "distance from q_2 = 0", "1"))
             way = self._tip_way(plan)
@@ -266,7 +271,7 @@ class Task:
     def _asked(self, point: Point, name: str, at: PlanInstant, contact: bool) -> list[Row]:
         unit = {i: joint.position_unit for i, joint in enumerate(self.model.joints)}
         rows: list[Row] = [
-            (at.q[j - 1] - q, 0.0, 0.0, f"position of joint {j}", unit[j - 1]) for j, q in point.q.items()
+            (at.q[j - 1] - q, 0.0, 0.0, limit_label("position", j - 1), unit[j - 1]) for j, q in point.q.items()
         ]
         # In contact the plate's axis has the end-effector's x already.
         axes = (1,) if contact else range(3 if self.model.spatial else 2)

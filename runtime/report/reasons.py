@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from runtime.diagnosis.gates import Evidence
 from runtime.model.terms import Term, at
-from runtime.wording import percent, whole
+from runtime.wording import fall, percent, whole
 
 _NOTHING = 0.05
 """Below this part of the noise floor a candidate's own torque is next to nothing, and no other figure matters."""
@@ -40,6 +40,12 @@ def in_place_of(
             f"Ruled out: weighed by itself it passes every gate, but with it added and everything fitted again, "
             f"the error falls less than with {named.term.effect}."
         )
+    if other.share >= named.share:
+        # Of what is missing where each of them acts, which need not be the same joints.
+        return (
+            f"Ruled out: it passes every gate by itself, but {_bic(other, named)}, and Vuong's test of the likelihoods "
+            "agrees."
+        )
     return (
         f"Ruled out: it passes every gate by itself, but explains {_share(other)} of what is missing, "
         f"{named.term.effect} {_share(named)}. {_bic(other, named)}, and Vuong's test of the likelihoods agrees."
@@ -67,11 +73,16 @@ def next_to_nothing(evidence: Evidence, floor: float) -> bool:
     return not evidence.passes and evidence.eff < _NOTHING * floor
 
 
+def unearned(evidence: Evidence) -> bool:
+    """Whether a candidate's parameters cost more than it explains, which is all that there is to say of it."""
+    return not evidence.passes and evidence.delta_bic <= 0
+
+
 def _failing(other: Evidence, floor: float) -> str:
     if next_to_nothing(other, floor):
         return "Ruled out: it explains next to nothing that the fitted model does not explain already."
-    if other.delta_bic <= 0:
-        return f"Ruled out: it does not earn its parameters; with it, BIC rises by {whole(-other.delta_bic)}."
+    if unearned(other):
+        return f"Ruled out: it does not earn its parameters; with it, BIC {fall(other.delta_bic)}."
     return f"Ruled out: {'; '.join(other.failed)}."
 
 

@@ -109,8 +109,8 @@ class ResultSummary:
     def peaks(self) -> list[list[float]]:
         """Of every joint the frequencies, Hz, that stand out of what is left at the end, whatever little they hold."""
         found = self.last.identification
-        cutoff, rate = found.motion.band.cutoff, found.motion.row_rate
-        return [spectrum.peaks(residual, rate, cutoff) for residual in found.fit.residual]
+        motion, left = found.motion, found.fit.residual
+        return [spectrum.peaks(residual, motion.row_rate(i), motion.cutoff(i)) for i, residual in enumerate(left)]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -129,6 +129,10 @@ class ResultSummary:
         """Joints (0-based) in the order in which a page shows them: with findings, with more than noise, the others."""
         joints = range(len(self.first.joints))
         return sorted(joints, key=lambda i: (i not in self._found_at, self.at_floor(i), i))
+
+    def moves(self, joint: int) -> bool:
+        """Whether a joint (0-based) has rows that are compared."""
+        return len(self.first.joints[joint].t) > 1
 
     def at_floor(self, joint: int) -> bool:
         """Whether nothing was found at a joint (0-based) alone, and what is left there is noise."""

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.interruption import heard_in_casadi
 from runtime.model.loader import Model
 from runtime.model.terms import Structure
 from runtime.simulation.plant_equations import RATE_WIDTH, PlantEquations, PlantError, PlantInstant
@@ -28,15 +29,9 @@ class Plant:
     def __init__(self, model: Model, terms: Structure, period: float) -> None:
         self.model, self.terms, self.period = model, terms, period
         self._substeps = 0
-        coarsest = max(1, ceil(period / STEP - 1e-9))
-        for substeps in FINER:
-            one = self._stepping(substeps * coarsest)
-            growth = self._growth(one)
-            if _is_stable(growth):
-                break
-        else:
-            raise PlantError(self._too_stiff(growth))
-        self._advance, self._rest = self._period(one), self._start_of(self._equations)
+        with heard_in_casadi():
+            self._advance = self._period(self._stable_step(max(1, ceil(period / STEP - 1e-9))))
+            self._rest = self._start_of(self._equations)
         self._state: Array = np.zeros(self._advance.size1_in(0))
         self._command: Array = np.zeros(model.n)
         # A call without copies or conversions.
@@ -72,6 +67,15 @@ class Plant:
         """One control period with these torques (n,) held."""
         self._command[:] = torque
         self._run()
+
+    def _stable_step(self, coarsest: int) -> ca.Function:
+        """One step, in the fewest a control period with which nothing grows."""
+        for substeps in FINER:
+            one = self._stepping(substeps * coarsest)
+            growth = self._growth(one)
+            if _is_stable(growth):
+                return one
+        raise PlantError(self._too_stiff(growth))
 
     def _start_of(self, equations: PlantEquations) -> ca.Function:
         """The state of an arm that has stood at q."""

@@ -25,7 +25,8 @@ from runtime.model.signals import OF_OTHERS
 from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import BandView, Motion
+from runtime.motion.piece import Piece
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import MIN_SAMPLES
 from runtime.simulation.options import SimulationSettings
@@ -45,6 +46,7 @@ from runtime.simulation.settings import (
 )
 from symbolic.described import AnyEffect, DescribedParameter, numbered
 from symbolic.model_file.checks import did_you_mean, nearest, quote
+from symbolic.model_file.joint_names import Names, expected, joint_number, said_term
 
 Array = NDArray[np.float64]
 
@@ -63,21 +65,21 @@ class Hidden:
 
 def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
     """As `hidden_in`, of a model that is there."""
-    hidden = hidden_in(text, model.library.effects, model.n, model.name, option)
+    hidden = hidden_in(text, model.library.effects, [joint.name for joint in model.joints], model.name, option)
     name = hidden.term.effect
     if model.spatial and model.library[name].scope == "contact":
         raise SimulationError(f'{option} {text}: "{name}" acts in the plane, and {model.name} is an arm in space')
     return hidden
 
 
-def hidden_in(text: str, effects: Mapping[str, AnyEffect], n: int, arm: str, option: str = "--hide") -> Hidden:
+def hidden_in(text: str, effects: Mapping[str, AnyEffect], joints: Names, arm: str, option: str = "--hide") -> Hidden:
     """`EFFECT@JOINT[:KEY=VALUE,...]`; no @JOINT for an effect of the arm or the contact. Raises SimulationError.
 
-    effects, n, arm   the library by name, of an arm with n joints and its name
-    option            where it was written, for the messages
+    effects      the library by name     joints, arm  what the arm's joints are called, and the arm
+    option       where it was written, for the messages
     """
-    place, _, assignments = text.partition(":")
-    name, at, number = place.partition("@")
+    said = said_term(text, joints)
+    name = said.effect
     usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
     effect, which = numbered(name, effects)
     if effect not in effects:
@@ -89,17 +91,19 @@ def hidden_in(text: str, effects: Mapping[str, AnyEffect], n: int, arm: str, opt
     info = effects[effect]
     joint: int | None = None
     if info.scope in ("arm", "contact"):
-        if at:
-            raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{number}')
+        if said.joint is not None:
+            raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{said.joint}')
     else:
-        last = n - (info.scope == "joints")
-        if last < 1:
+        able = joints[:-1] if info.scope == "joints" else joints
+        if not able:
             raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {arm} has one')
-        if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= last:
-            raise SimulationError(f'{option} {text}: found joint "{number}", expected 1 to {last}; {usage}')
-        joint = int(number)
+        joint = joint_number(said.joint or "", able)
+        if joint is None:
+            where = f'found joint "{said.joint or ""}", expected {expected(able)}'
+            first = "" if able is joints else f' as the first of the two that "{name}" acts on'
+            raise SimulationError(f"{option} {text}: {where}{first}; {usage}")
     values: Values = {}
-    for assignment in filter(None, assignments.split(",")):
+    for assignment in filter(None, said.rest.split(",")):
         key, equals, value = assignment.partition("=")
         names = tuple(p.name for p in info.parameters)
         if key.strip() not in names:
@@ -124,18 +128,18 @@ def simulate(
 
     motion   (n, N) positions at 1 kHz in place of the excitation that the settings ask for, or what `along` makes of
              them
-    Raises SimulationError.
+    Values that nobody states are those for `motion`, else those for the default seed's excitation: another seed records
+    the same arm. Raises SimulationError.
     """
     extra, noise = settings.extra, settings.noise
     rng = np.random.default_rng(settings.seed)
-    if isinstance(motion, Piece):
-        piece = motion
+    if motion is None:
+        piece = sizing = _excited(model, rng, settings)
+        if settings.seed != SimulationSettings.seed:
+            sizing = _excited(model, np.random.default_rng(SimulationSettings.seed), settings)
     else:
-        part = settings.seconds / settings.repeats
-        path = excitation(model, rng, part, settings.repeats) if motion is None else motion
-        piece = along(model, path, warm="temperature" in extra)
-    terms = _all_terms(model, hidden)
-    values = _complete(model, piece, terms)
+        piece = sizing = motion if isinstance(motion, Piece) else along(model, motion, "temperature" in extra)
+    values = _complete(model, sizing, _all_terms(model, hidden))
     signals = Signals(model, piece, Prediction(model.lump_values, values))
     tau = _torque(signals, values)
     if not np.isfinite(tau).all():
@@ -150,6 +154,11 @@ def simulate(
         level = np.sqrt(np.mean(output**2, axis=1, keepdims=True))
         made = replace(made, tau_link=output + noise * level * rng.standard_normal(output.shape))
     return made, values
+
+
+def _excited(model: Model, rng: np.random.Generator, settings: SimulationSettings) -> Piece:
+    path = excitation(model, rng, settings.seconds / settings.repeats, settings.repeats)
+    return along(model, path, "temperature" in settings.extra)
 
 
 def along(model: Model, path: Array, warm: bool = False) -> Piece:
@@ -291,8 +300,8 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     """Parameters that give the term a visible and not absurd part of the torque."""
     info = model.library.effects[term.effect]
     silent = np.zeros(model.n)
-    band = Band(SIZING_CUTOFF, "simulated", silent, silent, silent)
-    motion = Motion(band, (piece,), np.zeros(model.n), np.zeros(model.n))
+    band = Band(silent + SIZING_CUTOFF, "simulated", silent, silent, silent)
+    motion = Motion(band, (BandView(tuple(range(model.n)), (piece,)),), silent, silent)
     regressors = Regressors(model, motion, Prediction(model.lump_values, others))
     with np.errstate(divide="ignore", invalid="ignore"):
         grid = points(regressors, term)
@@ -300,7 +309,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
         needed = ", ".join(p.name for p in info.shape)
         raise SimulationError(f"{term}: this model and motion give no scale for it; state {needed}")
     shape = {**grid[_middle(grid, info)], **{k: v for k, v in stated.items() if k not in {p.name for p in info.linear}}}
-    signals = regressors.signals[0]
+    signals = regressors.signals(0)[0]
     rows, size = np.zeros(len(info.coefficients)), 0.0
     for joint in joints_of(model, term):
         columns = regressors.raw_columns(signals, term, joint, shape)[1:]

@@ -49,7 +49,7 @@ def step(index: int, summary: ResultSummary, held: Sequence[JointSeries], suspic
         "arm": _arm(summary),
         "cures": [cure(s) for s in suspicions],
         "warnings": warnings(fitted),
-        "band": f"up to {number(band.cutoff)} Hz: {band.reason}",
+        "band": f"up to {number(band.cutoff)} Hz: {band.explained}",
         "skew": f"{skew['value']}, {skew['how']}",
     }
 

@@ -20,7 +20,7 @@ from runtime.estimation.regressors import Signals
 from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure
-from runtime.motion.motion import Piece
+from runtime.motion.piece import Piece
 from runtime.recordings.recording import Recording
 from runtime.report.signals.joint_signals import of_series
 from runtime.report.summary import relative_floor
@@ -81,7 +81,7 @@ def _within(model: Model, term: Term, known: Values, values: Mapping[str, float]
 def _with_values(fitted: Step, other: Prediction, joint: int) -> JointSeries:
     """A joint (0-based) with the torque that other values predict."""
     found, series = fitted.identification, fitted.joints[joint]
-    pieces = found.motion.pieces
+    pieces = found.motion.pieces_of(joint)
     change = np.concatenate([_change(found.model, p, found.fit.prediction, other, joint) for p in pieces])
     if not np.isfinite(change).all():
         raise SessionError("with these values the torque is not finite; choose others")

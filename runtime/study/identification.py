@@ -200,10 +200,10 @@ class JointFriction:
         The torque is the recorded one less that of the inverse dynamics, both within the band of the fit.
         """
         found, i = self.identification, self.joint - 1
-        speed = found.motion.rows("qd")[i]
+        speed = found.motion.rows("qd", i)[i]
         whole = Regressors(found.model, found.motion.with_standstill)
         torque = found.motion.recorded(i, found.fit.skew) - whole.measured(i)
-        trials = [found.motion.row_piece == k for k in range(len(found.motion.pieces))]
+        trials = [found.motion.row_piece(i) == k for k in range(len(found.motion.pieces))]
         return [(speed[trial], torque[trial]) for trial in trials]
 
     def friction(self, speeds: Array) -> Array:
@@ -229,7 +229,7 @@ class JointFriction:
         return {
             "joint": self.joint,
             "cosines": cosines,
-            "band": {"cutoff_hz": motion.band.cutoff, "reason": motion.band.reason},
+            "band": motion.band.to_json(),
             "skew": self.identification.inference.skew_json(),
             "parameters": [parameter.to_json() for parameter in self.parameters],
         }
@@ -284,8 +284,7 @@ def _with_rigid_torque(model: Model, recordings: Sequence[Recording]) -> list[Re
     A joint that moves alone tells its own inertia and no more of the arm's ten base parameters. The paper takes all
     of them as known, and so do we: the simulated arm has the model's inertia.
     """
-    inertia = np.diagonal(model.inertia(np.zeros(model.n)))
-    cutoff = choose_band(recordings, inertia).cutoff
+    cutoff = choose_band(recordings, np.abs(model.inertia(np.zeros(model.n)))).cutoffs.max()
     return [replace(r, tau_rigid=_rigid_torque(model, r, cutoff)) for r in recordings]
 
 

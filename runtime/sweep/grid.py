@@ -16,6 +16,7 @@ from runtime.planning.springs import Declared, SoughtSpring, sought, springs
 from runtime.sweep.job import Code, Job, Value
 from symbolic.described import DescribedParameter
 from symbolic.model_file.checks import did_you_mean, printable, quote
+from symbolic.model_file.joint_names import Names, expected, joint_number
 
 CASES = {"A": (False, False), "B": (False, True), "C": (True, False), "D": (True, True)}
 """The paper's: with friction, with springs."""
@@ -39,12 +40,13 @@ class Variation:
     values: tuple[Value, ...]
 
 
-def parse(texts: Sequence[str], effects: Declared) -> tuple[Variation, ...]:
-    """The axes of `--over NAME=VALUES`, VALUES as `1.0,1.2` or `1.0:3.0:0.2`; effects: of the library, by name.
+def parse(texts: Sequence[str], effects: Declared, joints: Names = ()) -> tuple[Variation, ...]:
+    """The axes of `--over NAME=VALUES`, VALUES as `1.0,1.2` or `1.0:3.0:0.2`.
 
+    effects   of the library, by name     joints   what the arm's are called; an axis has their numbers
     Raises GridError.
     """
-    axes = tuple(_axis(text, effects) for text in texts)
+    axes = tuple(_axis(text, effects, joints) for text in texts)
     names = [axis.name for axis in axes]
     for name in names:
         if names.count(name) > 1:
@@ -88,11 +90,12 @@ def _known(effects: Declared) -> tuple[str, ...]:
     return (*_ALWAYS, *names, *touched[:1])
 
 
-def _axis(text: str, effects: Declared) -> Variation:
+def _axis(text: str, effects: Declared, joints: Names) -> Variation:
     name, equals, values = (part.strip() for part in text.partition("="))
     where = f"--over {printable(text)}"
     if not equals or not name or not values:
         raise GridError(f"{where}: expected NAME=VALUES, such as cycle_time=1.0,1.2 or cycle_time=1.0:3.0:0.2")
+    name = _at_number(where, name, joints)
     spring, able = _ONE_SPRING.fullmatch(name), _sought(effects)
     if name not in _ALWAYS and not (spring and spring[1] in able) and not _CONTACT.fullmatch(name):
         raise GridError(f"{where}: nothing is called {quote(name)}; {did_you_mean(name, _known(effects))}")
@@ -114,6 +117,17 @@ def _axis(text: str, effects: Declared) -> Variation:
                 f"{where}: {x:g} {unit} is no {spring[1]}; expected {least:g} or more (no spring: case=A,C)"
             )
     return Variation(name, tuple(int(x) if name == "seed" else x for x in dict.fromkeys(numbers)))
+
+
+def _at_number(where: str, name: str, joints: Names) -> str:
+    """With the joint's number in place of the name that it may be called by."""
+    what, at, said = name.partition("@")
+    if not at or not joints or _ONE_SPRING.fullmatch(name):
+        return name
+    number = joint_number(said, joints)
+    if number is None:
+        raise GridError(f"{where}: there is no joint {quote(said)}; expected {expected(joints)}")
+    return f"{what}@{number}"
 
 
 def _numbers(where: str, item: str, whole: bool) -> list[float]:

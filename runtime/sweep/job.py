@@ -18,6 +18,7 @@ from runtime.planning.optimize import Infeasible, optimize
 from runtime.planning.options import PlanningSettings
 from runtime.planning.scenario import Scenario
 from runtime.planning.starts import StartError
+from runtime.progress import on_cores
 
 Value = float | str
 Result = dict[str, Any]
@@ -108,7 +109,9 @@ def _loaded(code: Code) -> Model:
 
 
 def _planned(model: Model, job: Job) -> Result:
-    plan = optimize(model, job.scenario, PlanningSettings(job.starts, job.seed))
+    # The other cores have jobs of their own, in threads of this process even, which a fork would cut off.
+    with on_cores(1):
+        plan = optimize(model, job.scenario, PlanningSettings(job.starts, job.seed))
     springs = plan.trajectory.springs
     return {
         "feasible": True,

@@ -20,6 +20,8 @@ MOMENT_X, MOMENT_Y, MOMENT_Z = (SIGNAL[f"moment_{axis}"].symbol for axis in "xyz
 TWICE_G = (-2 * 9.81, 2 * 9.81)
 _ACCELERATION = u.METRE / u.SECOND**2
 
+_BEYOND = "of gravity along base {}, beyond the model file's"
+
 GRAVITY = Effect(
     name="gravity",
     scope="arm",
@@ -27,9 +29,9 @@ GRAVITY = Effect(
     torque=-(parameter("gx") * MOMENT_X + parameter("gy") * MOMENT_Y + parameter("gz") * MOMENT_Z),
     parameters=(
         # A model file that has the whole of it in the wrong direction lacks twice as much.
-        Parameter("gx", _ACCELERATION, "of gravity along base x, beyond the model file's", bounds=TWICE_G),
-        Parameter("gy", _ACCELERATION, "of gravity along base y, beyond the model file's", bounds=TWICE_G),
-        Parameter("gz", _ACCELERATION, "of gravity along base z, beyond the model file's", bounds=TWICE_G, space=True),
+        Parameter("gx", _ACCELERATION, _BEYOND.format("x"), bounds=TWICE_G, abroad="gravity x"),
+        Parameter("gy", _ACCELERATION, _BEYOND.format("y"), bounds=TWICE_G, abroad="gravity y"),
+        Parameter("gz", _ACCELERATION, _BEYOND.format("z"), bounds=TWICE_G, abroad="gravity z", space=True),
     ),
     carried=True,
     summary="Gravity that the model leaves out, or a base that is not level.",

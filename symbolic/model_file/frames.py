@@ -17,7 +17,7 @@ Rotation = tuple[Vector, Vector, Vector]
 QUARTER = math.pi / 2
 IDENTITY: Rotation = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _SINES = (0.0, 1.0, 0.0, -1.0)
-_LOCKED = 1e-9
+_LOCKED = 1e-12
 """Cosine of the pitch below which roll and yaw turn about one axis."""
 
 
@@ -40,12 +40,19 @@ def rotation(rpy: Sequence[float]) -> Rotation:
 
 
 def angles(turned: Rotation) -> Vector:
-    """rpy (3,) in rad of a rotation, pitch within ±π/2; where roll and yaw are one, it is all roll."""
-    pitch = math.atan2(-turned[2][0], math.hypot(turned[0][0], turned[1][0]))
-    if math.hypot(turned[0][0], turned[1][0]) < _LOCKED:
-        sign = math.copysign(1.0, -turned[2][0])
-        return math.atan2(sign * turned[0][1], turned[1][1]), sign * QUARTER, 0.0
-    return math.atan2(turned[2][1], turned[2][2]), pitch, math.atan2(turned[1][0], turned[0][0])
+    """rpy (3,) in rad of a rotation, pitch within ±π/2; where roll and yaw are one, it is all roll.
+
+    The roll is what is left when yaw is turned back: next to such a place, where rounding decides the yaw, the roll
+    follows it, and the three of them are the rotation to the last digit.
+    """
+    level = math.hypot(turned[0][0], turned[1][0])
+    pitch = math.atan2(-turned[2][0], level)
+    if level < _LOCKED:
+        return math.atan2(-turned[1][2], turned[1][1]), math.copysign(QUARTER, pitch), 0.0
+    yaw = math.atan2(turned[1][0], turned[0][0])
+    c, s = cos_sin(yaw)
+    across = c * turned[1][1] - s * turned[0][1]
+    return math.atan2(s * turned[0][2] - c * turned[1][2], across), pitch, yaw
 
 
 def about(axis: Sequence[float], angle: float) -> Rotation:

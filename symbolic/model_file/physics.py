@@ -27,6 +27,8 @@ from symbolic.model_file.frames import (
 SLACK = 1e-3
 """Part of the largest principal moment; published inertias have three or four digits, and miss what holds exactly by
 so much."""
+ROUNDED = 1e-12
+"""kg m²; a gram at 30 micrometres from the axis. Files computed by programs have as much beside a 0, of either sign."""
 SOMEWHERE = 0.7
 """rad, m; how far each joint, times its number, stands from 0 where inertia is looked for: no angle of a drawing."""
 
@@ -48,6 +50,12 @@ def check_distinct(top: Place, joints: Sequence[Joint | SpatialJoint]) -> None:
 # --- bodies in space ---
 
 
+def impossible_moment(inertia: Sequence[float]) -> float | None:
+    """The principal moment below 0, which no mass has, by more than digits and rounding explain; None without any."""
+    small, _, large = principal_moments(inertia)
+    return small if small < -max(SLACK * large, ROUNDED) else None
+
+
 def body_notes(place: Place, link: SpatialLink) -> list[str]:
     """What is doubtful about a body, a line each.
 
@@ -56,12 +64,12 @@ def body_notes(place: Place, link: SpatialLink) -> list[str]:
     if link.inertia is None:
         return []
     small, middle, large = principal_moments(link.inertia)
-    if small < -SLACK * abs(large) or large < 0:
+    if impossible_moment(link.inertia) is not None:
         place.inside("link").fail(
             f"inertia has the principal moments {small:.3g}, {middle:.3g}, {large:.3g} kg m^2; expected none below 0: "
             "check the order ixx, ixy, ixz, iyy, iyz, izz and the signs, or leave inertia out: unknown"
         )
-    if small + middle < large - SLACK * large:
+    if small + middle < large - max(SLACK * large, ROUNDED):
         return [
             f"{place.file}: {place.path}: the inertia is that of no body: its principal moments {small:.3g}, "
             f"{middle:.3g}, {large:.3g} kg m^2 break the rule that two of them come to the third at least"

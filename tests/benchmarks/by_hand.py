@@ -251,7 +251,8 @@ class ByHand:
 
 @dataclass(frozen=True)
 class Solved:
-    """x (nx,) where a solver ended; stopped: it was not done when its time was over."""
+    """x (nx,) where a solver ended; stopped: it was not done when its time was over; way: processor time, s, at which
+    it was at which x."""
 
     x: Array
     seconds: float
@@ -259,6 +260,7 @@ class Solved:
     iterations: int
     stopped: bool
     says: str
+    way: tuple[tuple[float, Array], ...]
 
 
 class _Over(Exception):
@@ -271,7 +273,7 @@ def scipy_solution(
     """SLSQP or trust-constr with SciPy's own finite differences; cap: s of processor time after which it is stopped."""
     wall, cpu = time.perf_counter(), time.process_time()
     problem = ByHand(program, width)
-    last, count = x, 0
+    way: list[tuple[float, Array]] = []
 
     def timed(evaluate: Callable[[Array], Any]) -> Callable[[Array], Any]:
         def run(x: Array) -> Any:
@@ -282,8 +284,7 @@ def scipy_solution(
         return run
 
     def note(x: Array, *_: Any) -> None:
-        nonlocal last, count
-        last, count = x.copy(), count + 1
+        way.append((time.process_time() - cpu, x.copy()))
 
     cost, equal, above = (timed(f) for f in (problem.cost, problem.equalities, problem.inequalities))
     if method == "SLSQP":
@@ -302,5 +303,6 @@ def scipy_solution(
             )
         last, says, stopped = found.x, str(found.message), False
     except _Over:
-        says, stopped = f"stopped after {cap:g} s", True
-    return Solved(last, time.perf_counter() - wall, time.process_time() - cpu, count, stopped, says)
+        last, says, stopped = way[-1][1] if way else start, f"stopped after {cap:g} s", True
+    busy = time.process_time() - cpu
+    return Solved(last, time.perf_counter() - wall, busy, len(way), stopped, says, (*way, (busy, last)))

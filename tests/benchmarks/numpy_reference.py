@@ -10,9 +10,9 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from codegen import effect_functions
-from runtime.estimation.problem import LinearUnknowns, Problem
+from runtime.estimation.problem import Problem
 from runtime.model.terms import Term, Values, joints_of
-from runtime.motion.motion import Piece
+from runtime.motion.piece import Piece
 from symbolic import primitives
 from symbolic.effects import LIBRARY
 from symbolic.functions import SymbolicFunction
@@ -49,35 +49,35 @@ class NumPyFit:
 
     def fit(self, problem: Problem, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, list[Array]]:
         """Coefficients (K,) and each joint's rows (K, M): filtered like ours, then numpy.linalg.lstsq."""
-        layout, motion = problem.layout, problem.motion
-        parts = [self._rows(problem, layout, piece, i, shapes) for i, piece in enumerate(motion.pieces)]
-        joints = [np.concatenate(rows, axis=1) for rows in zip(*parts, strict=True)]
-        left, right = [], []
-        for i, x in enumerate(joints):
+        motion = problem.motion
+        left, right, found = [], [], []
+        for view in motion.views:
+            # As one would write it: the regressor of all joints at once, in the band in which some of them are fitted.
+            rigid = [self.rigid(piece) for piece in view.pieces]
+            for i in view.joints:
+                parts = [self._rows(problem, k, i, shapes, own[i]) for k, own in enumerate(rigid)]
+                found.append((i, np.concatenate(parts, axis=1)))
+        rows = [x for _, x in sorted(found, key=lambda item: item[0])]
+        for i, x in enumerate(rows):
             use = motion.moving(i)
             left.append(problem.weights[i] * x[1:, use])
             right.append(problem.weights[i] * (motion.torque(i, skew) - x[0])[use])
         theta = np.linalg.lstsq(np.concatenate(left, axis=1).T, np.concatenate(right))[0]
-        return theta, [x[1:] for x in joints]
+        return theta, [x[1:] for x in rows]
 
-    def _rows(
-        self, problem: Problem, layout: LinearUnknowns, piece: Piece, number: int, shapes: Mapping[Term, Values]
-    ) -> list[Array]:
-        """Per joint (1 + K, M): the part without free coefficient, then a row a coefficient."""
-        rigid = self.rigid(piece)
-        signals = problem.regressors.signals[number]
-        out = []
-        for i in range(self.n):
-            x = np.zeros((1 + layout.size, len(piece.t)))
-            x[1 : 1 + self.lumps] = rigid[i]
-            for term in layout.terms:
-                if i in joints_of(problem.model, term):
-                    part = layout.slices[term]
-                    columns = self.columns(term, shapes[term], signals.of(term, i), len(piece.t))
-                    x[0] += columns[0]
-                    x[1 + part.start : 1 + part.stop] = columns[1:]
-            out.append(piece.in_band(x))
-        return out
+    def _rows(self, problem: Problem, number: int, joint: int, shapes: Mapping[Term, Values], rigid: Array) -> Array:
+        """(1 + K, M) of a joint along a piece: the part without free coefficient, then a row a coefficient; rigid
+        (lumps, N)."""
+        layout, signals = problem.layout, problem.regressors.signals(joint)[number]
+        x = np.zeros((1 + layout.size, rigid.shape[1]))
+        x[1 : 1 + self.lumps] = rigid
+        for term in layout.terms:
+            if joint in joints_of(problem.model, term):
+                part = layout.slices[term]
+                columns = self.columns(term, shapes[term], signals.of(term, joint), rigid.shape[1])
+                x[0] += columns[0]
+                x[1 + part.start : 1 + part.stop] = columns[1:]
+        return signals.piece.in_band(x)
 
 
 def _lambdified(function: SymbolicFunction) -> Callable[..., Sequence[Any]]:

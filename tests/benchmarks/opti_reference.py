@@ -187,16 +187,19 @@ class OptiByHand:
     def solve(self, x: Array, cap: float) -> Solved:
         """From unknowns x (nx,), in the order of the program's."""
         self._begin(x)
+        way: list[tuple[float, Array]] = []
+        self.opti.callback(lambda _: way.append((time.process_time() - cpu, self._found(x))))
         self.opti.solver("ipopt", {"print_time": False, "show_eval_warnings": False}, {**IPOPT, "max_cpu_time": cap})
         wall, cpu = time.perf_counter(), time.process_time()
         # Opti says in this way that IPOPT gave up; what it had then counts.
         with suppress(RuntimeError):
             self.opti.solve()
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        found = self._found(x)
+        wall, busy = time.perf_counter() - wall, time.process_time() - cpu
         stats = self.opti.stats()
         says = str(stats["return_status"])
         stopped = says == "Maximum_CpuTime_Exceeded"
-        return Solved(self._found(x), wall, cpu, int(stats["iter_count"]), stopped, says)
+        return Solved(found, wall, busy, int(stats["iter_count"]), stopped, says, (*way, (busy, found)))
 
     def _found(self, x: Array) -> Array:
         u, found = self.program.task.unknowns, np.zeros(len(x))

@@ -6,7 +6,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import casadi as ca
@@ -28,6 +28,7 @@ from runtime.planning.program import Program
 from runtime.planning.scenario import Scenario
 from runtime.planning.solve import MET
 from runtime.planning.starts import StartError, random_start
+from runtime.progress import on_cores
 from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
@@ -39,12 +40,9 @@ STARTS = int(os.environ.get("TENDON_BENCHMARK_STARTS", sized("20", "1")))
 ONLY = os.environ.get("TENDON_BENCHMARK_CASES", sized("", "2D 0.6"))
 """Beginning of the names of the cases to be run, "2D" for instance."""
 
-LEAST = {"SLSQP": float(sized("10", "0")), "Opti": float(sized("2", "0"))}
-"""Times Tendon's processor time that the others take over all cases, at least; a single case says less. Of SLSQP, which
-is stopped after CAP and would take longer, 17 times were measured."""
-AIMED = {"SLSQP": 20, "Opti": 2}
-"""What is aimed at."""
-
+LEAST = {"SLSQP": float(sized("20", "0")), "Opti": float(sized("4", "0"))}
+"""Times Tendon's whole processor time that the others take over all cases to come near the best cost, at least; where
+they never do, all their time counts. A single case says less."""
 STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"
 NEAR = 1.01
 """Of the best cost: what counts as the same."""
@@ -100,27 +98,58 @@ def load() -> str:
 def test_side_by_side(model: Model, vishard4: Arm, rnea: ca.Function, cases: dict[str, Scenario]) -> None:
     """One and the same start for all; that all solve one program is asserted, and that Tendon met its constraints."""
     rows: list[list[str]] = []
-    spent = Counter[str]()
+    spent, reached = Counter[str](), Counter[str]()
     for name, scenario in cases.items():
-        table = _compared(model, vishard4, rnea, name, free(scenario))
-        rows += table
-        spent.update({row[1]: float(row[4]) for row in table})
-        print("\n".join("  ".join(row) for row in table), flush=True)
+        table = _compared(model, vishard4, rnea, free(scenario))
+        for solver, run in table.items():
+            spent[solver] += run.counted
+            reached[solver] += run.near is not None
+        rows += [[name, solver, *run.figures(table["Tendon"])] for solver, run in table.items()]
+        print("\n".join("  ".join(row) for row in rows[-len(table) :]), flush=True)
     notes = [
         "cost: exact torques of the motion found, by one evaluator; missed: the worst constraint, in its own unit",
-        "s: processor time with all that is set up; ratio: of that, to Tendon's; all of them run in one thread",
+        "s: processor time, setup included, in one thread; to 1 %: until constraints are met at a cost that near",
+        "to the best of all, of Tendon the whole; ratio: of that, or else of all that was spent, to Tendon's",
         "Tendon: a search with few nodes, then the same nodes as the others, from the one start that all have",
         load(),
     ]
-    head = ("case", "solver", "cost", "missed", "s", "wall s", "steps", "ratio", "")
-    ratios = [f"{name} {spent[name] / spent['Tendon']:.1f} times (aimed at: {AIMED[name]})" for name in LEAST]
-    notes.insert(0, "all cases: " + ", ".join(ratios))
+    head = ("case", "solver", "cost", "missed", "s", "to 1 %", "wall s", "steps", "ratio", "")
+    for solver in spent:
+        times = f"{spent[solver] / spent['Tendon']:.1f} times"
+        notes.insert(0, f"all cases: {solver} {times}, near the best in {reached[solver]} of {len(cases)}")
     show("Motion and springs by four solvers", head, rows, notes)
     for name, least in LEAST.items():
         assert spent[name] >= least * spent["Tendon"], name
 
 
-def _compared(model: Model, arm: Arm, rnea: ca.Function, name: str, scenario: Scenario) -> list[list[str]]:
+@dataclass(frozen=True)
+class _Run:
+    """A solver's run: cost and miss where it ended; near: s of processor time after which it was within NEAR of the
+    best cost of all, None: never."""
+
+    solved: Solved
+    cost: float
+    missed: float
+    near: float | None
+
+    @property
+    def counted(self) -> float:
+        return self.solved.cpu if self.near is None else self.near
+
+    def figures(self, tendon: _Run) -> list[str]:
+        there = "never" if self.near is None else f"{self.near:.2f}"
+        times = f"{self.counted / tendon.counted:.1f}"
+        measured = (
+            f"{self.cost:.2f}",
+            f"{self.missed:.0e}",
+            f"{self.solved.cpu:.2f}",
+            there,
+            f"{self.solved.seconds:.2f}",
+        )
+        return [*measured, str(self.solved.iterations), times, "stopped" * self.solved.stopped]
+
+
+def _compared(model: Model, arm: Arm, rnea: ca.Function, scenario: Scenario) -> dict[str, _Run]:
     judge = Planner(model, scenario)
     program = judge.fine.program
     start = random_start(program, np.random.default_rng(0))
@@ -135,30 +164,38 @@ def _compared(model: Model, arm: Arm, rnea: ca.Function, name: str, scenario: Sc
     }
     found = {solver: solve() for solver, solve in solvers.items()}
     assert by_hand.violation(found["Tendon"].x) < MET
-    unit = found["Tendon"].cpu
-    rows = []
-    for solver, solved in found.items():
-        cost = objective(scenario, effort(model, judge.trajectory(solved.x)))
-        figures = (f"{cost:.2f}", f"{by_hand.violation(solved.x):.0e}", f"{solved.cpu:.2f}", f"{solved.seconds:.2f}")
-        rows.append(
-            [name, solver, *figures, str(solved.iterations), f"{solved.cpu / unit:.1f}", "stopped" * solved.stopped]
-        )
-    return rows
+
+    def cost(x: Array) -> float:
+        return objective(scenario, effort(model, judge.trajectory(x)))
+
+    ends = {solver: (cost(solved.x), by_hand.violation(solved.x)) for solver, solved in found.items()}
+    enough = NEAR * min(c for c, missed in ends.values() if missed < MET)
+
+    def near(solved: Solved) -> float | None:
+        there = (s for s, x in solved.way if by_hand.violation(x) < MET and cost(x) <= enough)
+        return next(there, None)
+
+    return {solver: _Run(solved, *ends[solver], near(solved)) for solver, solved in found.items()}
 
 
 def _tendon(model: Model, scenario: Scenario, start: Array) -> Solved:
     wall, cpu = time.perf_counter(), time.process_time()
-    planner = Planner(model, scenario)
-    plan = planner.finish(planner.search([start]))
+    # As the others, in one process.
+    with on_cores(1):
+        planner = Planner(model, scenario)
+        plan = planner.finish(planner.search([start]))
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     steps = plan.refined.iterations + sum(attempt.iterations for attempt in plan.attempts)
-    return Solved(plan.refined.x, wall, cpu, steps, False, plan.refined.status)
+    return Solved(plan.refined.x, wall, cpu, steps, False, plan.refined.status, ((cpu, plan.refined.x),))
 
 
 def _opti(program: Program, arm: Arm, rnea: ca.Function, start: Array) -> Solved:
     wall, cpu = time.perf_counter(), time.process_time()
-    solved = OptiByHand(program, arm, rnea, WIDTH).solve(start, CAP)
-    return replace(solved, seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu)
+    opti = OptiByHand(program, arm, rnea, WIDTH)
+    built = time.process_time() - cpu
+    solved = opti.solve(start, CAP)
+    way = tuple((built + s, x) for s, x in solved.way)
+    return replace(solved, seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu, way=way)
 
 
 def _assert_same(
@@ -205,9 +242,9 @@ def test_from_the_scenario_to_the_plan(model: Model, cases: dict[str, Scenario])
     """`tendon optimize` without reading and writing: all starts, and the springs of the catalogue."""
     rows, wall, cpu = [], {}, {}
     for name, scenario in cases.items():
-        started, busy = time.perf_counter(), time.process_time()
+        started, busy = time.perf_counter(), _processor_time()
         plan = optimize(model, scenario)
-        wall[name], cpu[name] = time.perf_counter() - started, time.process_time() - busy
+        wall[name], cpu[name] = time.perf_counter() - started, _processor_time() - busy
         springs = ", ".join(f"{s['stiffness'] / 1000:.1f}" for s in plan.trajectory.springs.values())
         figures = f"{plan.cost:.2f}", f"{plan.smooth_cost:.2f}", springs, f"{cpu[name]:.2f}", f"{wall[name]:.2f}"
         rows.append([name, *figures])
@@ -215,6 +252,11 @@ def test_from_the_scenario_to_the_plan(model: Model, cases: dict[str, Scenario])
     rows.append(["scenario 1, all", "", "", "", *(f"{sum(t[n] for n in eight):.2f}" for t in (cpu, wall))])
     notes = ["aimed at: each of scenario 1 under 0.4 s, each of scenario 2 under 2 s", load()]
     show("From a scenario to its plan", ("case", "cost", "smooth", "kN/m", "s", "wall s"), rows, notes)
+
+
+def _processor_time() -> float:
+    """s, of this process and of those that it forked and that have ended."""
+    return sum(os.times()[:4])
 
 
 # --- random starts ---

@@ -153,7 +153,7 @@ def _against_numpy(name: str, model: Model, identification: Identification) -> N
 
     piece = motion.pieces[0]
     count = len(piece.t)
-    signals = {t: fresh.regressors.signals[0].of(t, (t.joint or 1) - 1) for t in terms}
+    signals = {t: fresh.regressors.signals(0)[0].of(t, (t.joint or 1) - 1) for t in terms}
 
     def our_columns() -> None:
         for t in terms:

@@ -81,11 +81,32 @@ def test_many_choices_in_the_band(name: str, choices: int, library: Library) -> 
         for _ in range(choices)
     ]
     kernel = np.random.default_rng(0).standard_normal(21)
-    found = library.columns_in_band(name, signals, shapes, 1e-3, kernel, 5)
+    found = library.columns_in_band(name, [signals], shapes, 1e-3, kernel, 5)[:, 0]
     alone = [library.decimate(kernel, 5, library.columns(name, signals, shape, 1e-3)) for shape in shapes]
     assert np.array_equal(found, alone, equal_nan=True)
     few = {n: x[:20] for n, x in signals.items()}
-    assert library.columns_in_band(name, few, shapes, 1e-3, kernel, 5).size == 0
+    assert library.columns_in_band(name, [few], shapes, 1e-3, kernel, 5).size == 0
+
+
+@pytest.mark.parametrize("choices", [1, 3])
+@pytest.mark.parametrize("name", ["elasticity", "backlash", "lugre", "stribeck"])
+def test_several_joints_at_once(name: str, choices: int, library: Library) -> None:
+    """As each on its own: what stands between the joints differs, and where the memory is each joint's own, all."""
+    effect, rng = LIBRARY[name], np.random.default_rng(1)
+    own = {s.name: rng.uniform(0.5, 2.0, 300) for s in effect.signals}
+    joints = [
+        {
+            s.name: rng.uniform(0.5, 2.0, 300) if s.between or not effect.gives_way else own[s.name]
+            for s in effect.signals
+        }
+        for _ in range(3)
+    ]
+    shapes = [{p.name: rng.uniform(0.1, 3.0) for p in effect.parameters if p.role == "shape"} for _ in range(choices)]
+    kernel = rng.standard_normal(21)
+    found = library.columns_in_band(name, joints, shapes, 1e-3, kernel, 5)
+    alone = [library.columns_in_band(name, [signals], shapes, 1e-3, kernel, 5)[:, 0] for signals in joints]
+    assert np.array_equal(found, np.stack(alone, axis=1))
+    assert np.ptp(found, axis=1).max() > 0
 
 
 @pytest.mark.parametrize("suffix", ["f64", "f32"])

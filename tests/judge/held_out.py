@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.steps import errors_elsewhere
-from runtime.motion.motion import Motion, prepare
+from runtime.motion.motion import Motion
+from runtime.motion.prepare import prepare
 
 from .bodies import ARMS, torque
 from .cases import Made
@@ -34,13 +35,15 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
 
 def _floor(made: Made, motion: Motion, bare: Motion) -> Array:
     """bare: of the true angles, with a torque that is what disturbs it alone."""
-    (piece,), (truth,) = motion.pieces, bare.pieces
-    bodies, gravity = ARMS[made.case.setting.joints], made.case.setting.gravity
-    exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))
-    encoder = torque(bodies, measured, gravity) - torque(bodies, exact, gravity)
-    encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
-    noise = piece.equations(truth.tau - encoder)
-    return np.array([np.sqrt(np.mean(row[motion.moving(i)] ** 2)) for i, row in enumerate(noise)])
+    bodies, gravity, floor = ARMS[made.case.setting.joints], made.case.setting.gravity, np.zeros(motion.n)
+    for view, exactly in zip(motion.views, bare.views, strict=True):
+        (piece,), (truth,) = view.pieces, exactly.pieces
+        exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))
+        encoder = torque(bodies, measured, gravity) - torque(bodies, exact, gravity)
+        encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
+        for i, row in piece.equations(truth.tau - encoder, view.joints).items():
+            floor[i] = np.sqrt(np.mean(row[motion.moving(i)] ** 2))
+    return floor
 
 
 def _friction(rows: Rows, rate: Array) -> Array:

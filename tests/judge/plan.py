@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .bodies import ARMS, in_space
 from .cases import CLEAN, KINDS, PAIR_NAMES, Case, Setting, cases
 from .hidden import ENTRIES
 from .situations import SITUATIONS
@@ -35,12 +36,14 @@ FASTER = 2
 GEARED = ("ripple_direct", "ripple_lines", "ripple_geared")
 
 
-def judging(kinds: Sequence[str] = KINDS, joints: Sequence[int] = JOINTS, rounds: int = 5) -> Iterator[Case]:
+def judging(
+    kinds: Sequence[str] = KINDS, joints: Sequence[int] = JOINTS, rounds: int = 5, excitation: str = "full"
+) -> Iterator[Case]:
     """The judging set, round by round: single effects at the three sizes, everything else at a large one."""
     for seed in range(FIRST_JUDGING_SEED, FIRST_JUDGING_SEED + rounds):
         rng = np.random.default_rng([seed, *map(ord, "judging")])
         groups: dict[tuple[str, int, str], list[Case]] = {}
-        for case in cases(kinds, joints, [1.0], [seed], Setting()):
+        for case in cases(kinds, joints, [1.0], [seed], Setting(excitation=excitation)):
             at = case if case.kind == "clean" else replace(case, setting=_situation(case, rng))
             for size, sized in _sized(at, rng):
                 groups.setdefault((case.kind, case.setting.joints, size), []).append(sized)
@@ -112,8 +115,10 @@ def _situation(case: Case, rng: np.random.Generator) -> Setting:
     slowest = FASTER if "gear_ratio" in needs else np.inf
     names = [name for name, s in SITUATIONS.items() if name != "plain" and s.logger.every <= slowest]
     name = "plain" if rng.random() < PLAIN else str(rng.choice(names))
-    kept = {k: getattr(case.setting, k) for k in ("joints", "temperature", "excitation")}
-    return replace(SITUATIONS[name], **kept, **needs)
+    # An arm in space has its gravity always.
+    of_case = ("joints", "temperature", "excitation", *(["gravity"] if in_space(ARMS[case.setting.joints]) else []))
+    kept = {k: getattr(case.setting, k) for k in of_case}
+    return replace(SITUATIONS[name], **{**needs, **kept})
 
 
 def _sized(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, Case]]:

@@ -172,7 +172,8 @@ def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[C
     try:
         if given.judging:
             rounds = 5 if given.seeds is None else given.seeds
-            return list(plan.judging(given.cases or judging.KINDS, given.joints or plan.JOINTS, rounds))
+            kinds, joints = given.cases or judging.KINDS, given.joints or plan.JOINTS
+            return list(plan.judging(kinds, joints, rounds, given.excitation or "full"))
         if given.short:
             return list(plan.short())
         seeds = range(given.first_seed, given.first_seed + (given.seeds or 1))

@@ -54,6 +54,13 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert row.ratio < 1.5
 
 
+def test_uncertain_instants_of_reading_are_noise() -> None:
+    """Stamps of whole milliseconds: an arm's residual is loud where it is fast."""
+    (rounded,) = cases(["clean_rounded"], [6], [0.0], [400], Setting(excitation="brief"))
+    row = line(rounded)
+    assert (row.verdict, row.named) == ("clean", ""), row.reason
+
+
 @pytest.mark.parametrize(
     ("name", "joints", "situation", "truth"),
     [

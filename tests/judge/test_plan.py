@@ -10,6 +10,7 @@ import pytest
 from . import plan
 from .cases import KINDS, Case
 from .line import blank
+from .space import DOWN
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +57,11 @@ def test_situations_are_drawn_and_keep_what_a_case_needs(short: list[Case]) -> N
     assert direct
     assert all(c.setting.gear_ratio == 1.0 and c.setting.logger.every <= plan.FASTER for c in direct)
     assert all(any(c.setting.gravity) for c in short if "gravity_left_out" in c.names)
+
+
+def test_arms_in_space_keep_their_gravity_in_every_situation() -> None:
+    chosen = list(plan.judging(("clean", "single", "pairs"), (6, 7), 1, "brief"))
+    assert {c.setting.gravity for c in chosen} == {DOWN}
+    assert {c.setting.joints for c in chosen} == {6, 7}
+    assert {c.setting.excitation for c in chosen if c.kind != "clean"} == {"brief"}
+    assert len({str(c.setting) for c in chosen}) > 20

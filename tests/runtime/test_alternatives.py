@@ -13,7 +13,8 @@ from runtime.estimation.problem import Problem, Skew, first_least
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion, prepare
+from runtime.motion.motion import Motion
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
 from runtime.workspace import open_model
 from tests.one_joint import joint_text
@@ -54,7 +55,7 @@ def moved(model: Model, seed: int, rests: bool) -> Motion:
     whole, everywhere = np.zeros(len(t), dtype=np.int64), (slice(0, len(t)),)
     made = Recording(Path("run.csv"), t, whole, q, tau, ("revolute",) * model.n, everywhere, (None,) * model.n)
     n = np.ones(model.n)
-    motion = prepare([made], Band(20.0, "given", 5e-6 * n, 2e-11 * n, 0.0 * n), model)
+    motion = prepare([made], Band(20.0 * n, "given", 5e-6 * n, 2e-11 * n, 0.0 * n), model)
     return motion if rests else motion.with_standstill
 
 

@@ -137,7 +137,7 @@ def test_help_imports_nothing_heavy():
         (["generate"], "tendon generate: Missing argument 'MODEL'"),
         (["generate", "drive.toml", "--nonsense"], "No such option"),
         (["compare", "drive.toml"], "Missing argument 'RECORDING"),
-        (["add", "drive.toml", "stribeck", "--joint", "x"], "Invalid value for '--joint'"),
+        (["add", "drive.toml", "stribeck", "--joint", "x"], "drive.toml: there is no joint x; expected 1 to 1"),
         (["verify", "drive.toml", "--samples", "0"], "Invalid value for '--samples'"),
         (["simulate", "drive.toml"], "Missing option '--out'"),
         (

@@ -188,3 +188,15 @@ def test_a_command_is_held_where_the_period_of_its_controller_wavers(
     inertia = found.inference.lumps[0].interval
     assert inertia is not None
     assert inertia[0] < TRUE_INERTIA < inertia[1]
+
+
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_noise_that_follows_the_rate_is_an_error_of_time(run: Recording, uncertain: bool) -> None:
+    """Every other sample, read within 0.3 ms of its stamp, or at it with as much noise of an encoder."""
+    rng, rows = np.random.default_rng(1), np.arange(0, len(run.t) - 1, 2)
+    late, rate = rng.normal(0.0, 3e-4, len(rows)), np.gradient(run.q[0], run.t)[rows]
+    error = rate * late if uncertain else np.std(rate) * 3e-4 * rng.standard_normal(len(rows))
+    read = sampled(run, rows)
+    found = grid(read)
+    noise = SampleNoise.on(found.longest, 1 / found.period)
+    assert noise.mistimed(read.q + error) == uncertain

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.estimation.identify import prepared
@@ -61,6 +64,41 @@ def test_a_disturbance_from_outside_is_not_physics(shared: Shared) -> None:
     assert "3.7" in found.reason
 
 
+def with_a_stop(model: Model, beyond: float, brushed: float, stiffness: float, seed: int) -> Recording:
+    """A drive that goes `beyond` a stop at 1 rad once, near 21.5 s, and so far that it brushes it at 12.8 s."""
+    t = np.arange(0.0, 30.0, 0.001)
+    way = 0.5 * np.sin(2.1 * t) + 0.3 * np.sin(5.3 * t + 1.0) + 0.2 * np.sin(9.7 * t)
+    once, before = (np.exp(-(((t - at) / 0.4) ** 2)) for at in (21.5, 12.8))
+    near = np.abs(t - 12.8) < 1.0
+
+    def short_of(amount: float) -> float:
+        return float((way + amount * before)[near].max()) - 1.0 - brushed
+
+    made, _ = simulate.simulate(
+        model, [], SimulationSettings(seed=seed), (way + beyond * once + brentq(short_of, 0.0, 1.0) * before)[None]
+    )
+    return replace(made, tau=made.tau + stiffness * np.maximum(made.q - 1.0, 0.0))
+
+
+def test_what_happened_once_is_decided_by_a_second_recording(drive: Model) -> None:
+    """A stop that was touched for half a second explains nothing of the stretches beside it."""
+    first, second = (with_a_stop(drive, 0.4, -0.1, 1.4, seed) for seed in (1, 2))
+    once = diagnose(drive, [first])
+    assert once.verdict == "unexplained"
+    assert "end_stop@1 would explain" in once.reason
+    assert once.reason.endswith("give that as --held-out")
+    assert named(diagnose(drive, [first], [second])) == ["end_stop@1"]
+
+
+def test_noise_of_a_stop_that_is_only_brushed_does_not_speak_against_it(drive: Model) -> None:
+    """By 3 mrad at one time: what that says of its stiffness is nothing beside what the other says."""
+    found = diagnose(drive, [with_a_stop(drive, 0.5, 0.003, 10.0, 1)])
+    assert named(found) == ["end_stop@1"]
+    values = found.steps[-1].identification.inference.values[found.findings[0].term]
+    assert values["stiffness"].value == pytest.approx(10.0, rel=0.02)
+    assert values["position"].value == pytest.approx(1.0, abs=0.005)
+
+
 @pytest.mark.parametrize(
     "hidden", ["parallel_spring", "viscous_asymmetric", *(slow(x) for x in ("torque_ripple", "lugre"))]
 )
@@ -109,9 +147,9 @@ def test_repeated_motion_is_found(drive: Model) -> None:
     """The plant makes its motion twice; every stretch pairs with the one a period later."""
     recording = recorded("linear_spring", 3)
     motion = prepared(drive, [recording])
-    found = repeats.find(motion)
+    found = repeats.find(motion)[0]
     assert found.seconds > 15
-    lags = {round(float(motion.row_time[p.second[0]] - motion.row_time[p.first[0]]), 1) for p in found.pairs}
+    lags = {round(float(motion.row_time(0)[p.second[0]] - motion.row_time(0)[p.first[0]]), 1) for p in found.pairs}
     assert any(abs(lag - recording.t[-1] / 2) < 1.0 for lag in lags)
 
 

@@ -87,6 +87,13 @@ def test_the_verb_has_help_and_refuses_in_one_line(tmp_path: Path, capsys: pytes
         assert (out, len(said)) == ("", 1)
 
 
+def test_rivals_may_be_given_one_by_one(capsys: pytest.CaptureFixture[str]) -> None:
+    """None of them is dropped: here both the first and the last are looked at."""
+    twice = ["--between", "stribeck@1:speed=0.1", "--between", "elasticity@1", "--between", "stribeck@1"]
+    assert output.run(app, ["experiment", str(DRIVE), *twice]) == output.BAD_INPUT
+    assert "stribeck@1 is named twice" in capsys.readouterr().err
+
+
 def test_without_noise_nothing_is_proposed(drive: Model) -> None:
     with pytest.raises(ExperimentError, match="give a noise above 0"):
         propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(noise=0.0))

@@ -35,6 +35,7 @@ from symbolic.model_file.exchange import exporting
 from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.exchange.importing import imported
 from symbolic.model_file.frames import rotation
+from tests import one_joint
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 Run = Callable[..., tuple[int, str, str]]
@@ -284,7 +285,7 @@ def test_a_file_that_says_everything_is_exported_as_it_is(run: Run) -> None:
         assert there.origin == own.origin
         assert there.link.inertia == pytest.approx(own.link.inertia)
         assert there.link.com == pytest.approx(own.link.com)
-    assert again.joints[0].limits == arm.joints[0].limits
+    assert [joint.limits for joint in again.joints] == [joint.limits for joint in arm.joints]
     assert again.tip == arm.tip
     assert set(document["unsaid"]) == {
         "linear_spring at joint 1",
@@ -333,6 +334,7 @@ def test_a_planar_arm_lies_in_the_plane_of_x_and_y(run: Run) -> None:
     assert re.findall(r'axis="([^"]+)"', text) == ["0 0 1"] * 4
     assert [joint["com"][2] for joint in document["joints"]] == [0.0] * 4
     assert "the contact with a plate" in document["unsaid"]
+    assert "encoder of all joints" in document["unsaid"]
 
 
 def test_the_numbers_go_onto_a_urdf_and_nothing_else_changes(run: Run) -> None:
@@ -358,6 +360,90 @@ def test_the_numbers_go_onto_a_urdf_and_nothing_else_changes(run: Run) -> None:
     assert Path("drawn.urdf").read_text() == drawn
 
 
+def test_what_is_as_in_the_model_stays_as_it_was_written(run: Run) -> None:
+    """Other digits, another order, a comment within: of a body that is the model's not a byte changes."""
+    said(run, "small.toml", "--to", "urdf", "--out", "plain.urdf")
+    text = Path("plain.urdf").read_text()
+    drawn = text.replace('<mass value="2"/>', '<!-- weighed --><mass value="2.000"/>')
+    drawn = drawn.replace('damping="0.7" friction="1.25"', 'friction="1.250" damping="0.7"')
+    Path("drawn.urdf").write_text(drawn)
+    said(run, "small.toml", "--to", "urdf", "--out", "new.urdf", "--onto", "drawn.urdf")
+    assert Path("new.urdf").read_text() == drawn
+    Path("small.toml").write_text(SMALL.replace("mass = 0.8", "mass = 0.8001"))
+    said(run, "small.toml", "--to", "urdf", "--out", "new.urdf", "--onto", "drawn.urdf")
+    made = Path("new.urdf").read_text()
+    assert '<!-- weighed --><mass value="2.000"/>' in made
+    assert made.replace('value="0.8001"', 'value="0.8"') == drawn
+
+
+def test_gears_go_into_the_transmissions_that_are_there(run: Run) -> None:
+    """A motor that turns backwards still does; where the file leaves a gear open, or has other limits, that is said."""
+    said(run, "small.toml", "--to", "urdf", "--out", "plain.urdf")
+    text = Path("plain.urdf").read_text()
+    drawn = text.replace("Reduction>50<", "Reduction> -30.0 <!-- by hand --><")
+    Path("drawn.urdf").write_text(drawn)
+    document = said(run, "small.toml", "--to", "urdf", "--out", "new.urdf", "--onto", "drawn.urdf")
+    assert Path("new.urdf").read_text() == drawn.replace(" -30.0 <!-- by hand -->", "-50")
+    assert document["kept"] == []
+    transmission = re.findall(r"  <transmission.*?</transmission>\n", text, re.DOTALL)
+    Path("open.urdf").write_text(
+        text.replace(transmission[1], "")
+        .replace("</robot>", transmission[0].replace(">50<", ">30<").replace("pan t", "other t") + "</robot>")
+        .replace('velocity="3"', 'velocity="2"')
+    )
+    result = verbs.export(load("small.toml"), "new.urdf", onto="open.urdf")
+    assert result.json["kept"] == [
+        "gear_ratio of joint 3, for which it states none",
+        "gear_ratio of joint 1, for which it states several (50 of transmission pan transmission, 30 of transmission "
+        "other transmission)",
+        "limits.speed of joint 1",
+    ]
+    assert re.findall("Reduction>(.*?)<", Path("new.urdf").read_text()) == ["50", "30"]
+    assert "kept as they were: gear_ratio of joint 3, for" in repr(result)
+    _, printed, _ = run("export", "small.toml", "--to", "urdf", "--out", "new.urdf", "--onto", "open.urdf")
+    assert "keeps its own: gear_ratio of joint 3, for which" in " ".join(printed.split())
+
+
+def panda() -> str:
+    """The model that ships, with rotors."""
+    return Source.shipped("panda").text.replace("gear_ratio = 1 ", "rotor_inertia = 0.2\ngear_ratio = 100 ")
+
+
+def test_fingers_keep_their_bodies_and_other_programs_their_words(run: Run) -> None:
+    """What moves by joints of its own would stand without mass, which no simulator can move."""
+    Path("panda.toml").write_text(panda())
+    document = said(run, "panda.toml", "--to", "urdf", "--out", "new.urdf", "--onto", str(ROBOTS / "panda.urdf"))
+    made = Path("new.urdf").read_text()
+    assert made.count('<mass value="0.015"/>') == 2
+    assert '<mass value="0.73"/>' not in made
+    assert made.count('<dynamics D="1" K="7000" damping="0.003" friction="0.0" mu_coulomb="0" mu_viscous="16"/>') == 7
+    assert document["joints"][6]["mass"] == pytest.approx(0.735522 + 0.73 + 2 * 0.015)
+    again = imported(Path("new.urdf"), DECLARED, tip="panda_hand_tcp").arm
+    own = Source.shipped("panda").arm()
+    for there, here in zip(again.joints, own.joints, strict=True):
+        assert there.link.mass == pytest.approx(here.link.mass)
+        assert there.link.com == pytest.approx(here.link.com, abs=1e-9)
+        assert there.link.inertia == pytest.approx(here.link.inertia, abs=1e-9)
+
+
+def test_a_body_lighter_than_its_fingers_is_said(run: Run) -> None:
+    Path("panda.toml").write_text(panda().replace("mass = 1.495522", "mass = 0.01"))
+    onto = ("--to", "urdf", "--out", "new.urdf", "--onto", ROBOTS / "panda.urdf")
+    status, out, err = run("export", "panda.toml", *onto)
+    assert (status, out) == (2, "")
+    assert 'joint "panda_joint7": beside what hangs there by joints of its own (panda_' in err
+    assert not Path("new.urdf").exists()
+
+
+def test_what_drives_and_controllers_are_told_is_unsaid(run: Run) -> None:
+    told = "torque_constant = 5.0\n[joint.encoder]\ncounts = 2000\n[joint.limits]\nspeed = 3.0\n[joint.link]"
+    Path("told.toml").write_text(re.sub(r"\[joint.limits\]\n(\w.*\n)*", "", SMALL).replace("[joint.link]", told, 1))
+    unsaid = {to: said(run, "told.toml", "--to", to, "--out", f"new.{to}")["unsaid"] for to in ("urdf", "mjcf")}
+    for items in unsaid.values():
+        assert {"torque_constant of joint 1", "encoder of joint 1"} <= set(items)
+    assert ("limits.speed of joint 1" in unsaid["urdf"], "limits.speed of joint 1" in unsaid["mjcf"]) == (False, True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -378,10 +464,31 @@ def test_mistakes_are_one_line_and_nothing_is_written(run: Run, arguments: tuple
     assert Path("small.toml").read_text() == SMALL
 
 
+@pytest.mark.parametrize("arm", ["small", "planar"])
+def test_gravity_that_was_found_is_gravity(run: Run, arm: str) -> None:
+    """A base that leans, identified beside the model file's gravity: MuJoCo pulls in the sum of both."""
+    planar = one_joint.model_text("", gravity=-9.81)
+    text, found, whole = {
+        "small": (SMALL, "gx = 0.25\ngy = -0.5\ngz = 0.5\n", [0.75, -0.5, -9.31]),
+        "planar": (planar, "gx = 0.25\ngy = 0.5\n", [0.25, -9.31, 0.0]),
+    }[arm]
+    Path("leaning.toml").write_text(f"{text}\n[effects.gravity]\n{found}")
+    document = said(run, "leaning.toml", "--to", "mjcf", "--out", "new.xml")
+    assert document["gravity"] == pytest.approx(whole)
+    assert not [item for item in document["unsaid"] if "gravity" in item]
+    written = re.findall(r'gravity="([^"]+)"', Path("new.xml").read_text())[0]
+    assert list(map(float, written.split())) == pytest.approx(whole)
+    urdf = said(run, "leaning.toml", "--to", "urdf", "--out", "new.urdf")["unsaid"]
+    assert [item.startswith(f"gravity {document['gravity']}: loaders") for item in urdf if "gravity" in item] == [True]
+    Path("leaning.toml").write_text(f"{text}\n[effects.gravity]\n")
+    unknown = said(run, "leaning.toml", "--to", "mjcf", "--out", "new.xml")
+    assert "gravity of the arm: its values are not known" in unknown["unsaid"]
+
+
 def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.toml
     result = verbs.export(load("small.toml"), "small.xml", to="mjcf")
     assert Path("small.xml").read_text().count("<joint ") == 3
-    assert repr(result).startswith("small.xml: small\nno words for: coulomb_asymmetric at joint 1 in each direction")
+    assert repr(result).startswith("small.xml: small\nnot said: coulomb_asymmetric at joint 1 in each direction")
     result.show()
 
 
@@ -390,7 +497,9 @@ def test_another_arm_of_the_same_names_is_told_apart(run: Run) -> None:
     text = Path("plain.urdf").read_text()
     Path("longer.urdf").write_text(text.replace('xyz="0 0.2 0"', 'xyz="0 0.21 0"'))
     Path("turned.urdf").write_text(text.replace('rpy="0 0.3 0"', 'rpy="0 0.31 0"'))
-    for name, what in (("longer", "stands elsewhere"), ("turned", "is turned otherwise")):
+    Path("across.urdf").write_text(text.replace('axis xyz="1 0 0"', 'axis xyz="0 1 0"'))
+    others = (("longer", "stands elsewhere"), ("turned", "is turned otherwise"), ("across", "moves otherwise"))
+    for name, what in others:
         status, _, err = run("export", "small.toml", "--to", "urdf", "--out", "new", "--onto", f"{name}.urdf")
         assert status == 2
         assert f'joint "lift" {what} than in the model: another arm?' in err

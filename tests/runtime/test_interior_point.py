@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from runtime.model.loader import Model
+from runtime.planning.batch import Machine
 from runtime.planning.interior_point import SOLVED, STUCK, Bounded, Manner, minimize
 from runtime.planning.kernels import Kernels
 from runtime.planning.program import Program
@@ -28,7 +29,9 @@ def pressed(model: Model, pressing: Scenario) -> Program:
 def bounded(program: Program, solver: Solver) -> Bounded:
     p = program.task.p.vector(program.task.values(1.0))
     lower, upper = (np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper"))
-    return Bounded(Kernels.of(program.blocks), p, lower, upper, *solver.bounds({}))
+    return Bounded(
+        Kernels.of(program.blocks, Machine(program.task.model.library.machine)), p, lower, upper, *solver.bounds({})
+    )
 
 
 def test_it_ends_where_ipopt_does(pressed: Program) -> None:
@@ -38,7 +41,7 @@ def test_it_ends_where_ipopt_does(pressed: Program) -> None:
     manner = Manner(1e-7, 200, 1e-4, 1e-5)
     whole = bounded(pressed, solver)
     ours = minimize(whole, near, manner)
-    theirs = solver._by_ipopt(manner, near, whole.p, (whole.low, whole.high))
+    theirs = solver._by_ipopt(manner, near, whole)
     assert ours.status == SOLVED
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-5)
 

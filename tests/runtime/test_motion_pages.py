@@ -14,7 +14,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.execution.execute import Execution, execute
 from runtime.execution.options import ExecutionSettings
-from runtime.model.loader import Model
+from runtime.model.loader import Library, Model
 from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
@@ -22,6 +22,7 @@ from runtime.planning.options import PlanningSettings
 from runtime.report.page import executed_page, planned_page
 from runtime.report.page.executed_page import ExecutedCycles
 from runtime.report.plots import plan_plots
+from runtime.report.terminal import plan_pages
 from runtime.workspace import Source
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning_cases import arm, there
@@ -92,6 +93,52 @@ def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
     said = " ".join(text.get_text() for text in position.texts)
     assert all(point in said for phase in document["phases"] for point in (phase["from"], phase["to"]))
     assert len(plan_plots.plan(document).axes) == 3 * 2
+
+
+@pytest.mark.parametrize("ends", [-1.0, 1.0])
+def test_what_is_said_of_a_limit_stands_off_the_curve(planned, ends: float) -> None:
+    """Over a curve that ends low, under one that ends high."""
+    *_, document = planned
+    q = np.linspace(-ends, ends, len(document["samples"]["t"]))
+    limits = {"position": [-50.0, 50.0], "speed": None, "torque": None}
+    joint = {**document["joints"][0], "limits": limits}
+    samples = {**document["samples"], "q": [q, q]}
+    drawn = plan_plots.plan_of_joint({**document, "joints": [joint], "samples": samples}, 1)
+    position = drawn.axes[0]
+    (note,) = (text for text in position.texts if "limits ±50" in text.get_text())
+    drawn.draw_without_rendering()
+    box = note.get_window_extent().transformed(position.transData.inverted())
+    late = q[len(q) // 2 :]
+    assert box.y0 > late.max() if ends < 0 else box.y1 < late.min()
+
+
+def test_a_spring_that_is_there_for_nothing_is_said(library: Library, capsys: pytest.CaptureFixture[str]) -> None:
+    model = arm(library, "r")
+    spring = [{"joint": 1, "stiffness": 20046.0, "offset": -4.0, "radius": 0.06}]
+    scenario = there(model, 1.0, {"q1": 0.0}, {"q1": 1.0}, spring=spring)
+    document = plain(results.document(model, optimize(model, scenario, PlanningSettings(starts=1))))
+    assert "the spring at joint 1 pulls nowhere in this motion, which gains nothing from it" in document["warnings"]
+    plan_pages.plan(document)
+    assert "spring at joint 1: 20050 N/m, taut below -4 rad" in capsys.readouterr().out
+
+
+def test_all_joints_go_by_one_word(planned, capsys: pytest.CaptureFixture[str]) -> None:
+    *_, document = planned
+    plan_pages.plan(document)
+    assert "torque_squared of all joints " in capsys.readouterr().out
+    assert ", of all joints, is " in planned_page.headline(document)
+    one = {**document, "objective": {**document["objective"], "joints": [2]}}
+    assert ", of joint 2, is " in planned_page.headline(one)
+
+
+def test_what_is_hidden_in_the_simulated_arm_stands_on_its_page(executed: Execution) -> None:
+    document = plain({"on": "simulation", **executed.to_json(), "next": []})
+    assert executed_page.lines(document) == []
+    name = document["joints"][0]["name"]
+    hidden = {"effect": "offset", "joint": 1, "hidden": True, "changed": False, "values": {"torque": -2.5}}
+    called = "joint 1" if name is None else f"joint 1 {name}"
+    said = f"Hidden in the simulated arm: offset at {called}, torque −2.5."
+    assert executed_page.lines({**document, "effects": [hidden]}) == [said]
 
 
 def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:

@@ -158,7 +158,7 @@ def test_torque_without_friction_is_all_noise_at_rest(drive: Model) -> None:
 @pytest.mark.filterwarnings("error")
 def test_a_motion_of_less_than_a_second_leaves_something_that_is_said(drive: Model) -> None:
     step = begin(drive, [read(recorded(1e-3 * K, 0), dt=1e-3)]).steps[0]
-    assert step.identification.motion.row_rate > len(step.identification.motion.row_piece)
+    assert step.identification.motion.row_rate(0) > len(step.identification.motion.row_piece(0))
     assert "does not come back with the motion" in (outside(step, 0) or "")
 
 
@@ -167,7 +167,7 @@ def test_a_rate_beside_a_joint_that_does_not_move_is_left_alone() -> None:
     meant = recorded(4e-3 * K, 0)
     both = {name: np.array([meant[name]] * 2) for name in ("tau1", "qd1")}
     recording = read({"q1": np.array([meant["q1"], 5e-324 * np.round(3 * NOISE)]), **both})
-    moved, still = rates.judged([recording], [clock.grid(recording)], LOWEST_CUTOFF, np.full(2, 1e-12))
+    moved, still = rates.judged([recording], [clock.grid(recording)], np.full(2, LOWEST_CUTOFF), np.full(2, 1e-12))
     assert moved is not None
     assert still is None
 

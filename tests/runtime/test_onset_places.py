@@ -13,7 +13,7 @@ from runtime.estimation.settings import PLACE_STEPS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term
 from runtime.motion.band import Band
-from runtime.motion.motion import prepare
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
 
 DT = 1e-3
@@ -32,7 +32,9 @@ def problem(model: Model, place: float, seed: int) -> Problem:
     q += 1e-5 * rng.standard_normal(q.shape)
     whole, everywhere = np.zeros(len(t), dtype=np.int64), (slice(0, len(t)),)
     made = Recording(Path("run.csv"), t, whole, q, tau, ("revolute",), everywhere, (None,))
-    motion = prepare([made], Band(20.0, "given", 5e-6 * np.ones(1), 2e-11 * np.ones(1), np.zeros(1)), model)
+    motion = prepare(
+        [made], Band(20.0 * np.ones(1), "given", 5e-6 * np.ones(1), 2e-11 * np.ones(1), np.zeros(1)), model
+    )
     known = {Term("coulomb", 1): {"torque": 1.5}, Term("viscous", 1): {"coefficient": 1.1}}
     return Problem(model, motion, (*known, SPRING), Prediction(model.lump_values, known))
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +14,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from runtime.execution.demand import PlannedCycle
 from runtime.model.loader import Library, Model
+from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
 from runtime.planning.optimize import Infeasible, Plan, optimize
 from runtime.planning.options import PlanningSettings
+from runtime.planning.results import document
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.starts import StartError
+from runtime.progress import on_cores
 from symbolic.model_file.arm import Limits
-from tests.runtime.planning_cases import INERTIA, MASS, and_back, arm, there
+from tests.runtime.planning_cases import INERTIA, MASS, and_back, arm, parsed, there
 
 STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"
 FREE: dict[str, Any] = {"stiffness": [0.0, 9000.0], "offset": [-2.0, 0.5], "radius": 0.06}
@@ -235,6 +241,45 @@ def test_limits_hold_between_the_nodes(rubbing: Model) -> None:
     assert np.abs(e.tau).max() < 1.01 * 20.0
 
 
+@pytest.mark.parametrize("T", [0.35, 0.45])
+def test_limits_hold_where_the_arm_need_not_rest(library: Library, T: float) -> None:
+    """The end-effector stands still at both ends, and the joints go on: a program has no node there."""
+    limits = Limits(position=(-1.6, 1.6), speed=3.0, torque=200.0)
+    swinging = arm(library, "rrr", limits)
+    points = {"start": {"tip": [0.45, 0.3], "tip_rest": True}, "end": {"tip": [0.1, 0.6], "tip_rest": True}}
+    table = {
+        "name": "swinging",
+        "model": swinging.name,
+        "cycle_time": T,
+        "periodic": False,
+        "points": points,
+        "phase": [{"from": "start", "to": "end", "part": 1.0, "degree": 9}],
+    }
+    plan = optimize(swinging, parsed(swinging, table))
+    m = plan.trajectory.at(swinging, [0.0, T])
+    assert np.abs(m.qd).max() > 0.9 * 3.0
+    assert list(PlannedCycle(swinging, plan.trajectory).exceeded()) == []
+    begins, ends = document(swinging, plan)["warnings"]
+    assert re.fullmatch(
+        r"the motion begins with joints that move \([123, ]+\); .* rest = true in \[points.start\]", begins
+    )
+    assert re.fullmatch(r"the motion ends with joints that move \([123, ]+\); .* rest = true in \[points.end\]", ends)
+    rested = {**table, "points": {name: {"tip": point["tip"], "rest": True} for name, point in points.items()}}
+    assert document(swinging, optimize(swinging, parsed(swinging, {**rested, "cycle_time": 0.6})))["warnings"] == []
+
+
+def test_a_limit_that_few_nodes_do_not_see_is_kept_or_said(rubbing: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = there(rubbing, 0.45, {"q1": 0.0}, {"q1": 2.0}, degree=8)
+    seen_everywhere = optimize(rubbing, scenario)
+    monkeypatch.setattr(optimizer, "_many", lambda degree: degree)
+    plan = optimize(rubbing, scenario)
+    assert list(PlannedCycle(rubbing, plan.trajectory).exceeded()) == []
+    np.testing.assert_allclose(plan.cost, seen_everywhere.cost, rtol=0.01)
+    monkeypatch.setattr(optimizer, "MOST_TIGHTENINGS", 0)
+    with pytest.raises(Infeasible, match=r"t = 0\.\d+ s: speed of joint 1 is missed by 0\.0\d+ rad/s"):
+        optimize(rubbing, scenario)
+
+
 @pytest.mark.parametrize(
     ("limits", "enough", "unit"),
     [
@@ -264,6 +309,31 @@ def test_too_far_is_said_with_the_point(two: Model) -> None:
     with pytest.raises(StartError) as told:
         optimize(two, scenario)
     assert str(told.value).startswith(message)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+def test_cores_only_save_time(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Starts, ways of refining and neighbours in the catalogue, each in another process, and all the same here."""
+    scenario = scenario_file.fitted(scenario_file.read(STUDY / "scenario2.toml"), model, "scenario2.toml")
+    # With one on either side of what is sought.
+    scenario = replace(scenario, springs=tuple(replace(s, catalogue=(7000.0, 8500.0)) for s in scenario.springs))
+    forked, plans = [], []
+    fork = os.fork
+    monkeypatch.setattr(optimizer, "_WORTH_FORKING", 0.0)
+    monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
+    for count in (1, 2):
+        forked.clear()
+        with on_cores(count):
+            plans.append(optimize(model, scenario))
+        # Two for each of: motions that springs are chosen for, springs, ways, neighbours.
+        assert len(forked) == (0 if count == 1 else 8)
+    one, two = plans
+    assert one.trajectory.to_json() == two.trajectory.to_json()
+    assert (one.cost, one.choices, one.free) == (two.cost, two.choices, two.free)
+    assert [(a.cost, a.iterations, a.missed) for a in one.attempts] == [
+        (a.cost, a.iterations, a.missed) for a in two.attempts
+    ]
+    assert len(one.choices) == 2
 
 
 def test_one_seed_gives_one_plan(two: Model) -> None:

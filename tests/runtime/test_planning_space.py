@@ -15,6 +15,7 @@ from runtime.planning.optimize import Plan, optimize
 from runtime.planning.results import document
 from runtime.planning.scenario import Point
 from runtime.planning.starts import StartError
+from runtime.report.terminal import plan_pages
 from symbolic.model_file.checks import ModelError
 from tests.runtime.planning_cases import arm, there
 from tests.six_joints import START, six_joints
@@ -86,6 +87,19 @@ def test_the_document_has_the_tip_and_its_rotation(six: Model, pointing: Plan) -
     assert np.shape(samples["tip"]) == (3, 400)
     R = np.moveaxis(np.array(samples["tip_rotation"]), 2, 0)
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (400, 1, 1)), atol=1e-12)
+
+
+def test_the_terminal_names_the_joints_and_their_units(
+    six: Model, pointing: Plan, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = document(six, pointing)
+    lift = {**made["joints"][1], "name": "lift", "units": {"position": "m", "force": "N"}}
+    plan_pages.plan({**made, "joints": [made["joints"][0], lift]})
+    rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    (row,) = (row for row in rows if row.startswith("2 lift"))
+    figures = (f"{lift['cost']:.4g} (N)^2 s", f"{lift['peak_torque']:.4g} N {lift['peak_speed']:.4g} m/s")
+    assert row.startswith(f"2 lift {figures[0]} {figures[1]}")
+    assert row.endswith(" m")
 
 
 def test_a_spring_at_the_second_joint_takes_torque_off(six: Model) -> None:

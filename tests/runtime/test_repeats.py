@@ -10,7 +10,7 @@ import pytest
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.motion.band import Band
-from runtime.motion.motion import prepare
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
 
 DT = 1e-3
@@ -31,8 +31,8 @@ def test_what_comes_back_between_rows_is_told_from_noise(drive: Model, period: i
     whole, at = np.zeros(len(q), dtype=np.int64), np.arange(len(q)) * DT
     recording = Recording(Path("run.csv"), at, whole, q[None], tau[None], ("revolute",), (slice(0, len(q)),), (None,))
     silent = np.array([2 * DT * 0.2**2])
-    motion = prepare([recording], Band(CUTOFF, "given", silent, 1e-14 * silent, np.zeros(1)), drive)
-    found = repeats.find(motion)
+    motion = prepare([recording], Band(CUTOFF * np.ones(1), "given", silent, 1e-14 * silent, np.zeros(1)), drive)
+    (found,) = repeats.find(motion)
     assert len(found.pairs) >= 2
     piece = motion.pieces[0]
     inner = slice(piece.derive.half, len(q) - piece.derive.half)

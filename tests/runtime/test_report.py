@@ -42,6 +42,8 @@ from runtime.report.plots import joint_plots, style, time_plots
 from runtime.report.summary import ResultSummary
 from runtime.report.terminal import loop_pages
 from runtime.simulation import demo_plant
+from runtime.simulation.simulate import simulate
+from tests.runtime import planning_cases
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
@@ -369,6 +371,11 @@ def test_why_a_candidate_was_not_named():
         "stribeck at joint 1 by 356; with Vuong's test of the likelihoods that is not enough to tell the two apart."
     )
     assert reasons.in_place_of(behind, named, (), 0.1).startswith("Ruled out: it passes every gate by itself, but")
+    elsewhere_all = replace(behind, share=1.0)
+    assert reasons.in_place_of(elsewhere_all, named, (), 0.1) == (
+        "Ruled out: it passes every gate by itself, but BIC prefers stribeck at joint 1 by 356, and Vuong's test of "
+        "the likelihoods agrees."
+    )
     ahead = replace(other, delta_bic=1000.0)
     assert "the error falls less than with stribeck" in reasons.in_place_of(ahead, named, (), 0.1)
     elsewhere = evidence(Term("elasticity", 2))
@@ -398,6 +405,21 @@ def test_every_finalist_has_its_reason(improvement):
     assert third["why"] == "Ruled out: it explains 3 % only."
 
 
+def test_what_does_not_earn_its_parameters_takes_no_row(improvement):
+    """But what was named too does: many candidates of an arm of seven joints are of no account to a finding."""
+    finding = improvement.findings[0]
+    weak = replace(evidence(Term("cable", 1), "it explains 3 % only"), delta_bic=-7.0)
+    verdict = Verdict((finding.evidence, weak), ())
+    found = replace(improvement.found, findings=(replace(finding, verdict=verdict, rivals=()),))
+    last = replace(found, last=Verdict((weak,), ()))
+    (row,) = page_findings.findings(ResultSummary(found))
+    assert [each["name"] for each in row["candidates"]["rows"]] == ["stribeck at joint 1"]
+    assert row["candidates"]["unearned"] == ["cable at joint 1"]
+    assert page_findings.ruled_out(ResultSummary(last)) == {"rows": [], "nothing": [], "unearned": ["cable at joint 1"]}
+    text = Reader(html_page.render(ResultSummary(last))).text
+    assert "not earning their parameters, with which BIC rises: cable at joint 1." in text
+
+
 def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improvement):
     finding = improvement.findings[0]
     info = improvement.found.model.library.effects["elasticity"]
@@ -419,7 +441,7 @@ def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
 def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
     step = unexplained.steps[0]
     motion, fit = step.identification.motion, step.identification.fit
-    wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate)
+    wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
     ringing = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
     (row,) = page_findings.left_over(
         ResultSummary(replace(unexplained, steps=(replace(step, identification=ringing),)))
@@ -455,7 +477,7 @@ def test_a_peak_that_holds_little_is_named_and_a_slope_is_none(frequency, seed):
 def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement, capsys):
     step = improvement.left.steps[-1]
     motion, fit = step.identification.motion, step.identification.fit
-    wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate)
+    wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
     humming = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
     clean = replace(improvement.left, steps=(replace(step, identification=humming),))
     summary = ResultSummary(clean)
@@ -528,6 +550,7 @@ def test_joints_are_called_by_their_names_too(improvement, capsys):
     loop_pages.improvement(summary.document)
     printed = capsys.readouterr().out
     assert "stribeck at joint 1 (elbow): residual" in printed
+    assert "elasticity at joint 1 (elbow): its shape lies" in printed
     assert "1 elbow" in printed
 
 
@@ -566,6 +589,24 @@ def test_comparison_says_where_the_residual_sits(improvement):
     assert "Residual over position" in text
 
 
+def test_a_joint_that_never_moves_is_no_joint_at_its_floor(library, capsys):
+    """Where one joint of two is held, its page has no figures of it, and no error of zero."""
+    model = planning_cases.arm(library, "rr", effects={"viscous": {"coefficient": 1.0}})
+    t = np.arange(8000) / 1000
+    swing = 0.7 * np.sin(2 * np.pi * 0.31 * t) * np.cos(2 * np.pi * 0.9 * t)
+    made, _ = simulate(model, motion=np.array([0 * t, swing]))
+    summary = ResultSummary(compare(model, [made]))
+    assert (summary.moves(0), summary.moves(1)) == (False, True)
+    page = Reader(html_page.render(summary))
+    assert page.text.count("it never moves, and nothing of it is compared") == 2
+    assert not any(str(tag.get("id", "")).startswith("time1") for _, tag in page.tags)
+    loop_pages.compare(summary.document)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    (row,) = (row for row in rows if row[:1] == ["1"])
+    assert row[1:3] == ["–", "–"]
+    assert row[-2:] == ["never", "moves"]
+
+
 def test_diagnosis_without_a_finding(improvement):
     text = Reader(html_page.render(improvement.left)).text
     assert "The residual is noise." in text
@@ -584,6 +625,22 @@ def test_residual_that_changes_sign_with_the_direction_is_seen_over_load(improve
     # |load| about its mean has a variance of 1/12 and its mean 1/4; the noise 0.01.
     assert found["load"] > 0.9
     assert found["load"] > found["position"]
+
+
+def test_a_function_of_a_slow_signal_is_told_from_a_slow_disturbance(improvement):
+    """Both hang together from row to row; what a curve over the velocity leaves does for the disturbance alone."""
+    s = improvement.steps[0].joints[0]
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.0, 20.0, 800)
+    speed, noise = np.sin(2 * np.pi * 0.11 * t), 0.1 * rng.standard_normal(len(t))
+    drift = np.sin(2 * np.pi * 0.29 * t) + np.cos(2 * np.pi * 0.47 * t)
+    slow = replace(
+        s, t=t, piece=np.zeros(len(t), dtype=int), q=t, qd=speed, qdd=t, load=t, warmth=None, predicted=0 * t
+    )
+    # exp(-(v/0.3)²) of either sign has a variance of a fifth over a sine, the noise one of 0.01.
+    friction = structure_shares(replace(slow, tau=np.sign(speed) * np.exp(-((speed / 0.3) ** 2)) + noise))
+    assert friction["velocity"] > 0.8
+    assert structure_shares(replace(slow, tau=drift + noise))["velocity"] < 0.3
 
 
 def test_running_mean_follows_a_curve_and_has_no_slivers():

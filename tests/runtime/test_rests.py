@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,12 @@ from numpy.typing import NDArray
 
 from runtime.estimation import tip_rests
 from runtime.estimation.identify import identify_motion, prepared
+from runtime.estimation.regressors import Regressors
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion, prepare
+from runtime.motion.motion import Motion
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
 from runtime.workspace import open_model
 from tests import spatial_wrist, wrist
@@ -41,7 +44,7 @@ def swinging(model: Model) -> Motion:
     rng = np.random.default_rng(0)
     tau = np.sign(np.gradient(q, DT, axis=1)) + 0.05 * rng.standard_normal(q.shape)
     silent = np.full(4, 1e-5)
-    return prepare([recording(q, tau)], Band(20.0, "given", silent, np.zeros(4), 1e-16 * silent), model)
+    return prepare([recording(q, tau)], Band(np.full(4, 20.0), "given", silent, np.zeros(4), 1e-16 * silent), model)
 
 
 def rubbed(model: Model, motion: Motion, friction: float, depth: float) -> Motion:
@@ -87,6 +90,16 @@ def test_where_nothing_rubs_every_torque_is_known(model: Model, swinging: Motion
     for motion in (rubbed(model, swinging, 0.0, 9.0), rubbed(model, swinging, 6.0, -0.01)):
         assert not any(more_unknown(motion, swinging, i).any() for i in range(4))
         assert all(np.array_equal(motion.moving(i), swinging.moving(i)) for i in range(4))
+
+
+def test_regressors_of_a_motion_know_nothing_of_another(model: Model, swinging: Motion) -> None:
+    """With all torques known, nothing is left of what rests took out of columns that were asked for before."""
+    term, prediction = Term("coulomb", 1), Prediction(model.lump_values, {})
+    resting = Regressors(model, swinging, prediction)
+    before = resting.columns(term, 0, {})
+    whole = replace(resting, motion=swinging.with_standstill).columns(term, 0, {})
+    assert np.array_equal(whole, Regressors(model, swinging.with_standstill, prediction).columns(term, 0, {}))
+    assert not np.array_equal(whole, before)
 
 
 def test_an_excerpt_knows_as_little(model: Model, swinging: Motion) -> None:

@@ -15,7 +15,7 @@ from runtime.estimation.regressors import Signals
 from runtime.model import signals
 from runtime.model.loader import Library, Model, load_model
 from runtime.model.terms import Prediction, Structure, Term
-from runtime.motion.motion import Piece
+from runtime.motion.piece import Piece
 from runtime.planning import physics
 from runtime.simulation import plant_equations, simulate
 from symbolic.controller_law import Site

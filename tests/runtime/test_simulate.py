@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from codegen.prepare import prepare_arm, prepare_effects
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.model.loader import Model, load_library, load_model
 from runtime.model.terms import Term
 from runtime.recordings import recording
@@ -111,6 +113,28 @@ def test_seed_decides_motion_and_noise(arm: Model) -> None:
     first, second, other = (simulate(arm, settings=SimulationSettings(s, 10.0))[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(first.tau, second.tau)
     assert np.abs(first.q - other.q).max() > 0.1
+
+
+def test_another_seed_records_the_same_arm(drive: Model) -> None:
+    """What is held out judges the arm that was fitted: sizes that nobody states do not follow the seed's motion."""
+    hidden = [parse_hidden("stribeck@1", drive)]
+    plain, other = (simulate(drive, hidden, SimulationSettings(s, 10.0))[1] for s in (0, 7))
+    assert plain == other
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [("drive", "coulomb_asymmetric at joint 1; viscous at joint 1; viscous_cubic at joint 1\n"), ("vishard4", "")],
+)
+def test_values_that_the_model_file_leaves_open_are_said(
+    model: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verb = ["simulate", model, "--out", str(tmp_path / "run.csv"), "--seconds", "3", "--hide", "offset@1:torque=1"]
+    assert output.run(app, verb) == 0
+    printed = capsys.readouterr().out
+    assert ("open in the model file" in printed) == bool(said)
+    assert printed.endswith(said)
+    assert "offset at joint 1: torque 1" in printed
 
 
 def test_repeats_repeat_and_noise_is_as_stated(arm: Model) -> None:

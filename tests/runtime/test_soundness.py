@@ -15,7 +15,7 @@ from runtime.estimation.identify import identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.motion.inertia import believable, shown
-from runtime.motion.motion import prepare
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
@@ -60,7 +60,7 @@ def test_an_inertia_that_is_nearly_right_chooses_it(coarse: Recording) -> None:
 
 def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Recording) -> None:
     """In a band of 50 Hz most of the accelerations is noise: neither clean nor an effect."""
-    band = replace(prepared(drive, [coarse]).band, cutoff=50.0)
+    band = replace(prepared(drive, [coarse]).band, cutoffs=np.array([50.0]))
     search = Search(drive, prepare([coarse], band, drive))
     search.names = ("coarse.csv",)
     search.start(structure(drive))

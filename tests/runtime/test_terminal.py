@@ -18,8 +18,8 @@ from runtime.diagnosis.gates import Figures
 from runtime.diagnosis.settings import LEAST_DELTA_BIC, LEAST_EFFECT, LEAST_LIKELIHOOD_GAIN, LEAST_SHARE
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.report.terminal import cells, loop_pages
-from runtime.wording import told_apart
+from runtime.report.terminal import cells, inspection_pages, loop_pages, pages
+from runtime.wording import fixed, told_apart
 
 
 def delay(joint: int, value: float) -> dict[str, Any]:
@@ -81,6 +81,33 @@ def test_a_number_is_told_from_the_limit_beside_it(value: float, other: float, s
     assert told_apart(value, other) == said
 
 
+@pytest.mark.parametrize(("value", "said"), [(-0.0004, "0.000"), (-0.0006, "-0.001"), (1.5, "1.500")])
+def test_what_rounds_to_zero_has_no_sign(value: float, said: str) -> None:
+    assert fixed(value) == said
+
+
+def test_what_is_known_of_an_effect_at_many_joints_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    known = [
+        "ZZ1",
+        "I2",
+        *(f"dry@{k} {sign}" for k in (1, 2) for sign in ("up", "down")),
+        "dry@3 up",
+        "plate stiffness",
+    ]
+    parameters = [{"name": name, "told": "well"} for name in known]
+    inspection_pages._parameters({"suspicions": [], "parameters": parameters, "misses": [], "inertias": []})
+    told = "ZZ1, I2; dry (up, down) at joints 1, 2; dry (up) at joint 3; plate (stiffness)"
+    assert capsys.readouterr().out == f"These data tell: {told}\n"
+
+
+def test_long_inputs_of_a_comparison_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    case = {"target": "C double", "function": "g", "output": "g[0]", "ratio": 0.1, "expected": 1.0, "found": 1.0}
+    inputs = {"parameters": [0.5] * 43, "q": [1.0, 2.0]}
+    document = {"cases": [{**case, "equal": True, "inputs": inputs}], "proofs": [], "vectors": [], "samples": 1}
+    pages.verify(document)
+    assert "parameters=(43 numbers, with --json), q=[1 2]" in " ".join(capsys.readouterr().out.split())
+
+
 @given(
     near=st.floats(1e-12, 1e-2).flatmap(lambda x: st.sampled_from([x, -x])), side=st.sampled_from(["above", "below"])
 )
@@ -139,16 +166,46 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
             weighed("offset", 1.0, 0.01, []),
         ],
     }
-    loop_pages._finding(finding, {"joints": [{"joint": 1, "unit": "N m"}], "findings": [finding]})
-    said = [line for line in capsys.readouterr().out.splitlines() if "rather" in line]
-    assert said == [
-        "  rather than viscous_power at joint 1, which by itself would explain 99.7 % of what was missing, "
+    finding["rivals"] = [{"effect": "cable", "joint": 1}]
+    finding |= {"experiment": "a motion", "missing_signals": []}
+    loop_pages._finding(finding, {"joints": [{"joint": 1, "name": "elbow", "unit": "N m"}], "findings": [finding]})
+    out = capsys.readouterr().out
+    assert "this data cannot tell it from cable at joint 1 (elbow)" in out
+    assert [line for line in out.splitlines() if "rather" in line] == [
+        "  rather than viscous_power at joint 1 (elbow), which by itself would explain 99.7 % of what was missing, "
         "but BIC prefers stribeck by 200",
-        "  rather than friction_patch at joint 1, which by itself would explain 90.0 % of what was missing, "
+        "  rather than friction_patch at joint 1 (elbow), which by itself would explain 90.0 % of what was missing, "
         "but with it added and everything fitted again, the error falls less",
-        "  rather than lugre at joint 1, which by itself would explain 40.0 % of what was missing, "
+        "  rather than lugre at joint 1 (elbow), which by itself would explain 40.0 % of what was missing, "
         "but held-out error does not fall by 0.3 %",
     ]
+
+
+@pytest.mark.parametrize(
+    ("delta_bic", "cv_gain", "said"),
+    [
+        (812.0, 0.77, "BIC falls by 812, the squared error on unseen stretches falls by 77.0 %"),
+        (-2.2, -0.05, "BIC rises by 2, the squared error on unseen stretches rises by 5.00 %"),
+    ],
+)
+def test_a_rise_is_called_so(capsys: pytest.CaptureFixture[str], delta_bic: float, cv_gain: float, said: str) -> None:
+    """An effect that another sensor shows may explain little of the torque."""
+    finding = weighed("elasticity", delta_bic, 1.0, [])
+    finding["evidence"]["cv_gain"] = cv_gain
+    finding |= {"rms_before": 0.3, "rms_after": 0.1, "share": 0.9, "held_out_before": None, "parameters": {}}
+    finding |= {"rivals": [], "remainder": "", "ranking": []}
+    loop_pages._finding(finding, {"joints": [{"joint": 1, "unit": "N m"}], "findings": [finding]})
+    assert said in capsys.readouterr().out
+
+
+def test_a_candidate_that_does_not_earn_its_parameters_is_said_so(capsys: pytest.CaptureFixture[str]) -> None:
+    failed = ["whitened BIC falls by −2, not by 10", "its own torque is 0.1 of the noise floor, not more than 0.15"]
+    loop_pages._not_named(
+        {"joints": [{"joint": 1, "name": "elbow", "floor": 0.1}], "ruled_out": [weighed("cable", -2.2, 0.2, failed)]}
+    )
+    assert "  cable at joint 1 (elbow): it does not earn its parameters: with it, BIC rises by 2\n" in (
+        capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize("columns", [80, 140])

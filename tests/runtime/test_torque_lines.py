@@ -161,7 +161,7 @@ def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
             assert not band.above
         else:
             assert [round(line.order) for line in band.above] == [72]
-            assert "a line at 72 per turn lies above it" in above_band(Step.of(None, identify(model, recordings)))
+            assert "a line at 72 per turn lies above its band" in above_band(Step.of(None, identify(model, recordings)))
     assert cutoffs[0] > cutoffs[1]
 
 

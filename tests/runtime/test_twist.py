@@ -143,11 +143,9 @@ def test_rests_that_reach_every_row_leave_nothing_of_the_twist(drive: Model) -> 
     """A joint that turns again and again: friction is known at no row for sure."""
     found = identify(drive, [pushed(3, Transmission(), seconds=8.0)])
     assert fit_twist(found.problem, found.fit, 0) is not None
-    pieces = [
-        replace(piece, without=tuple(replace(w, left=np.full_like(w.left, UNTOUCHED / 2)) for w in piece.without))
-        for piece in found.motion.pieces
-    ]
-    motion = replace(found.motion, pieces=tuple(pieces))
+    motion = found.motion.changed(
+        lambda p: replace(p, without=tuple(replace(w, left=np.full_like(w.left, UNTOUCHED / 2)) for w in p.without))
+    )
     assert motion.moving(0).any()
     layout, prediction = found.problem.layout, found.problem.regressors.prediction
     assert fit_twist(Problem(drive, motion, layout.terms, prediction), found.fit, 0) is None

@@ -166,11 +166,11 @@ def test_a_motors_angle_that_moves_a_pendulum(model: Model, arm_recording: Recor
 def test_degrees_that_a_gear_might_have_made(model: Model, arm_recording: Recording) -> None:
     """A gear of nearly as many turns as a radian has degrees: both are said, the likelier one first and to be typed."""
     geared = copy(model)
-    geared.joints = tuple(replace(joint, gear_ratio=60.0) for joint in model.joints)
+    geared.joints = tuple(replace(joint, gear_ratio=58.0) for joint in model.joints)
     scale = np.array([[1.0], [DEGREES], [1.0], [1.0]])
     (found,) = suspicions(identify(geared, [replace(arm_recording, q=arm_recording.q * scale)]))
     assert (found.kind, found.joint, found.maps) == ("degrees", 2, ('--map q2="q2 [deg]"',))
-    assert found.cure.endswith("if it is the motor's, divide q2, and qd2 if it is recorded, by the gear ratio of 60")
+    assert found.cure.endswith("if it is the motor's, divide q2, and qd2 if it is recorded, by the gear ratio of 58")
 
 
 @pytest.mark.parametrize("wrong", [("milli", "ratio"), ("degrees", "milli")])

@@ -133,7 +133,8 @@ def test_from_the_verdict_to_the_fallen_error_and_back(studio):
     studio.add(PlacedEffect(card["effect"], card["joint"]))
     wait(studio)
     before, after = (s.joints[0] for s in studio.history.path(1))
-    assert after.relative < 1.1 * after.relative_floor < before.relative / 3
+    # Of 16 s that come back once, the floor is known to a third.
+    assert after.relative < 1.33 * after.relative_floor < before.relative / 3
     assert after.held < before.held / 3
     assert "+[joint.effects.linear_spring]" in studio.difference(1)
     assert f"tendon add {studio.inputs.model.typed} linear_spring --joint 1" in studio.commands(1)

@@ -226,10 +226,17 @@ TURNS = st.integers(-2, 2).map(lambda k: k * math.pi / 2)
 def test_a_rotation_is_that_of_its_angles(rpy: tuple[float, float, float]) -> None:
     turned = rotation(rpy)
     again = rotation(angles(turned))
-    assert close(turned, again, 1e-9)
+    assert close(turned, again, 1e-11)
     roll, pitch, yaw = rpy
     steps = product(about((0, 0, 1), yaw), product(about((0, 2, 0), pitch), about((0.5, 0, 0), roll)))
     assert close(turned, steps, 1e-12)
+
+
+@given(ANGLE | TURNS, st.sampled_from([-1, 1]), st.integers(-14, -1), ANGLE | TURNS)
+@settings(max_examples=200, deadline=None)
+def test_where_roll_and_yaw_are_nearly_one_the_rotation_is_kept(roll: float, sign: int, power: int, yaw: float) -> None:
+    turned = rotation((roll, sign * (math.pi / 2 - 10.0**power), yaw))
+    assert close(turned, rotation(angles(turned)), 1e-11)
 
 
 @given(st.tuples(TURNS, TURNS, TURNS), st.tuples(TURNS, TURNS, TURNS))

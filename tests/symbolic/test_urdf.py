@@ -19,7 +19,7 @@ from symbolic.model_file.checks import ModelError
 from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.bodies import StatedBody, about_point, placed, together
 from symbolic.model_file.exchange.importing import ImportedArm, arm_name, imported, is_placeholder, label_of, unique
-from symbolic.model_file.frames import applied, rotation
+from symbolic.model_file.frames import applied, rotation, transposed
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 ARMS = Path(reader.__file__).resolve().parents[1] / "arms"
@@ -163,6 +163,29 @@ def test_gears_come_from_transmissions(tmp_path: Path) -> None:
     assert any(note.startswith("gear_ratio of joint 1: 1, since nothing else is stated") for note in made.notes)
 
 
+def test_transmissions_of_one_joint_that_differ_leave_its_gear_open(tmp_path: Path) -> None:
+    gear = (
+        '<transmission name="{name}"><joint name="j2"/><actuator name="m">'
+        "<mechanicalReduction>{ratio}</mechanicalReduction></actuator></transmission>"
+    )
+    first = gear.format(name="t", ratio=101)
+    made = read(tmp_path, robot(*TWO, first, gear.format(name="u", ratio=51)))
+    assert made.arm.joints[1].gear_ratio == 1.0
+    differ = "gear_ratio of joint 2: the file's differ (101 of transmission t, 51 of transmission u): none is taken"
+    assert [note.startswith(differ) for note in made.notes if "joint 2" in note and "gear_ratio" in note] == [True]
+    assert read(tmp_path, robot(*TWO, first, gear.format(name="u", ratio=-101))).arm.joints[1].gear_ratio == 101.0
+
+
+def test_a_differential_is_said_and_its_gears_are_not_taken(tmp_path: Path) -> None:
+    ends = "".join(f'<joint name="{name}"/>' for name in ("j1", "j2"))
+    motors = "".join(f"<actuator><mechanicalReduction>{n}</mechanicalReduction></actuator>" for n in (50, -60))
+    made = read(tmp_path, robot(*TWO, f'<transmission name="wrist">{ends}{motors}</transmission>'))
+    assert [joint.gear_ratio for joint in made.arm.joints] == [1.0, 1.0]
+    for k, other in ((1, "j2"), (2, "j1")):
+        said = f"joint {k}: the gear of transmission wrist, whose motors move {other} too: left out, hence unknown"
+        assert said in made.notes
+
+
 def test_a_joint_that_turns_for_ever_has_no_range(tmp_path: Path) -> None:
     endless = '<limit lower="-1e16" upper="1e16" effort="0" velocity="inf"/>'
     made = read(
@@ -227,6 +250,24 @@ def test_the_way_may_begin_and_end_anywhere(tmp_path: Path) -> None:
     made = read(tmp_path, text, base="a", tip="c")
     assert [joint.name for joint in made.arm.joints] == ["j2", "j3"]
     assert 'from "base" one comes to 2 ends: c, d; say which: --tip LINK' in said(tmp_path, text)
+    # Of a robot with many ends only some are named: those of arms rather than a camera's.
+    longer = text.replace("</robot>", '<link name="e"/>' + joint("j5", "d", "e") + "</robot>")
+    assert 'from "base" one comes to 2 ends: e, c; say which: --tip LINK' in said(tmp_path, longer)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.7])
+def test_gravity_is_that_of_the_root_wherever_the_arm_begins(tmp_path: Path, place: float) -> None:
+    """The whole way with its first joint held is a second route to how the base is turned."""
+    turned = '<origin xyz="0 0 0.5" rpy="0.3 -0.2 1.1"/><axis xyz="1 2 0"/>'
+    text = robot(*TWO[:3], joint("j1", "base", "a", inside=turned), TWO[4])
+    whole = read(tmp_path, text, locked={"j1": place})
+    begun = read(tmp_path, text, base="a", locked={"j1": place} if place else {})
+    down = applied(transposed(rotation(whole.arm.joints[0].origin.rpy)), whole.arm.gravity)
+    assert begun.arm.gravity == pytest.approx(down)
+    hangs = "a hangs on j1: gravity is that with it at 0 (--lock JOINT=VALUE for another place)"
+    assert (hangs in begun.notes) is (place == 0)
+    assert "not stated: z of base is taken to point up" in begun.text
+    assert begun.chain.joints[0].joint.name == "j2"
 
 
 def test_frames_at_one_joint_are_no_ends_to_choose_from(tmp_path: Path) -> None:
@@ -252,6 +293,14 @@ def test_an_inertia_that_no_body_has_is_left_out_and_said(tmp_path: Path) -> Non
     made = read(tmp_path, robot(*TWO[:2], wrong, *TWO[3:]))
     assert made.arm.joints[1].link == SpatialLink(1.0, (0.1, 0.0, 0.0), None)
     assert any("principal moment -0.05 kg m^2, which no body has" in note for note in made.notes)
+
+
+def test_a_point_with_rounding_for_an_inertia_is_a_point(tmp_path: Path) -> None:
+    """As programs write it: 0 came out as −5e-20."""
+    point = link("b").replace('ixx="0.01"', 'ixx="-5.4e-20"').replace('iyy="0.02"', 'iyy="1e-18"')
+    made = read(tmp_path, robot(*TWO[:2], point.replace('izz="0.015"', 'izz="0"'), *TWO[3:]))
+    assert made.arm.joints[1].link == SpatialLink(1.0, (0.1, 0.0, 0.0), (0.0,) * 6)
+    assert not any("body" in note for note in made.notes)
 
 
 def test_quarter_turns_are_exact_before_anything_is_computed_from_them(tmp_path: Path) -> None:

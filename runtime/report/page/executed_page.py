@@ -52,7 +52,7 @@ def render(result: Execution, document: Document) -> str:
             "model": model.name,
             "tag": {"kind": kind, "text": tag},
             "headline": headline(document),
-            "lines": [f"Safe stop: {sentence(document['reason'])}"] if document["status"] == "stopped" else [],
+            "lines": lines(document),
             "facts": facts(document),
             "commands": [item["command"] for item in document["next"]],
             "moving": cycles.picture(),
@@ -197,6 +197,18 @@ def headline(document: Document) -> str:
     return f"{document['plan']['scenario']} on {document['on']}: {_came_to(document)}"
 
 
+def lines(document: Document) -> list[str]:
+    """Why it stopped, and in what a simulated arm differs from its model."""
+    found = [f"Safe stop: {sentence(document['reason'])}"] if document["status"] == "stopped" else []
+    names = {joint["joint"]: joint["name"] for joint in document["joints"]}
+    for effect in (entry for entry in document["effects"] if entry["hidden"] or entry["changed"]):
+        joint, values = effect["joint"], (f"{name} {number(value)}" for name, value in effect["values"].items())
+        where = "" if joint is None else f" at joint {numbered(joint, names[joint])}"
+        how = "Hidden" if effect["hidden"] else "Changed"
+        found.append(f"{how} in the simulated arm: {effect['effect']}{where}, {', '.join(values)}.")
+    return found
+
+
 def notes(document: Document) -> list[str]:
     """What a user should know of the controller."""
     return [f"The controller does not compensate {name}." for name in document["uncompensated"]]
@@ -245,7 +257,7 @@ def _row(document: Document, k: int) -> Sequence[str]:
     plan, mean, joint = document["plan"], document["mean"], document["joints"][k]
     position, force = joint["position_unit"], joint["force_unit"]
     return [
-        numbered(joint["joint"], joint.get("name")),
+        numbered(joint["joint"], joint["name"]),
         number(plan["cost"][k]),
         number(mean["cost"][k]),
         quantity(mean["tracking_rms"][k], position, 3),

@@ -58,7 +58,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "commands": _commands(summary),
         "about": summary.invocation.about,
         "recorded": [_recorded(summary, i) for i in joints],
-        "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.reason},
+        "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.explained},
         "sensors": [] if summary.diagnosis is None else sensors_said.sentences(summary.document),
         "skew": parameters.skew(last.identification.inference),
         "warnings": summary.document["warnings"],
@@ -154,6 +154,7 @@ def _short_row(summary: ResultSummary, joint: int) -> Row:
         "floor": percent(summary.floor(joint)),
         "instruments": _instruments(summary, joint),
         "held": held,
+        **({} if summary.moves(joint) else dict.fromkeys(("before", "after", "floor"), "–")),
     }
 
 
@@ -235,6 +236,8 @@ def _quiet(summary: ResultSummary, joint: int) -> str | None:
     """What is said of one of several joints in place of showing it, where nothing is to be seen; None: it is shown."""
     if len(summary.first.joints) == 1 or not summary.at_floor(joint):
         return None
+    if not summary.moves(joint):
+        return "it never moves, and nothing of it is compared"
     return f"at its noise floor, error {percent(summary.last.fitted.relative[joint])}"
 
 
@@ -255,7 +258,7 @@ def _joint(summary: ResultSummary, joint: int) -> Row:
 
 def _signals(summary: ResultSummary, joint: int) -> str | None:
     """Of a joint that is looked into, its signals with their numbers; None where it never moves."""
-    if len(summary.first.joints[joint].t) < 2:
+    if not summary.moves(joint):
         return None
     added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
     return embedded(joint_signals.of_joint(summary.first, summary.last, joint, added).embedded())

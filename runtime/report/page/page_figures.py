@@ -105,8 +105,11 @@ def of_result(summary: ResultSummary) -> list[Drawn]:
 
 
 def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:
-    """Torque over time, whole and zoomed in, then the residual over every signal, the most telling first."""
+    """Torque over time, whole and zoomed in, then the residual over every signal, the most telling first; none of a
+    joint that never moves."""
     before = first.joints[joint]
+    if len(before.t) < 2:
+        return []
     after = last.joints[joint] if last is not first else None
     number = joint + 1
     trace, end_to_end = _trace(before, after)
@@ -145,10 +148,10 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
 def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
     motion, before = first.identification.motion, first.joints[joint]
-    left, cutoff = last.identification.fit.residual[joint], motion.band.cutoff
+    left, cutoff = last.identification.fit.residual[joint], motion.cutoff(joint)
     frequency, before_density = density(first, joint)
-    line = spectrum.strongest_line(left, motion.row_rate)
-    peaks = spectrum.peaks(left, last.identification.motion.row_rate, cutoff)
+    line = spectrum.strongest_line(left, motion.row_rate(joint))
+    peaks = spectrum.peaks(left, last.identification.motion.row_rate(joint), cutoff)
     if line is not None:
         peaks = [line.frequency, *(p for p in peaks if abs(p - line.frequency) > 2 * frequency[1])]
     figure = joint_plots.spectrum(
@@ -171,7 +174,7 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
 
 def density(step: Step, joint: int) -> tuple[Array, Array]:
     """Frequencies, Hz, and amplitude density of a joint's residual."""
-    return amplitudes(step.identification.fit.residual[joint], step.identification.motion.row_rate)
+    return amplitudes(step.identification.fit.residual[joint], step.identification.motion.row_rate(joint))
 
 
 def amplitudes(residual: Array, rate: float) -> tuple[Array, Array]:

@@ -93,13 +93,16 @@ def _candidates(summary: ResultSummary, finding: Finding) -> Row:
     named = finding.evidence
     rows = [_weighed(finding, named, "named", "Named: it passes every gate, and the error falls as shown.")]
     also = [f.term for f in summary.findings if f is not finding]
-    nothing = []
+    nothing: list[str] = []
+    unearned: list[str] = []
     for other in finding.verdict.ranked:
         floor = _shown_at(finding, other.term).floor.value
         if other.term == named.term:
             continue
         if reasons.next_to_nothing(other, floor):
             nothing.append(name(other.term))
+        elif reasons.unearned(other) and other.term not in also:
+            unearned.append(name(other.term))
         else:
             kind = "rival" if other.term in finding.rivals else ""
             rows.append(_weighed(finding, other, kind, reasons.in_place_of(other, named, finding.rivals, floor, also)))
@@ -108,7 +111,7 @@ def _candidates(summary: ResultSummary, finding: Finding) -> Row:
     for rival in finding.rivals:
         if rival not in weighed:
             rows.append({"name": name(rival), "kind": "rival", "why": reasons.unweighed_rival(named), **blank})
-    return {"rows": rows, "nothing": nothing}
+    return {"rows": rows, "nothing": nothing, "unearned": unearned}
 
 
 def _shown_at(finding: Finding, term: Term) -> JointSeries:
@@ -129,17 +132,20 @@ def ruled_out(summary: ResultSummary) -> Row:
     """The strongest candidates at every joint once the search has ended, and what kept each from being named."""
     rows: list[Row] = []
     nothing: list[str] = []
+    unearned: list[str] = []
     if summary.diagnosis is None:
-        return {"rows": rows, "nothing": nothing}
+        return {"rows": rows, "nothing": nothing, "unearned": unearned}
     held_out = summary.last.held_out is not None
     for evidence in summary.diagnosis.last.ranked:
         series = summary.last.joints[(evidence.term.joint or 1) - 1]
         floor = series.floor.value
         if reasons.next_to_nothing(evidence, floor):
             nothing.append(name(evidence.term))
+        elif reasons.unearned(evidence):
+            unearned.append(name(evidence.term))
         else:
             rows.append(_row(evidence, "", reasons.not_named(evidence, floor, held_out), floor, series.force_unit))
-    return {"rows": rows, "nothing": list(dict.fromkeys(nothing))}
+    return {"rows": rows, "nothing": list(dict.fromkeys(nothing)), "unearned": unearned}
 
 
 def experiments(summary: ResultSummary) -> list[Row]:
@@ -201,7 +207,7 @@ def left_over(summary: ResultSummary) -> list[Row]:
         what = remainder(step, i)
         if what is None:
             continue
-        line = spectrum.strongest_line(step.identification.fit.residual[i], step.identification.motion.row_rate)
+        line = spectrum.strongest_line(step.identification.fit.residual[i], step.identification.motion.row_rate(i))
         rows.append(
             {
                 "joint": series.joint,

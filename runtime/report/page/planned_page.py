@@ -16,7 +16,7 @@ from runtime.report.page.arm_motion import MOST_FRAMES, ArmMotion, Course, Sprin
 from runtime.report.page.filling import embedded, filled, written
 from runtime.report.page.page_figures import Drawn, drawn
 from runtime.report.plots import plan_plots
-from runtime.wording import number, numbered, quantity
+from runtime.wording import joints_said, number, numbered, quantity
 
 Document = Mapping[str, Any]
 
@@ -72,8 +72,8 @@ def headline(document: Document) -> str:
     goal = document.get("objective")
     if goal is None:
         return f"{begin}{_all_cost(document['joints'])}"
-    joints = ", ".join(map(str, goal["joints"]))
-    return f"{begin}{_GOALS[goal['goal']]}, at joint {joints}, is {quantity(goal['value'], goal['unit'])}"
+    joints = joints_said(goal["joints"], len(document["joints"]))
+    return f"{begin}{_GOALS[goal['goal']]}, of {joints}, is {quantity(goal['value'], goal['unit'])}"
 
 
 def _all_cost(joints: Sequence[Document]) -> str:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from runtime.diagnosis.steps import Step
 from runtime.estimation.regressors import Signals
 from runtime.model.terms import SURFACE, given
-from runtime.motion.motion import Motion, Piece
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
 from runtime.planning.springs import is_spring
 from runtime.report.page.arm_motion import (
     ArmMotion,
@@ -40,7 +41,8 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
         return None
     window = _telling(summary.first)
     shown = window[frames(len(window))]
-    t = summary.last.identification.motion.row_time[shown]
+    motion = summary.last.identification.motion
+    t = motion.row_time(_clock(motion))[shown]
     steps = {"residual": summary.last}
     if summary.first is not summary.last:
         steps = {"residual before": summary.first, "after": summary.last}
@@ -59,7 +61,7 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
 def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) -> ArmMotion:
     motion, model = step.identification.motion, step.identification.model
     known = step.identification.fit.prediction.values
-    courses = [Course("measured", motion.rows("q")[:, shown])]
+    courses = [Course("measured", motion.rows("q", _clock(motion))[:, shown])]
     readings = _torques(step, shown)
     demanded = _demanded(step, shown)
     if demanded is not None:
@@ -90,18 +92,25 @@ def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
     measured = np.full((found.motion.n, len(shown)), np.nan)
     predicted = measured.copy()
     for i in range(found.motion.n):
-        use = found.motion.moving(i)[shown]
-        measured[i, use] = found.motion.recorded(i, found.fit.skew)[shown][use]
-        predicted[i, use] = measured[i, use] - found.fit.residual[i][shown][use]
+        at = found.motion.beside(i, _clock(found.motion))[shown]
+        use = found.motion.moving(i)[at]
+        measured[i, use] = found.motion.recorded(i, found.fit.skew)[at][use]
+        predicted[i, use] = measured[i, use] - found.fit.residual[i][at][use]
     units = [joint.force_unit for joint in found.model.joints]
     return JointReadings("torque measured", measured, units), JointReadings("torque predicted", predicted, units)
 
 
+def _clock(motion: Motion) -> int:
+    """The joint (0-based) whose equation's rows are the frames: one with the narrowest band."""
+    return motion.views[0].joints[0]
+
+
 def _samples(motion: Motion, shown: Rows) -> tuple[Piece, Rows]:
     """The piece in which rows stand, and its samples there."""
-    number = int(motion.row_piece[shown[0]])
+    of = motion.row_piece(_clock(motion))
+    number = int(of[shown[0]])
     piece = motion.pieces[number]
-    return piece, piece.centres[shown - int(np.argmax(motion.row_piece == number))]
+    return piece, piece.centres[shown - int(np.argmax(of == number))]
 
 
 def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
@@ -126,21 +135,21 @@ def _telling(step: Step) -> Rows:
     motion = step.identification.motion
     weight = np.sum([_squares(step, step, i) for i in range(motion.n)], axis=0)
     total = np.concatenate([[0.0], np.cumsum(weight)])
-    starts = np.searchsorted(motion.row_piece, np.arange(len(motion.pieces) + 1))
-    last = starts[motion.row_piece + 1]
-    ends = np.minimum(np.arange(len(weight)) + max(2, round(LONGEST * motion.row_rate)), last)
+    of, count = motion.row_piece(_clock(motion)), max(2, round(LONGEST * motion.row_rate(_clock(motion))))
+    starts = np.searchsorted(of, np.arange(len(motion.pieces) + 1))
+    ends = np.minimum(np.arange(len(weight)) + count, starts[of + 1])
     start = int(np.argmax(total[ends] - total[:-1]))
     # One that is cut short by its piece's end begins earlier.
-    first = max(int(starts[motion.row_piece[start]]), int(ends[start]) - max(2, round(LONGEST * motion.row_rate)))
+    first = max(int(starts[of[start]]), int(ends[start]) - count)
     return np.arange(first, ends[start])
 
 
 def _squares(step: Step, floors: Step, joint: int) -> Array:
-    """(M,) squared residual of a joint in squared noise floors; 0 where it is not compared."""
+    """(M,) squared residual of a joint in squared noise floors, at the frames' rows; 0 where it is not compared."""
     found = step.identification
-    use = found.motion.moving(joint)
+    at = found.motion.beside(joint, _clock(found.motion))
     floor = floors.joints[joint].floor.value
-    return np.where(use, found.fit.residual[joint] / (floor or np.inf), 0.0) ** 2
+    return np.where(found.motion.moving(joint)[at], found.fit.residual[joint][at] / (floor or np.inf), 0.0) ** 2
 
 
 def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
@@ -152,7 +161,7 @@ def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
     starts = shown - window[0]
     out = np.full((motion.n, len(shown)), np.nan)
     for i in range(motion.n):
-        use = motion.moving(i)[window]
+        use = motion.moving(i)[motion.beside(i, _clock(motion))][window]
         counts = np.add.reduceat(use.astype(float), starts)
         sums = np.add.reduceat(_squares(step, floors, i)[window], starts)
         some = counts > 0
@@ -163,7 +172,7 @@ def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
 def _of_which(summary: ResultSummary, row: int) -> str:
     """Of several recordings and runs, which."""
     motion = summary.last.identification.motion
-    piece = motion.pieces[motion.row_piece[row]]
+    piece = motion.pieces[motion.row_piece(_clock(motion))[row]]
     text = ""
     if len({p.recording for p in motion.pieces}) > 1:
         text = f" of recording {piece.recording + 1}"

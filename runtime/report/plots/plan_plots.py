@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _ROW = 1.15  # inches, of each joint
 _PANEL = 1.05  # inches, of each panel of one joint
+_LINE = 0.25  # of a panel's height, of a line of text
 _NEAR = 1.7
 """Times the largest value; a limit further away is said and not drawn, so that the curve keeps its size."""
 
@@ -72,6 +73,7 @@ def _draw(axes: Sequence[Axes], document: Document, joint: int, named: bool) -> 
     if joint in {spring["joint"] for spring in document["springs"]}:
         torque.plot(t, samples["spring"][joint - 1], color=BEFORE, lw=1.1, ls="--", label="spring")
         torque.legend(frameon=False, fontsize=7.5, loc="upper left", ncols=2)
+        _widen(torque, _LINE, above=True)
     _limits(position, q, limits["position"], units["position"])
     _limits(speed, qd, both_ways(limits["speed"]), f"{units['position']}/s")
     _limits(torque, tau, both_ways(limits["torque"]), units["force"])
@@ -96,14 +98,14 @@ def both_ways(limit: float | None) -> tuple[float, float] | None:
 def _limits(ax: Axes, values: Array, limits: Sequence[float] | None, unit: str) -> None:
     """A limit near the curve is drawn, one that is far away or not stated is said."""
     if limits is None:
-        _note(ax, "no limit stated")
+        _note(ax, values, "no limit stated")
         return
     near = near_limits(values, limits)
     for limit in near:
         ax.axhline(limit, color=BEFORE, lw=0.9, ls=(0, (4, 2)), zorder=1)
     if not near:
         low, high = limits
-        _note(ax, f"limits ±{high:g} {unit}" if low == -high else f"limits {low:g} and {high:g} {unit}")
+        _note(ax, values, f"limits ±{high:g} {unit}" if low == -high else f"limits {low:g} and {high:g} {unit}")
 
 
 def near_limits(values: Array, limits: Sequence[float]) -> list[float]:
@@ -113,8 +115,21 @@ def near_limits(values: Array, limits: Sequence[float]) -> list[float]:
     return [limit for limit in limits if low - room <= limit <= high + room]
 
 
-def _note(ax: Axes, text: str) -> None:
-    ax.text(0.99, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", color=FAINT, fontsize=7)
+def _note(ax: Axes, values: Array, text: str) -> None:
+    """In that corner on the right which the curve leaves free, made larger where neither is large enough."""
+    (low, high), late = ax.get_ylim(), values[len(values) // 2 :]
+    free = {True: (high - late.max()) / (high - low), False: (late.min() - low) / (high - low)}
+    above = free[True] > free[False]
+    _widen(ax, _LINE - free[above], above)
+    place = (0.97, "top") if above else (0.03, "bottom")
+    ax.text(0.99, place[0], text, transform=ax.transAxes, ha="right", va=place[1], color=FAINT, fontsize=7)
+
+
+def _widen(ax: Axes, part: float, above: bool) -> None:
+    """Room beyond the curves on one side, a part of the panel's height; none if that is negative."""
+    low, high = ax.get_ylim()
+    more = max(0.0, part) * (high - low)
+    ax.set_ylim(low if above else low - more, high + more if above else high)
 
 
 def _phases(ax: Axes, document: Document, named: bool) -> None:

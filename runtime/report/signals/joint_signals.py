@@ -180,18 +180,19 @@ def _spectrum(before: JointSeries, residuals: Sequence[Array], motion: Motion) -
 
     residuals   (M,) of every row of a motion, of one model or before and after
     """
-    cutoff = motion.band.cutoff
+    joint = before.joint - 1
+    cutoff, rate = motion.cutoff(joint), motion.row_rate(joint)
     suffixes = (BEFORE, AFTER) if len(residuals) > 1 else ("",)
     colours: tuple[Colour, ...] = ("before", "after")
     curves = []
     for suffix, colour, residual in zip(suffixes, colours, residuals, strict=False):
-        frequency, density = figures.amplitudes(residual, motion.row_rate)
+        frequency, density = figures.amplitudes(residual, rate)
         use = (frequency > 0) & (frequency <= cutoff) & (density > 0)
         curves.append(curve(RESIDUAL + suffix, colour, frequency[use], density[use]))
     drawn = [y for c in curves for y in c.y if y is not None]
     noise = float(before.floor.spectrum / np.sqrt(cutoff))
     low, high = (min(drawn), max(drawn)) if drawn else (1.0, 1.0)
-    peaks = spectrum.peaks(residuals[-1], motion.row_rate, cutoff)
+    peaks = spectrum.peaks(residuals[-1], rate, cutoff)
     return SignalPanel(
         "curves",
         "Residual over frequency",

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from runtime.wording import MORE_THAN_NOISE, numbered
+from runtime.wording import MORE_THAN_NOISE, joints_said, numbered
 from symbolic.model_file.checks import at_joint
 
 _ENDLESS = 10_000
@@ -73,11 +73,11 @@ def joints_table(document: Document) -> None:
         repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")] if left else "noise"
         table.add_row(
             numbered(j["joint"], j.get("name")),
-            figure(j["rms"]),
-            percent(j["relative"]),
+            figure(j["rms"] or None),
+            percent(j["relative"] if j["rms"] else None),
             figure(j["floor"]),
             j["floor_source"],
-            repeats,
+            repeats if j["rms"] else "never moves",
         )
     show_table(table)
 
@@ -88,12 +88,8 @@ def delay_lines(document: Document) -> None:
     for d in document["delay"]:
         alike.setdefault(_delay(d), []).append(d["joint"])
     for text, joints in alike.items():
-        where = "every joint" if 1 < len(joints) == len(document["delay"]) else _joints(joints)
+        where = "every joint" if 1 < len(joints) == len(document["delay"]) else joints_said(joints)
         say(f"Delay from torque to motion, {where}: {text}.")
-
-
-def _joints(numbers: Sequence[int]) -> str:
-    return f"joint{'' if len(numbers) == 1 else 's'} {', '.join(map(str, numbers))}"
 
 
 def _delay(d: Document) -> str:

@@ -53,7 +53,9 @@ def exported(document: Document) -> None:
             f"{100 * document['missing']:.2g} % of its torques."
         )
     if document["unsaid"]:
-        say(f"The format has no words for: {'; '.join(document['unsaid'])}.")
+        say(f"The file does not say: {'; '.join(document['unsaid'])}.")
+    if document["kept"]:
+        say(f"The file into which it was written keeps its own: {'; '.join(document['kept'])}.")
 
 
 ROUNDING = 1e-9

@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
-from runtime.report.terminal.cells import Document, empty_table, figure, percent, say, show_table
-from symbolic.model_file.checks import at_joint
+from runtime.report.terminal.cells import (
+    Document,
+    at_named,
+    empty_table,
+    figure,
+    names_of,
+    percent,
+    say,
+    show_table,
+)
+from runtime.wording import fixed, numbered
 
 _SAME_RATE = 0.01
 
@@ -46,7 +55,7 @@ def prediction(document: Document) -> None:
         force, unit = joint["force_unit"], joint["position_unit"]
         row = (joint["torque"], joint["torque_limit"], force, joint["speed"], joint["speed_limit"], f"{unit}/s")
         cells = [cell if isinstance(cell, str) else f"{cell:.3g}" for cell in row]
-        table.add_row(str(joint["joint"]), *cells, f"{joint['room']:.3g} {unit}")
+        table.add_row(numbered(joint["joint"], joint["name"]), *cells, f"{joint['room']:.3g} {unit}")
     show_table(table)
     if document["plate"] is not None:
         say(f"The end-effector {_beside_plate(document['plate'])}.")
@@ -60,7 +69,8 @@ def _board(document: Document) -> None:
     say("The board answers and takes the motion; the arm")
     for joint in document["standing"]:
         unit, here, start = joint["position_unit"], joint["position"], joint["start"]
-        say(f"  joint {joint['joint']}: stands at {here:.3f} {unit}, the motion starts at {start:.3f}")
+        called = numbered(joint["joint"], joint["name"])
+        say(f"  joint {called}: stands at {here:.3f} {unit}, the motion starts at {start:.3f}")
 
 
 def _beside_plate(distance: float) -> str:
@@ -97,10 +107,12 @@ def _trials(document: Document) -> str:
 
 def _arm(document: Document) -> None:
     """In what the arm differs from the model."""
+    names = names_of(document)
     for entry in document["effects"]:
         if entry["hidden"] or entry["changed"]:
             values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
-            say(f"{'hidden' if entry['hidden'] else 'changed'}: {entry['effect']}{at_joint(entry['joint'])}: {values}")
+            how = "hidden" if entry["hidden"] else "changed"
+            say(f"{how}: {entry['effect']}{at_named(entry['joint'], names)}: {values}")
 
 
 def _drives(document: Document) -> None:
@@ -115,7 +127,8 @@ def _drives(document: Document) -> None:
         say("  Without real-time priority (ulimit -r 30, or as root) a busy computer is late.")
     for joint, step, limited in zip(document["joints"], drives["resolution"], drives["limited_by_drive"], strict=True):
         less = f"; its drive held back in {limited} periods" if limited else ""
-        say(f"  joint {joint['joint']}: torques are rounded to {figure(step)} {joint['force_unit']}{less}")
+        called = numbered(joint["joint"], joint["name"])
+        say(f"  joint {called}: torques are rounded to {figure(step)} {joint['force_unit']}{less}")
 
 
 def _table(document: Document) -> None:
@@ -124,7 +137,7 @@ def _table(document: Document) -> None:
     table = empty_table(*headings)
     for k, joint in enumerate(document["joints"]):
         table.add_row(
-            str(joint["joint"]),
+            numbered(joint["joint"], joint["name"]),
             figure(plan["cost"][k]),
             figure(mean["cost"][k]),
             "–" if spread is None else f"{spread['cost'][k]:.2g}",
@@ -139,7 +152,7 @@ def _table(document: Document) -> None:
 
 
 def _range(low: float, high: float) -> str:
-    return f"{low:.3f} … {high:.3f}"
+    return f"{fixed(low)} … {fixed(high)}"
 
 
 def _total(document: Document) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from runtime.model.terms import Term
 from runtime.report.terminal.cells import Document, say
-from runtime.wording import number, sentence
+from runtime.wording import number, numbered, sentence
 
 
 def show(document: Document) -> None:
@@ -41,7 +41,8 @@ def _joint(j: Document) -> str:
     speed, force, at_most = (number(j[key], 3) for key in ("speed", "torque", "torque_with_rivals"))
     rivals = f", {at_most} with a rival" if at_most != force else ""
     return (
-        f"  joint {j['joint']}: {low} to {high} {j['position_unit']} (of {least} to {most}{known['position']}), "
+        f"  joint {numbered(j['joint'], j['name'])}: {low} to {high} {j['position_unit']} "
+        f"(of {least} to {most}{known['position']}), "
         f"up to {speed} {j['position_unit']}/s (of {number(j['speed_limit'], 3)}{known['speed']}) "
         f"and {force} {j['force_unit']}{rivals} (of {number(j['torque_limit'], 3)}{known['torque']})"
     )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 
-from runtime.report.terminal.cells import Document, empty_table, figure, say, show_table
-from runtime.wording import numbered, quantity
+from runtime.report.terminal.cells import Document, delay_lines, empty_table, figure, say, show_table
+from runtime.wording import joints_said, numbered, quantity
 from symbolic.model_file.checks import quote
 
 _MOST_FIELDS = 24
@@ -76,9 +77,8 @@ def _motion(document: Document) -> None:
     if document["repeats"]:
         seconds = document["repeats"]["seconds"]
         say(f"Motion that is repeated: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")
-    for delay in document["delay"]:
-        if delay["estimated"]:
-            say(f"Joint {delay['joint']}: from torque to motion {quantity(delay['value'], 's', 3)}")
+    if any(delay["estimated"] for delay in document["delay"]):
+        delay_lines(document)
 
 
 def _parameters(document: Document) -> None:
@@ -93,7 +93,7 @@ def _parameters(document: Document) -> None:
     for kind, text in words.items():
         names = [p["name"] for p in document["parameters"] if p["told"] == kind]
         if names:
-            say(f"{text}: {', '.join(names)}")
+            say(f"{text}: {_together(names)}")
     if document["misses"]:
         errors = [f"{100 * m['part']:.3g} % at joint {m['joint']}" for m in document["misses"]]
         say(f"Of the torque the model's best fit misses {', '.join(errors)}")
@@ -101,6 +101,21 @@ def _parameters(document: Document) -> None:
         found = [f"{quantity(j['value'], j['unit'], 3)} at joint {j['joint']}" for j in document["inertias"]]
         said = "if that cannot be, the torques are in another unit or those of the motor"
         say(f"The fit's inertia, which the model file leaves open: {', '.join(found)}; {said}")
+
+
+def _together(names: Sequence[str]) -> str:
+    """Names of parameters; those of an effect (`viscous@2 coefficient`) once for all joints that share them."""
+    own: dict[str, list[str]] = {}
+    for name in names:
+        term, _, parameter = name.partition(" ")
+        own.setdefault(term, []).append(parameter)
+    lumps = [name for name, parameters in own.items() if parameters == [""]]
+    alike: dict[str, list[int]] = {}
+    for term in (term for term in own if term not in lumps):
+        effect, _, joint = term.partition("@")
+        alike.setdefault(f"{effect} ({', '.join(own[term])})", []).extend([int(joint)] if joint else [])
+    effects = [said + (f" at {joints_said(joints)}" if joints else "") for said, joints in alike.items()]
+    return "; ".join([", ".join(lumps), *effects] if lumps else effects)
 
 
 def _wrong(document: Document) -> None:

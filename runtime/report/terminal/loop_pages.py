@@ -25,7 +25,7 @@ from runtime.report.terminal.cells import (
     show_table,
     unit,
 )
-from runtime.wording import numbered, told_apart
+from runtime.wording import fall, numbered, told_apart
 from symbolic.model_file.checks import at_joint
 
 _MOST_CLOSE = 3
@@ -91,8 +91,8 @@ def _not_named(document: Document) -> None:
         return
     say("Closest to a name:")
     for e in entries[:_MOST_CLOSE]:
-        why = e["evidence"]["failed_gates"] or ["passes every gate, but added, the error does not fall"]
-        say(f"  {e['effect']}{at_joint(e['joint'])}: {'; '.join(why[:2])}")
+        why = _failed(e["evidence"])[:2] or ["passes every gate, but added, the error does not fall"]
+        say(f"  {e['effect']}{at_named(e['joint'], names_of(document))}: {'; '.join(why)}")
     say("")
 
 
@@ -183,7 +183,8 @@ def _finding(finding: Document, document: Document) -> None:
     shown = evidence.get("twist")
     before, after = (shown or finding)["rms_before"], (shown or finding)["rms_after"]
     what = f"twist by the link-side encoder, {shown['unit']}," if shown else "residual"
-    where = at_named(finding["joint"], names_of(document))
+    names = names_of(document)
+    where = at_named(finding["joint"], names)
     say(
         f"{finding['effect']}{where}: {what} {figure(before)} -> {figure(after)}, "
         f"{percent(finding['share'])} of what was missing."
@@ -193,17 +194,18 @@ def _finding(finding: Document, document: Document) -> None:
     _values(finding["parameters"])
     own = f"{shown['eff']:.3g} {shown['unit']}" if shown else f"{evidence['eff']:.3g} {torque}"
     say(
-        f"  evidence: it alone explains {own}; BIC falls by {evidence['delta_bic']:.0f}, "
-        f"the squared error on unseen stretches by {percent(evidence['cv_gain'])}"
+        f"  evidence: it alone explains {own}; BIC {fall(evidence['delta_bic'])}, "
+        f"the squared error on unseen stretches {fall(evidence['cv_gain'], percent)}"
     )
     rivals = [(r["effect"], r["joint"]) for r in finding["rivals"]]
     named = [(f["effect"], f["joint"]) for f in _found(document)]
     behind = [e for e in finding["ranking"] if (e["effect"], e["joint"]) not in [*named, *rivals]]
     behind = [e for e in behind if e["joint"] in (None, finding["joint"]) or finding["joint"] is None]
     behind = [e for e in behind if e["evidence"]["share_of_excess"] > _WORTH_A_LINE][:_MOST_CLOSE]
-    say(*(_set_aside(entry, finding) for entry in behind))
+    say(*(_set_aside(entry, finding, names) for entry in behind))
     if rivals:
-        say(f"  this data cannot tell it from {', '.join(f'{effect}{at_joint(joint)}' for effect, joint in rivals)}")
+        others = ", ".join(f"{effect}{at_named(joint, names)}" for effect, joint in rivals)
+        say(f"  this data cannot tell it from {others}")
         say(f"  what would: {finding['experiment']}")
         signals = [f"{s['signal']} (from {', '.join(s['rivals'])})" for s in finding["missing_signals"]]
         say(*(["  so would, if it were recorded: " + ", ".join(signals)] if signals else []))
@@ -212,17 +214,25 @@ def _finding(finding: Document, document: Document) -> None:
     say("")
 
 
-def _set_aside(other: Document, finding: Document) -> str:
+def _failed(evidence: Document) -> list[str]:
+    """Why a candidate was not named by its own figures; that its parameters cost more than it explains is enough."""
+    failed: list[str] = evidence["failed_gates"]
+    if failed and evidence["delta_bic"] < 0:
+        return [f"it does not earn its parameters: with it, BIC {fall(evidence['delta_bic'])}"]
+    return failed
+
+
+def _set_aside(other: Document, finding: Document, names: Names) -> str:
     """A candidate that would explain something by itself, and why the finding was named and not that."""
     evidence, better = other["evidence"], finding["evidence"]["delta_bic"] - other["evidence"]["delta_bic"]
-    if evidence["failed_gates"]:
-        why = evidence["failed_gates"][0]
+    if failed := _failed(evidence):
+        why = failed[0]
     elif better > 0:
         why = f"BIC prefers {finding['effect']} by {better:.0f}"
     else:
         why = "with it added and everything fitted again, the error falls less"
     share = percent(min(evidence["share_of_excess"], 1.0))
-    where = f"{other['effect']}{at_joint(other['joint'])}"
+    where = f"{other['effect']}{at_named(other['joint'], names)}"
     return f"  rather than {where}, which by itself would explain {share} of what was missing, but {why}"
 
 
@@ -240,7 +250,7 @@ def _draft(document: Document) -> None:
         say(*filter(None, [document.get("draft_reason")]))
         return
     say(
-        f"A guess{at_joint(draft['joint'])}, no law: {draft['effect']} = {draft['equation']}",
+        f"A guess{at_named(draft['joint'], names_of(document))}, no law: {draft['effect']} = {draft['equation']}",
         f"  residual {figure(draft['rms_before'])} -> {figure(draft['rms_after'])} {draft['unit']} (noise floor "
         f"{figure(draft['floor'])}), {percent(draft['share'])} of what was missing.",
     )

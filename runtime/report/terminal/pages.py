@@ -25,9 +25,11 @@ from runtime.report.terminal.cells import (
     say,
     show_table,
 )
+from runtime.wording import joints_said
 from symbolic.model_file.checks import at_joint
 
 _PATIENCE = 2.0  # s
+_A_JOINT_EACH = 7  # numbers of a vector that a table has room for
 _EVERY = 10.0  # s
 
 
@@ -172,9 +174,18 @@ def simulation(document: Document) -> None:
     for entry in hidden:
         values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
         say(f"hidden: {entry['effect']}{at_joint(entry['joint'])}: {values}")
+    assumed: dict[str, list[int]] = {}
+    for entry in document["effects"]:
+        if entry["assumed"]:
+            assumed.setdefault(entry["effect"], []).extend([entry["joint"]] if entry["joint"] else [])
+    if assumed:
+        places = "; ".join(name + (f" at {joints_said(joints)}" if joints else "") for name, joints in assumed.items())
+        say(f"open in the model file, hence moderate values (--json has them): {places}")
 
 
 def _short(value: Any) -> str:
     if isinstance(value, (list, tuple)):
+        if len(value) > _A_JOINT_EACH:
+            return f"({len(value)} numbers, with --json)"
         return "[" + " ".join(_short(v) for v in value) + "]"
     return f"{value:.3g}" if isinstance(value, (int, float)) else str(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from runtime.report.terminal.cells import Document, empty_table, figure, say, show_table
+from runtime.wording import fixed, joints_said, numbered
 
 
 def plan(document: Document) -> None:
@@ -14,10 +15,10 @@ def plan(document: Document) -> None:
         return
     objective = document["objective"]
     unit = "" if objective["unit"] == "1" else f" {objective['unit']}"
-    joints = ", ".join(map(str, objective["joints"]))
+    joints = joints_said(objective["joints"], len(document["joints"]))
     say(
         f"{document['scenario']} in {document['cycle_time']:g} s, "
-        f"{'with' if document['friction'] else 'without'} friction: {objective['goal']} of joint {joints} "
+        f"{'with' if document['friction'] else 'without'} friction: {objective['goal']} of {joints} "
         f"{objective['value']:.4g}{unit}"
     )
     for spring in document["springs"]:
@@ -26,15 +27,15 @@ def plan(document: Document) -> None:
         units = {str(spring["joint"]): spring["unit"] for spring in document["springs"]}
         others = "; ".join(_choice(c, units) for c in document["catalogue"])
         say(f"springs compared, the best first: {others}")
-    table = empty_table("joint", "cost (N m)^2 s", "peak torque", "peak speed", "range")
+    table = empty_table("joint", "cost", "peak torque", "peak speed", "range")
     for joint in document["joints"]:
-        low, high = joint["range"]
+        (low, high), position, force = joint["range"], joint["units"]["position"], joint["units"]["force"]
         table.add_row(
-            str(joint["joint"]),
-            figure(joint["cost"]),
-            figure(joint["peak_torque"]),
-            figure(joint["peak_speed"]),
-            f"{low:.3f} to {high:.3f}",
+            numbered(joint["joint"], joint["name"]),
+            f"{figure(joint['cost'])} ({force})^2 s",
+            f"{figure(joint['peak_torque'])} {force}",
+            f"{figure(joint['peak_speed'])} {position}/s",
+            f"{fixed(low)} to {fixed(high)} {position}",
         )
     show_table(table)
     solver = document["solver"]

@@ -164,8 +164,7 @@ def beside(view: PageView) -> None:
 
 def _not_found(found: VerdictShown) -> None:
     ruled: dict[str, Any] = found["ruled_out"]
-    if ruled["rows"] or ruled["nothing"]:
-        count = len(ruled["rows"]) + len(ruled["nothing"])
+    if count := sum(map(len, ruled.values())):
         put("h2", "Considered, and not named")
         with folded(f"{number(count)} candidates and what each of them lacks"):
             filled_part("ruled_out_of", ruled)

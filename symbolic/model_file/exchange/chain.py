@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Literal
 
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import ModelError, Place, nearest, printable, quote
-from symbolic.model_file.exchange.bodies import StatedBody, placed, together
+from symbolic.model_file.exchange.bodies import NOTHING, StatedBody, placed, together
 from symbolic.model_file.exchange.tree import MOVING, Tree, TreeJoint
 from symbolic.model_file.frames import (
+    IDENTITY,
+    Rotation,
     about,
     angles,
     composed,
-    principal_moments,
+    rotation,
     scaled,
 )
 from symbolic.model_file.keys import MAX_JOINTS
-from symbolic.model_file.physics import SLACK
-from symbolic.model_file.snapping import Snapping
+from symbolic.model_file.physics import impossible_moment
+from symbolic.model_file.snapping import Snapping, listed
 
 LISTED = 8
 """Names in a message; of more, the number is said."""
@@ -36,6 +39,7 @@ class ChainJoint:
 
     body     None: not known     links   those whose bodies it is
     doubt    why a stated inertia was not taken, or ""
+    loose    of the links those that hang on a joint that is held, though it moves, and what they are as one body
     """
 
     joint: TreeJoint
@@ -43,6 +47,8 @@ class ChainJoint:
     body: StatedBody | None
     links: tuple[str, ...]
     doubt: str = ""
+    loose: tuple[str, ...] = ()
+    loose_body: StatedBody = NOTHING
 
     @property
     def type(self) -> Literal["revolute", "prismatic"]:
@@ -52,7 +58,11 @@ class ChainJoint:
 
 @dataclass(frozen=True)
 class TreeChain:
-    """A serial arm between two links; held: moving joints off its way, which stand still with it."""
+    """A serial arm between two links.
+
+    held     moving joints off its way, which stand still with it
+    root     the link that the base hangs on, or the base itself     mounting   how the base is turned in it
+    """
 
     tree: Tree
     base: str
@@ -60,6 +70,8 @@ class TreeChain:
     joints: tuple[ChainJoint, ...]
     tip: Frame
     held: tuple[str, ...]
+    root: str = ""
+    mounting: Rotation = IDENTITY
     notes: tuple[str, ...] = ()
 
 
@@ -84,9 +96,36 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     way = [snapped[joint.name] for joint in way]
     below = {link: [snapped[joint.name] for joint in joints] for link, joints in below.items()}
     made = _assembled(tree, root, end, way, below, locked)
-    used = {joint.name for joint in way} | {above[link].name for joint in made.joints for link in joint.links}
+    before = [snapped[joint.name] for joint in _down_to(root, above)]
+    used = {joint.name for joint in (*before, *way)}
+    used |= {above[link].name for joint in made.joints for link in joint.links}
     snapping.only({_place(name) for name in used})
-    return replace(made, notes=(*([note] if note else []), *snapping.notes()))
+    return replace(
+        made,
+        root=before[0].parent if before else root,
+        mounting=rotation(reduce(composed, (_origin(joint, locked) for joint in before), Frame()).rpy),
+        notes=(*([note] if note else []), *_turning(root, before, locked), *snapping.notes()),
+    )
+
+
+def _down_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
+    """The joints from the root of all to a link."""
+    way: list[TreeJoint] = []
+    while link in above:
+        way.append(above[link])
+        link = above[link].parent
+    return way[::-1]
+
+
+def _turning(base: str, before: Sequence[TreeJoint], locked: Mapping[str, float]) -> Iterator[str]:
+    """That gravity depends on joints before the base."""
+    still = ("fixed", "prismatic")
+    names = [joint.name for joint in before if joint.kind not in still and joint.name not in locked]
+    if names:
+        yield (
+            f"{shortened(base)} hangs on {some(names)}: gravity is that with "
+            f"{'it' if len(names) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another place)"
+        )
 
 
 # --- which links ---
@@ -96,7 +135,8 @@ def _check_locks(tree: Tree, locked: Mapping[str, float]) -> None:
     for name in locked:
         joint = tree.joints.get(name)
         if joint is None:
-            raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, tree.joints)}")
+            able = (one.name for one in tree.joints.values() if one.kind in MOVING)
+            raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, able)}")
         if joint.kind not in MOVING:
             raise ModelError(
                 f"{tree.file}: --lock {shortened(name)}: the joint is {shortened(joint.kind)}; only {_or(MOVING)} can "
@@ -126,6 +166,7 @@ def _only_end(
     the way, behind which something moves, are no ends."""
     ends: dict[str, list[str]] = {}
     passed = {""}
+    count = {"": 0}
     todo: list[tuple[str, str]] = [(root, "")]
     while todo:
         link, last = todo.pop()
@@ -136,11 +177,14 @@ def _only_end(
             todo.append((joint.child, joint.name if moves else last))
             if moves:
                 passed.add(last)
+                count[joint.name] = count[last] + 1
     outermost = [links for joint, links in ends.items() if joint not in passed]
     if not outermost:
         raise ModelError(f"{tree.file}: nothing moves beyond {quote(root)}; say where the arm begins: --base LINK")
     if len(outermost) > 1:
-        names = [link for joint, links in ends.items() if joint for link in links]
+        # The end of an arm is behind as many joints as an arm has, or more; a camera is not.
+        behind = sorted(filter(None, ends), key=lambda joint: -min(count[joint], MAX_JOINTS))
+        names = [link for joint in behind for link in ends[joint]]
         raise ModelError(
             f"{tree.file}: from {quote(root)} one comes to {len(names)} ends: {some(names)}; say which: --tip LINK"
         )
@@ -249,43 +293,66 @@ def _carried(
     locked: Mapping[str, float],
     on_the_way: set[str],
     held: list[str],
-) -> Iterator[tuple[str, Frame]]:
+) -> Iterator[_Carried]:
     """The links that move rigidly with one, itself first, and where they stand in its frame; `held` gets the moving
     joints that are held for it."""
-    todo = [(link, Frame())]
+    todo = [_Carried(link, Frame(), loose=False)]
     while todo:
-        name, frame = todo.pop()
-        yield name, frame
+        one = todo.pop()
+        name, frame = one.link, one.frame
+        yield one
         for joint in below[name]:
             moves = joint.kind != "fixed" and joint.name not in locked
             if moves and joint.name in on_the_way:
                 continue
             if moves:
                 held.append(joint.name)
-            todo.append((joint.child, composed(frame, _origin(joint, locked))))
+            todo.append(_Carried(joint.child, composed(frame, _origin(joint, locked)), one.loose or moves))
 
 
-def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[tuple[str, Frame]]) -> ChainJoint:
+@dataclass(frozen=True)
+class _Carried:
+    """A link that moves with another; loose: by a joint that could move."""
+
+    link: str
+    frame: Frame
+    loose: bool
+
+
+def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[_Carried]) -> ChainJoint:
     """The bodies of what it carries as one; not known where its own link is drawn, but says nothing of its mass."""
-    links = tuple(name for name, _ in carried)
-    bodies, silent = [], []
-    for name, frame in carried:
-        link = tree.links[name]
+    links = tuple(one.link for one in carried)
+    bodies, loose, silent = [], [], []
+    for one in carried:
+        link = tree.links[one.link]
         if link.body is not None and not link.body.is_nothing:
-            bodies.append(placed(link.body, frame))
+            bodies.append(placed(link.body, one.frame))
+            loose += bodies[-1:] if one.loose else []
         elif link.solid:
-            silent.append(name)
+            silent.append(one.link)
+    made = ChainJoint(
+        joint, origin, None, links, loose=tuple(one.link for one in carried if one.loose), loose_body=together(loose)
+    )
     if joint.child in silent or (not bodies and tree.links[joint.child].body is None):
-        return ChainJoint(joint, origin, None, links)
+        return made
     body = together(bodies)
-    small, _, large = principal_moments(body.inertia)
-    if small < -SLACK * abs(large) or large < 0:
-        doubt = f"the inertia of {some(links)} has the principal moment {small:.3g} kg m^2, which no body has"
-        return ChainJoint(joint, origin, body, links, doubt)
-    return ChainJoint(joint, origin, body, links)
+    wrong = impossible_moment(body.inertia)
+    if wrong is not None:
+        doubt = f"the inertia of {some(links)} has the principal moment {wrong:.3g} kg m^2, which no body has"
+        return replace(made, body=body, doubt=doubt)
+    return replace(made, body=body)
 
 
 # --- words ---
+
+
+def joints_of(which: Sequence[bool]) -> str:
+    """Which of the arm's joints, in words."""
+    return (
+        "all joints"
+        if all(which) and len(which) > 1
+        else listed([f"joint {k}" for k, is_it in enumerate(which, 1) if is_it])
+    )
 
 
 def _or(words: Mapping[str, str]) -> str:

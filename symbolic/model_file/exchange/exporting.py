@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any, Literal
 
 from symbolic.model_file.arm import Arm, Frame, Joint, SpatialArm, SpatialJoint, SpatialLink, Values
 from symbolic.model_file.exchange.bodies import Inertia, StatedBody, about_point
+from symbolic.model_file.exchange.chain import joints_of
 from symbolic.model_file.frames import Vector, scaled
-from symbolic.model_file.snapping import listed
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
@@ -22,6 +22,8 @@ WORDS: Mapping[Language, tuple[str, ...]] = {
     "mjcf": ("damping", "friction", "stiffness", "rest"),
 }
 """What a file can say of a joint's effects; see DescribedParameter.abroad."""
+GRAVITY = ("gravity x", "gravity y", "gravity z")
+"""What of an effect of the arm is gravity beside the model's own, along the base's axes."""
 DOWN = (0.0, 0.0, -9.81)
 """m/s²; where a URDF is loaded, gravity is this."""
 SLENDER, LEAST_RADIUS, USUAL_MASS = 8.0, 0.04, 1.0
@@ -34,18 +36,19 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class ExportedJoint:
-    """A joint as it is written; dynamics: by the words of the format."""
+    """A joint as it is written; dynamics: by the words of the format; unknown: of these, what has no value yet."""
 
     name: str
     joint: SpatialJoint
     body: StatedBody
     rotor: float
     dynamics: Mapping[str, float]
+    unknown: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
 class ExportedArm:
-    """unsaid: what the format has no words for, an item each."""
+    """unsaid: what the format has no words for, or the model no value, an item each."""
 
     arm: SpatialArm
     joints: tuple[ExportedJoint, ...]
@@ -53,16 +56,17 @@ class ExportedArm:
 
 
 class _Unsaid:
-    """What a format has no words for, joints together."""
+    """What a file does not say of effects, the n joints of an arm together."""
 
-    def __init__(self) -> None:
-        self._places: dict[tuple[str, str], list[str]] = {}
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._places: dict[tuple[str, str], list[bool]] = {}
 
     def add(self, effect: str, joint: int, how: str = "") -> None:
-        self._places.setdefault((effect, how), []).append(f"joint {joint}")
+        self._places.setdefault((effect, how), [False] * self._n)[joint - 1] = True
 
     def lines(self) -> list[str]:
-        return [f"{effect} at {listed(places)}{how}" for (effect, how), places in self._places.items()]
+        return [f"{effect} at {joints_of(which)}{how}" for (effect, how), which in self._places.items()]
 
 
 def exported(
@@ -77,26 +81,62 @@ def exported(
     bodies   in their joints' frames, possible ones     rotors   inertias at the output
     """
     spatial = in_space(arm)
-    missing = _Unsaid()
+    missing = _Unsaid(len(spatial.joints))
     joints = []
     for k, (joint, body, rotor) in enumerate(zip(spatial.joints, bodies, rotors, strict=True), 1):
-        said = _dynamics(joint.effects, library, language, k, missing)
-        joints.append(ExportedJoint(joint.name or f"joint{k}", joint, body, rotor, said))
-    unsaid = [*missing.lines(), *(f"{name} of the arm" for name in arm.effects)]
+        said, unknown = _dynamics(joint.effects, library, language, k, missing)
+        joints.append(ExportedJoint(joint.name or f"joint{k}", joint, body, rotor, said, unknown))
+    spatial, of_arm = _with_gravity(spatial, arm, library)
+    unsaid = [*missing.lines(), *of_arm]
     if arm.contact is not None:
         unsaid.append("the contact with a plate")
+    unsaid += _keys_unsaid(arm, language)
     if language == "urdf":
-        turning = [f"joint {k}" for k, rotor in enumerate(rotors, 1) if rotor]
-        unsaid += [f"rotor_inertia of {listed(turning)}"] if turning else []
+        unsaid += [f"rotor_inertia of {joints_of([bool(rotor) for rotor in rotors])}"] if any(rotors) else []
         unsaid += [f"gravity {list(spatial.gravity)}: loaders take {list(DOWN)}"] if spatial.gravity != DOWN else []
     return ExportedArm(spatial, tuple(joints), tuple(unsaid))
 
 
+def _with_gravity(
+    spatial: SpatialArm, arm: Arm | SpatialArm, library: Mapping[str, Effect]
+) -> tuple[SpatialArm, list[str]]:
+    """The arm with what its own effects add to gravity, and those that do something else, or nobody knows how much."""
+    gravity, unsaid = list(spatial.gravity), []
+    for name, values in arm.effects.items():
+        own = [p for p in library[name].parameters if not p.space or arm is spatial] if name in library else []
+        if not own or any(p.abroad not in GRAVITY for p in own):
+            unsaid.append(f"{name} of the arm")
+        elif any(p.name not in values for p in own):
+            unsaid.append(f"{name} of the arm: its values are not known")
+        else:
+            for p in own:
+                gravity[GRAVITY.index(p.abroad)] += values[p.name]
+    x, y, z = gravity
+    return replace(spatial, gravity=(x, y, z)), unsaid
+
+
+def _keys_unsaid(arm: Arm | SpatialArm, language: Language) -> Iterator[str]:
+    """What the model file states of drives and controllers, which neither format has words for, and of speeds."""
+    stated: dict[str, list[bool]] = {
+        "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
+        "encoder": [joint.encoder_counts is not None for joint in arm.joints],
+        "controller": [joint.gains is not None for joint in arm.joints],
+        "drive": [joint.drive is not None for joint in arm.joints],
+    }
+    if language == "mjcf":
+        stated["limits.speed"] = [joint.limits.speed is not None for joint in arm.joints]
+    for key, which in stated.items():
+        if any(which):
+            yield f"{key} of {joints_of(which)}"
+
+
 def _dynamics(
     effects: Mapping[str, Values], library: Mapping[str, Effect], language: Language, joint: int, unsaid: _Unsaid
-) -> dict[str, float]:
-    """What the format says of a joint's effects, by its words; the rest is told to `unsaid`."""
+) -> tuple[dict[str, float], frozenset[str]]:
+    """What the format says of a joint's effects, by its words, and of which of them the values are not known; the rest
+    is told to `unsaid`."""
     said: dict[str, float] = {}
+    unknown: set[str] = set()
     for name, values in effects.items():
         words = {p.name: p.abroad for p in library[name].parameters} if name in library else {}
         if not words or not set(words.values()) <= set(WORDS[language]):
@@ -104,13 +144,14 @@ def _dynamics(
             continue
         if not words.keys() <= values.keys():
             unsaid.add(name, joint, ": its values are not known")
+            unknown |= set(words.values())
             continue
         for word in dict.fromkeys(words.values()):
             stated = [values[key] for key, other in words.items() if other == word]
             said[word] = said.get(word, 0.0) + fmean(stated)
             if len(set(stated)) > 1:
                 unsaid.add(name, joint, " in each direction: the mean of both is written")
-    return said
+    return said, frozenset(unknown - said.keys())
 
 
 # --- the arm in space ---
@@ -217,8 +258,12 @@ def _without_rounding(values: Sequence[float], size: float) -> tuple[float, ...]
     return tuple(0.0 if abs(value) < ROUNDING * size else value for value in values)
 
 
-def document(made: ExportedArm, missing: float) -> dict[str, Any]:
-    """What was written, as JSON; missing: rms of the torque that the bodies miss, as a part of the torque's."""
+def document(made: ExportedArm, missing: float, kept: Sequence[str] = ()) -> dict[str, Any]:
+    """What was written, as JSON.
+
+    missing   rms of the torque that the bodies miss, as a part of the torque's
+    kept      what a file into which it was written says otherwise than the model
+    """
     return {
         "name": made.arm.name,
         "missing": missing,
@@ -237,4 +282,5 @@ def document(made: ExportedArm, missing: float) -> dict[str, Any]:
             for k, joint in enumerate(made.joints, 1)
         ],
         "unsaid": list(made.unsaid),
+        "kept": list(kept),
     }

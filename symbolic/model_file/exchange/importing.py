@@ -13,8 +13,9 @@ from symbolic.described import AnyEffect
 from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLink, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import model_text, urdf, xml_file
-from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, shortened, some
+from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, joints_of, shortened, some
 from symbolic.model_file.exchange.tree import Tree, TreeJoint
+from symbolic.model_file.frames import applied, transposed
 from symbolic.model_file.reader import parse
 from symbolic.model_file.snapping import listed
 
@@ -79,9 +80,9 @@ def imported(
     doubtful = _placeholders(found, friction)
     notes += doubtful
     arm = _arm(found, path, effects, notes)
-    gears = ["" if joint.joint.gear is not None else "not stated" for joint in found.joints]
+    gears = [_beside_gear(joint.joint) for joint in found.joints]
     gravity = (
-        "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.base)} is taken to point up"
+        "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.root)} is taken to point up"
     )
     text = model_text.text(arm, [*_head(found, path), *doubtful], gravity, gears)
     made = parse(text, path.name, library)
@@ -97,7 +98,7 @@ def read_tree(path: Path) -> Tree:
     if root.tag == "mujoco":
         from symbolic.model_file.exchange import mjcf
 
-        return mjcf.tree(path)
+        return mjcf.tree(path, root)
     return root.fail(f"its root is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
 
 
@@ -132,7 +133,7 @@ def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], not
             )
         )
     notes += _left_out(found)
-    gravity = DOWN if found.tree.gravity is None else found.tree.gravity
+    gravity = applied(transposed(found.mounting), DOWN if found.tree.gravity is None else found.tree.gravity)
     return SpatialArm(arm_name(found.tree.name, path), gravity, tuple(joints), tip=found.tip)
 
 
@@ -158,23 +159,31 @@ def _left_out(found: TreeChain) -> list[str]:
         ("the rotor's inertia", [joint.joint.rotor is None for joint in found.joints]),
     ):
         if any(missing):
-            notes.append(f"{what} of {_joints(missing)}: not stated, hence unknown")
-    gearless = [joint.joint.gear in (None, 1.0) for joint in found.joints]
+            notes.append(f"{what} of {joints_of(missing)}: not stated, hence unknown")
+    for k, joint in enumerate(found.joints, 1):
+        if joint.joint.gears and joint.joint.gear is None:
+            notes.append(
+                f"gear_ratio of joint {k}: the file's differ ({gears_of(joint.joint)}): none is taken, 1 stands for "
+                "it; ripple, encoders and currents need the true one"
+            )
+    gearless = [joint.joint.gear == 1.0 or not joint.joint.gears for joint in found.joints]
     if any(gearless):
         notes.append(
-            f"gear_ratio of {_joints(gearless)}: 1, since nothing else is stated; ripple, encoders and currents need "
+            f"gear_ratio of {joints_of(gearless)}: 1, since nothing else is stated; ripple, encoders and currents need "
             "the true one"
         )
     return notes
 
 
-def _joints(which: Sequence[bool]) -> str:
-    """Which of the arm's joints, in words."""
-    return (
-        "all joints"
-        if all(which) and len(which) > 1
-        else listed([f"joint {k}" for k, is_it in enumerate(which, 1) if is_it])
-    )
+def _beside_gear(joint: TreeJoint) -> str:
+    """What a model file says beside a gear ratio that it has not from the file."""
+    if joint.gear is not None:
+        return ""
+    return f"not known: the file's differ ({gears_of(joint)})" if joint.gears else "not stated"
+
+
+def gears_of(joint: TreeJoint) -> str:
+    return some([f"{ratio:.{model_text.DIGITS}g} of {by}" for by, ratio in joint.gears])
 
 
 def _is(names: Sequence[str]) -> str:
@@ -224,28 +233,29 @@ SIZES = ("damping", "friction", STIFFNESS)
 
 def _placeholders(found: TreeChain, friction: bool) -> list[str]:
     """What looks typed to have a number, in a line; it is taken as it stands."""
-    friction_words = ("friction", "damping") if friction else ()
+    typed = (*(("friction", "damping") if friction else ()), "rotor_inertia")
     seen: dict[str, list[bool]] = {}
     for kind in ("revolute", "prismatic"):
         here = [joint.type == kind for joint in found.joints]
-        for word in (*friction_words, "speed", "torque"):
+        for word in (*typed, "speed", "torque"):
             stated = [_stated(joint.joint, word) if own else 0.0 for joint, own in zip(found.joints, here, strict=True)]
             # Drives of one make have one limit, but several joints have hardly the same power of ten by chance.
-            if is_placeholder(stated) if word in friction_words else is_round(stated) and sum(map(bool, stated)) > 1:
-                seen[f"{word} = {max(stated):g}"] = [value > 0 for value in stated]
+            if is_placeholder(stated) if word in typed else is_round(stated) and sum(map(bool, stated)) > 1:
+                which = seen.setdefault(f"{word} = {max(stated):g}", [False] * len(stated))
+                which[:] = [one or value > 0 for one, value in zip(which, stated, strict=True)]
     if not seen:
         return []
     places: dict[str, list[str]] = {}
     for what, which in seen.items():
-        places.setdefault(_joints(which), []).append(what)
+        places.setdefault(joints_of(which), []).append(what)
     said = "; ".join(f"{listed(numbers)} at {where}" for where, numbers in places.items())
     return [f"{said}: looks like a placeholder, taken as stated; delete what nobody measured: it is unknown then"]
 
 
 def _stated(joint: TreeJoint, word: str) -> float:
     """0 where it states none, or none that can be."""
-    limits = {"speed": joint.speed or 0.0, "torque": joint.torque or 0.0}
-    return max(joint.dynamics.get(word, limits.get(word, 0.0)), 0.0)
+    others = {"speed": joint.speed, "torque": joint.torque, "rotor_inertia": joint.rotor}
+    return max(joint.dynamics.get(word, others.get(word) or 0.0), 0.0)
 
 
 def is_placeholder(stated: Sequence[float]) -> bool:

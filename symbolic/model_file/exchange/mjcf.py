@@ -5,112 +5,51 @@ Source: the XML reference at mujoco.readthedocs.io.
 
 from __future__ import annotations
 
-import importlib
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Iterable, Iterator, Sequence, Set
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from symbolic.model_file.arm import Frame
-from symbolic.model_file.checks import LARGEST, ModelError, printable
+from symbolic.model_file.checks import LARGEST, printable
 from symbolic.model_file.exchange.bodies import NOTHING, StatedBody, packed
+from symbolic.model_file.exchange.chain import shortened
+from symbolic.model_file.exchange.mjcf_compiled import compiled
 from symbolic.model_file.exchange.tree import Tree, TreeJoint, TreeLink
+from symbolic.model_file.exchange.xml_file import XmlNode
 from symbolic.model_file.frames import Rotation, Vector, about, angles, composed, product, scaled, transposed
 
 KINDS = ("free", "ball", "prismatic", "revolute")
 """By MuJoCo's number."""
-UNSEEN = ("keys", "sensors", "pairs", "excludes", "skins", "flexes", "equalities", "tendons")
-"""Parts of a description that say nothing of a single arm, but may refer to shapes that are not read."""
+PLAIN = (0, 0)
+"""Of an actuator's gain and bias: its control is its force, as a motor's is."""
 
 
-def tree(path: Path) -> Tree:
+def tree(path: Path, root: XmlNode) -> Tree:
     """The bodies and joints that an MJCF file describes; its sites are links without a body.
 
-    Raises ModelError: `mujoco` is not installed or too old, or refuses the file.
+    root   of the file, as XML
+    Raises ModelError: what CompiledMjcf cannot be made of.
     """
-    try:
-        mujoco = importlib.import_module("mujoco")
-    except ImportError:
-        raise ModelError(
-            f"{printable(str(path))}: MJCF is read by the package mujoco, which is not installed: pip install mujoco "
-            "(the extra `mjcf`)"
-        ) from None
-    if not hasattr(getattr(mujoco, "MjSpec", None), "delete"):
-        raise ModelError(
-            f"{printable(str(path))}: MJCF needs a newer mujoco than {printable(str(mujoco.__version__))}: pip install "
-            "--upgrade mujoco (the extra `mjcf`)"
-        )
-    try:
-        with _heard(mujoco) as warned:
-            spec = mujoco.MjSpec.from_file(str(path))
-            related = len(spec.equalities) + len(spec.tendons)
-            afloat = sum(body.gravcomp != 0 for body in spec.bodies)
-            unknown = _without_shapes(mujoco, spec)
-            model = spec.compile()
-    except (ValueError, OSError) as error:
-        raise ModelError(f"{printable(str(path))}: MuJoCo says: {printable(' '.join(str(error).split()))}") from None
-    found = _Bodies(model, unknown)
+    made = compiled(path, root)
+    found = _Bodies(made.model, made.unknown)
     links, joints = found.tree()
-    x, y, z = (float(g) for g in model.opt.gravity)
-    notes = [f"MuJoCo warns: {printable(' '.join(text.split()))}" for text in warned]
-    if related:
-        notes.append("equality constraints and tendons are not part of an arm: left out")
-    if afloat:
-        notes.append("gravcomp, which takes bodies' weight away, is not part of an arm: left out")
-    return Tree(printable(str(path)), "MJCF", spec.modelname, links, joints, (x, y, z), tuple(notes))
+    notes = [*made.notes, *_bent(made.model)]
+    return Tree(printable(str(path)), "MJCF", made.name, links, joints, made.gravity, tuple(notes))
 
 
-@contextmanager
-def _heard(mujoco: Any) -> Iterator[list[str]]:
-    """What MuJoCo warns of meanwhile, which it would write to the screen and to a file in the user's folder."""
-    texts: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(texts.append)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield texts
-    finally:
-        mujoco.set_mju_user_warning(before)
-
-
-def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
-    """Take out what is only drawn, and what needs a file of a mesh: the names of bodies whose inertia that leaves
-    unknown, which get some to be compiled."""
-    for kind in UNSEEN:
-        for item in list(getattr(spec, kind, ())):
-            spec.delete(item)
-    for actuator in list(spec.actuators):
-        if actuator.trntype not in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
-            spec.delete(actuator)
-    unknown = set()
-    for k, body in enumerate(spec.bodies):
-        if not body.name:
-            body.name = f"body{k}"
-        stored = [geom for geom in body.geoms if geom.meshname or geom.hfieldname]
-        if k > 0 and not body.explicitinertial and any(_weighs(spec, geom) for geom in stored):
-            unknown.add(body.name)
-            body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
-        for geom in list(body.geoms) if body.explicitinertial or k == 0 else stored:
-            spec.delete(geom)
-        for drawn in [*body.geoms, *body.sites]:
-            drawn.material = ""
-    for asset in [*spec.meshes, *spec.hfields, *spec.materials, *spec.textures]:
-        spec.delete(asset)
-    return unknown
-
-
-def _weighs(spec: Any, geom: Any) -> bool:
-    """Whether a body without a stated inertia has some from this shape."""
-    first, last = spec.compiler.inertiagrouprange
-    return bool(geom.mass != 0 and geom.density != 0 and first <= geom.group <= last)
+def _bent(model: Any) -> Iterator[str]:
+    """What of damping and springs is no straight line, of a MuJoCo that knows such."""
+    for what, name in (("damping", "dof_dampingpoly"), ("stiffness", "jnt_stiffnesspoly")):
+        if hasattr(model, name) and getattr(model, name).any():
+            yield f"{what} of more than one number: what grows with the first power is taken, the rest is left out"
 
 
 class _Bodies:
     """MuJoCo's arrays as links and joints; a body with several joints gets a frame for each."""
 
-    def __init__(self, model: Any, unknown: set[str]) -> None:
+    def __init__(self, model: Any, unknown: Set[str]) -> None:
         self.model, self.unknown = model, unknown
         self.frames: dict[int, tuple[str, Frame]] = {0: (model.body(0).name, Frame())}
         """Of every body, the link that it is, and where its own frame stands in the link's."""
@@ -162,13 +101,13 @@ class _Bodies:
         zero = -float(model.qpos0[at])
         shift = Frame(scaled(zero, axis)) if kind == "prismatic" else Frame(rpy=angles(about(axis, zero)))
         low, high = (float(end) for end in model.jnt_range[k])
+        drive = _drive(model, k)
         stated = {
-            "damping": float(model.dof_damping[dof]),
+            "damping": float(model.dof_damping[dof]) + drive.damping,
             "friction": float(model.dof_frictionloss[dof]),
             "stiffness": float(model.jnt_stiffness[k]),
             "rest": float(model.qpos_spring[at]),
         }
-        gear, torque = self.drive(k)
         return TreeJoint(
             name,
             kind,
@@ -178,24 +117,11 @@ class _Bodies:
             axis,
             (low, high) if model.jnt_limited[k] and low < high and max(-low, high) < LARGEST else None,
             None,
-            torque,
+            drive.torque,
             {word: value for word, value in stated.items() if value},
-            float(model.dof_armature[dof]) or None,
-            gear,
+            float(model.dof_armature[dof]) + drive.rotor or None,
+            drive.gears,
         )
-
-    def drive(self, k: int) -> tuple[float | None, float | None]:
-        """Gear ratio and largest torque of the joint's actuator, where it has one."""
-        model = self.model
-        limits = [model.jnt_actfrcrange[k]] if model.jnt_actfrclimited[k] else []
-        gear = None
-        for a in range(model.nu):
-            if int(model.actuator_trnid[a][0]) == k:
-                gear = abs(float(model.actuator_gear[a][0])) or None
-                if model.actuator_forcelimited[a] and gear:
-                    limits.append([gear * force for force in model.actuator_forcerange[a]])
-        largest = [min(-float(low), float(high)) for low, high in limits]
-        return gear, min((value for value in largest if 0 < value < LARGEST), default=None)
 
     def body(self, k: int, shift: Vector) -> StatedBody | None:
         """Of a body in its link's frame, which stands off its own by a shift."""
@@ -207,6 +133,46 @@ class _Bodies:
         diagonal: Rotation = ((principal[0], 0.0, 0.0), (0.0, principal[1], 0.0), (0.0, 0.0, principal[2]))
         com = _less(_vector(model.body_ipos[k]), scaled(-1.0, shift))
         return StatedBody(float(model.body_mass[k]), com, packed(product(product(R, diagonal), transposed(R))))
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """What the actuators of a joint say, at the joint: the gears of those that move it, by whom; the largest torque,
+    None without any; the inertia and the damping that stand on their side of the gear, of a MuJoCo that knows such."""
+
+    gears: tuple[tuple[str, float], ...]
+    torque: float | None
+    rotor: float
+    damping: float
+
+
+def _drive(model: Any, k: int) -> _Drive:
+    at_joint = [a for a in range(model.nu) if int(model.actuator_trnid[a][0]) == k]
+    gears = {a: ratio for a in at_joint if (ratio := abs(float(model.actuator_gear[a][0])))}
+    # The forces of actuators at one joint add up, and so does what moves with them.
+    forces = [ratio * min(_largest(_forces(model, a)), default=math.inf) for a, ratio in gears.items()]
+    own = _largest([model.jnt_actfrcrange[k]] if model.jnt_actfrclimited[k] else [])
+    torque = min([*own, *([sum(forces)] if forces else [])], default=math.inf)
+    sums = [
+        sum(ratio**2 * float(getattr(model, what)[a]) for a, ratio in gears.items() if hasattr(model, what))
+        for what in ("actuator_armature", "actuator_damping")
+    ]
+    by = tuple((f"actuator {shortened(model.actuator(a).name) or a + 1}", ratio) for a, ratio in gears.items())
+    return _Drive(by, torque if torque < LARGEST else None, *sums)
+
+
+def _largest(ranges: Iterable[Sequence[Any]]) -> list[float]:
+    """What each range allows in both directions, of those that do."""
+    both = (min(-float(low), float(high)) for low, high in ranges)
+    return [value for value in both if 0 < value < LARGEST]
+
+
+def _forces(model: Any, a: int) -> Iterator[Sequence[float]]:
+    """Ranges of an actuator's force, before its gear."""
+    if model.actuator_forcelimited[a]:
+        yield model.actuator_forcerange[a]
+    if model.actuator_ctrllimited[a] and (model.actuator_gaintype[a], model.actuator_biastype[a]) == PLAIN:
+        yield abs(float(model.actuator_gainprm[a][0])) * model.actuator_ctrlrange[a]
 
 
 def _vector(values: Sequence[Any]) -> Vector:

@@ -17,6 +17,8 @@ MOVING: Mapping[str, Literal["revolute", "prismatic"]] = {
     "prismatic": "prismatic",
 }
 """Kinds of joints that an arm may have -> their type in the model file."""
+FREE = 1e9
+"""A limit from which on it is none: where URDF wants one."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,10 @@ class TreeJoint:
     origin     of the child's frame in the parent's at q = 0; axis in the child's frame
     position, speed, torque   limits, None: not stated
     dynamics   what simulators' files say of friction and springs at it, by their word (see DescribedParameter.abroad)
-    rotor      inertia at the output, gear: turns of the motor a turn of the joint; None: not stated
+    rotor      inertia at the output; None: not stated
+    gears      every statement of turns of a motor a turn of the joint: by whom, and how many
     mimics     the joint that it follows
-    doubts     what the file states of its limits that none can be, an item each
+    doubts     what the file states of it that cannot be or that an arm has no words for, an item each
     """
 
     name: str
@@ -52,7 +55,7 @@ class TreeJoint:
     torque: float | None = None
     dynamics: Mapping[str, float] = field(default_factory=dict)
     rotor: float | None = None
-    gear: float | None = None
+    gears: tuple[tuple[str, float], ...] = ()
     mimics: str | None = None
     doubts: tuple[str, ...] = ()
 
@@ -60,6 +63,12 @@ class TreeJoint:
     def moves(self) -> bool:
         """Whether it could be held somewhere."""
         return self.kind in MOVING
+
+    @property
+    def gear(self) -> float | None:
+        """Turns of the motor a turn of the joint; None where the file states none, or several that differ."""
+        ratios = {ratio for _, ratio in self.gears}
+        return ratios.pop() if len(ratios) == 1 else None
 
 
 @dataclass(frozen=True)

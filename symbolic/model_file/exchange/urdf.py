@@ -5,13 +5,15 @@ Source: the specification at wiki.ros.org/urdf/XML; ros2_control for <mechanical
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 from symbolic.model_file.arm import Frame
-from symbolic.model_file.checks import LARGEST, quote
+from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.bodies import StatedBody, turned
-from symbolic.model_file.exchange.tree import Tree, TreeJoint, TreeLink
+from symbolic.model_file.exchange.chain import shortened, some
+from symbolic.model_file.exchange.tree import FREE, Tree, TreeJoint, TreeLink
 from symbolic.model_file.exchange.xml_file import XmlNode
 
 Made = TypeVar("Made", TreeLink, TreeJoint)
@@ -21,15 +23,25 @@ REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 DYNAMICS = ("damping", "friction")
 
 
+@dataclass(frozen=True)
+class Reduction:
+    """Turns of a motor a turn of its joint, above 0; by: of which transmission; node: where that stands, with a sign if
+    the motor turns backwards."""
+
+    by: str
+    ratio: float
+    node: XmlNode
+
+
 def tree(root: XmlNode) -> Tree:
     """The robot that a URDF describes. Raises ModelError."""
     if any(node.tag.startswith("xacro:") for node in root.everything()):
         root.fail("is a xacro template and no URDF yet; expand it first: xacro FILE > robot.urdf")
-    gears = _gears(root)
+    gears, coupled = reductions(root), _coupled(root)
     links = _named(root, "link", _link)
     if not links:
         root.fail("the robot has no <link>; expected links and joints")
-    joints = _named(root, "joint", lambda node: _joint(node, gears))
+    joints = _named(root, "joint", lambda node: _joint(node, gears, coupled))
     return Tree(root.file, "URDF", root.attributes.get("name", ""), links, joints)
 
 
@@ -68,7 +80,7 @@ def _body(inertial: XmlNode) -> StatedBody:
     return StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
 
 
-def _joint(node: XmlNode, gears: Mapping[str, float]) -> TreeJoint:
+def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], coupled: Mapping[str, Sequence[str]]) -> TreeJoint:
     name, kind = node.word("name"), node.word("type")
     parent, child = (node.needed(end).word("link") for end in ("parent", "child"))
     axis, limit, dynamics, mimic = (node.first(tag) for tag in ("axis", "limit", "dynamics", "mimic"))
@@ -86,22 +98,22 @@ def _joint(node: XmlNode, gears: Mapping[str, float]) -> TreeJoint:
         speed,
         torque,
         {key: value for key, value in stated.items() if value},
-        gear=gears.get(name),
+        gears=tuple((one.by, one.ratio) for one in gears.get(name, ())),
         mimics=None if mimic is None else mimic.word("joint"),
-        doubts=() if limit is None else tuple(_doubts(limit)),
+        doubts=(*(() if limit is None else _doubts(limit)), *coupled.get(name, ())),
     )
 
 
 def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None]:
     """Position, speed and torque; what is 0, infinite or as good as infinite is no limit."""
     low, high = (limit.bound(key) or 0.0 for key in ("lower", "upper"))
-    bounded = kind in ("revolute", "prismatic") and low < high and max(-low, high) < LARGEST
+    bounded = kind in ("revolute", "prismatic") and low < high and max(-low, high) < FREE
     endless = any(limit.attributes.get(key) is not None and limit.bound(key) is None for key in ("lower", "upper"))
     speed, torque = (limit.bound(key) for key in ("velocity", "effort"))
     return (
         (low, high) if bounded and not endless else None,
-        speed if speed is not None and 0 < speed < LARGEST else None,
-        torque if torque is not None and 0 < torque < LARGEST else None,
+        speed if speed is not None and 0 < speed < FREE else None,
+        torque if torque is not None and 0 < torque < FREE else None,
     )
 
 
@@ -116,15 +128,30 @@ def _doubts(limit: XmlNode) -> Iterator[str]:
             yield f"its limit of {key} is {value:g}"
 
 
-def _gears(root: XmlNode) -> dict[str, float]:
-    """Turns of the motor a turn of the joint, where a <transmission> says so; its sign is the motor's direction."""
-    found = {}
-    for transmission in root.deep("transmission"):
-        names = {node.attributes.get("name", "") for node in transmission.deep("joint")}
-        reductions = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
-        if len(names) == 1 and len(reductions) == 1:
-            (name,), (node,) = names, reductions
-            stated = XmlNode(node.tag, {"value": node.text.strip()}, node.file, node.line)
-            if ratio := abs(stated.number("value")):
-                found[name] = ratio
+def reductions(root: XmlNode) -> dict[str, list[Reduction]]:
+    """What the <transmission>s of a single joint state of its gears, by the joint's name."""
+    found: dict[str, list[Reduction]] = {}
+    for by, names, stated in _transmissions(root):
+        for node in stated if len(names) == 1 else ():
+            read = XmlNode(node.tag, {"value": node.text.strip()}, node.file, node.line)
+            if ratio := abs(read.number("value")):
+                found.setdefault(names[0], []).append(Reduction(by, ratio, node))
     return found
+
+
+def _coupled(root: XmlNode) -> dict[str, list[str]]:
+    """That motors move a joint together with others, as those of a differential do, by the joint's name."""
+    found: dict[str, list[str]] = {}
+    for by, names, stated in _transmissions(root):
+        for name in names if len(names) > 1 and stated else ():
+            others = some([other for other in names if other != name])
+            found.setdefault(name, []).append(f"the gear of {by}, whose motors move {others} too")
+    return found
+
+
+def _transmissions(root: XmlNode) -> Iterator[tuple[str, list[str], list[XmlNode]]]:
+    """What each <transmission> is called, its joints, and the elements of its reductions."""
+    for transmission in root.deep("transmission"):
+        names = dict.fromkeys(node.attributes.get("name", "") for node in transmission.deep("joint"))
+        stated = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
+        yield f"transmission {shortened(transmission.attributes.get('name') or 'without a name')}", list(names), stated

@@ -9,13 +9,12 @@ from xml.sax.saxutils import quoteattr
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.exchange.exporting import ExportedArm, ExportedJoint
+from symbolic.model_file.exchange.tree import FREE
 from symbolic.model_file.frames import scaled
 
 DIGITS = 15
 """Of a number: as many as a double has for certain, so that the torques are those of the model."""
 BASE, TIP = "base", "tip"
-FREE = 1e9
-"""A limit that is none, where URDF wants one."""
 
 
 def urdf(made: ExportedArm) -> str:
