@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from runtime.estimation.identify import Identification
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem, least_inertia
-from runtime.estimation.settings import SUSPICION_SAMPLES
+from runtime.estimation.settings import LEAST_RECORDED, SUSPICION_SAMPLES
 from runtime.model.catalogue import JointInfo
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
@@ -91,6 +91,7 @@ class _Equations:
     gram   (K, K) of the regressor      fixed  (K,) its product with the part without free coefficient
     cross  (K, n) with each joint's torque at these rows
     power, mixed, own   (n,), (n,), scalar: squares of the torques, their products with the fixed part, its square
+    rows   how many these are
     """
 
     gram: Array
@@ -99,17 +100,20 @@ class _Equations:
     power: Array
     mixed: Array
     own: float
+    rows: int
 
 
 class Readings:
     """The structure of an identification, refitted on an excerpt of its motion under one reading after another.
 
     any_inertia   whether one that no arm has is believed as well
+    able          joints (0-based) whose torque is there in the excerpt; of no other can anything be told
     """
 
-    def __init__(self, identification: Identification, able: Sequence[int], any_inertia: bool = False) -> None:
-        self.model, self.fit, self.able, self.any_inertia = identification.model, identification.fit, able, any_inertia
+    def __init__(self, identification: Identification, any_inertia: bool = False) -> None:
+        self.model, self.fit, self.any_inertia = identification.model, identification.fit, any_inertia
         self.motion, _ = identification.motion.excerpt(SUSPICION_SAMPLES)
+        self.able = [i for i in range(self.motion.n) if self._torque_is_there(i)]
         self._terms = identification.problem.layout.terms
         self._prediction = identification.problem.regressors.prediction
         self._layout = identification.problem.layout
@@ -118,7 +122,8 @@ class Readings:
         self._coefficients: dict[Reading, Array] = {}
 
     def errors(self, reading: Reading) -> Array:
-        """(n,) relative errors, every joint weighted by its torque; infinite where no arm has such an inertia."""
+        """(n,) relative errors, every joint weighted by its torque; infinite where no arm has such an inertia, or where
+        another joint's torque is none while this one moves."""
         if reading not in self._errors:
             self._errors[reading] = self._solved(reading)
         return self._errors[reading]
@@ -135,7 +140,10 @@ class Readings:
         right = {}
         for i, joint in equations.items():
             source, sign = reading.torques[i], reading.signs[i]
-            weight = 1 / max(joint.power[source], 1e-300)
+            if joint.power[source] <= joint.rows * LEAST_RECORDED**2:
+                errors[i] = np.inf
+                continue
+            weight = 1 / joint.power[source]
             right[i] = (
                 weight,
                 sign * joint.cross[:, source] - joint.fixed,
@@ -151,6 +159,10 @@ class Readings:
             left = power - 2 * theta @ product + theta @ equations[i].gram @ theta
             errors[i] = float(np.sqrt(max(weight * left, 0.0)))
         return errors
+
+    def _torque_is_there(self, joint: int) -> bool:
+        torque = self.motion.torque(joint, self.fit.skew)[self.motion.moving(joint)]
+        return float(torque @ torque) > len(torque) * LEAST_RECORDED**2
 
     def _possible(self, reading: Reading, lumps: Array) -> bool:
         """Whether an arm can have such an inertia."""
@@ -174,7 +186,8 @@ class Readings:
             x, fixed = (rows[..., use] for rows in problem.rows(i, self.fit.shapes))
             torques = np.array([other.torque(i, self.fit.skew)[use] for other in of_one])
             power = np.sum(torques**2, axis=1)
-            found[i] = _Equations(x @ x.T, x @ fixed, x @ torques.T, power, torques @ fixed, float(fixed @ fixed))
+            own = float(fixed @ fixed)
+            found[i] = _Equations(x @ x.T, x @ fixed, x @ torques.T, power, torques @ fixed, own, len(fixed))
         return found
 
 

@@ -265,6 +265,10 @@ SIGNS_TRIED_TOGETHER: Final = 7
 SUSPICION_SAMPLES: Final = 20_000
 """samples; on so many a suspicion is tried: it concerns most of the torque; time."""
 
+LEAST_RECORDED: Final = 1e-30
+"""unit of a torque; a joint's that is smaller is none, as behind a filter when the recording has become zero: an error
+relative to it is no number, and nothing of how its columns are read can be told; definition."""
+
 # friction outside the data ------------------------------------------------------------------------------------------
 
 FRICTION_RANGE: Final = 4

@@ -46,8 +46,8 @@ def _worse_than_none(problem: Problem, fit: Fit) -> str | None:
     for i, left in enumerate(fit.residual):
         use = problem.motion.moving(i)
         torque = float(np.sum(problem.motion.torque(i, fit.skew)[use] ** 2))
-        if float(left[use] @ left[use]) > torque:
-            error = 100 * float(np.sqrt(left[use] @ left[use] / max(torque, 1e-300)))
+        if (rest := float(left[use] @ left[use])) > torque:
+            error = 100 * float(np.sqrt(rest / max(torque, 1e-300)))
             return (
                 f"joint {i + 1}: the fit is worse than no model (error {error:.0f} %): these recordings do not tell "
                 "its parameters; record faster motion, or with a finer encoder"

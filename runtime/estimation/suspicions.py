@@ -45,10 +45,10 @@ def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
     if not able:
         return ()
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    if not _doubtful(identification, able):
+    readings = Readings(identification)
+    if not _doubtful(identification, able) or not readings.able:
         by_factor = factors.found(identification, able, lumps, given, LEAST_TELLING_RATIO)
         return put_right.told(identification, given, None, by_factor)
-    readings = Readings(identification, able)
     before = _as_given(identification, readings)
     reading, alike = _degrees_first(readings, _Search(readings, before).all_mistakes())
     lumps = lumps if reading == given else readings.lumps(reading)
@@ -80,9 +80,11 @@ def doubts(identification: Identification) -> tuple[Suspicion, ...]:
         return ()
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
     by_factor = factors.found(identification, able, lumps, given, DOUBTED_RATIO)
-    if not _doubtful(identification, able) or not np.isinf(Readings(identification, able).errors(given)).any():
+    readings = Readings(identification)
+    doubtful = _doubtful(identification, able) and readings.able
+    if not doubtful or not np.isinf(readings.errors(given)).any():
         return put_right.told(identification, given, None, by_factor)
-    readings = Readings(identification, able, any_inertia=True)
+    readings = Readings(identification, any_inertia=True)
     before = _as_given(identification, readings)
     reading = _Search(readings, before).likeliest()
     return put_right.told(identification, reading, (before, readings.errors(reading)), {})
@@ -129,7 +131,7 @@ class _Search:
     """From the data as they are, whose relative errors are `before` (n,), to those with all mistakes put right."""
 
     def __init__(self, readings: Readings, before: Array) -> None:
-        self.readings, self.able = readings, list(readings.able)
+        self.readings, self.able = readings, readings.able
         self.reading, self.before = Reading.given(len(before)), before
 
     def all_mistakes(self) -> Reading:

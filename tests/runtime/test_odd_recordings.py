@@ -180,6 +180,22 @@ def test_what_no_encoder_tells_is_no_motion(tmp_path: Path, capsys: pytest.Captu
     assert "q1 is constant; nothing moves" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+@pytest.mark.parametrize("told", [0, 2, 3, 50])
+@pytest.mark.parametrize("rest", [0.0, 5e-324, 1e-160, 1e-140])
+@pytest.mark.filterwarnings("error")
+def test_a_torque_of_a_few_samples_and_nothing_after_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, told: int, rest: float
+) -> None:
+    """What a filter leaves of it later is no torque that an error can be relative to."""
+    path, meant = tmp_path / "run.csv", recorded(1e-3 * K, 0)
+    tau = np.where(told > K, 500.0, rest)
+    rows = (f"{1e-3 * k!r},{float(meant['q1'][k])!r},{float(tau[k])!r}\n" for k in range(N))
+    path.write_text("t,q1,tau1\n" + "".join(rows))
+    status = output.run(app, [verb, "drive", str(path), "--allow-gaps"])
+    check_answer(status, capsys.readouterr().err)
+
+
 @pytest.mark.filterwarnings("error")
 def test_bursts_in_silence_are_bursts() -> None:
     x, use = np.zeros(100), np.ones(100, dtype=bool)
