@@ -57,7 +57,8 @@ def _of_joint(field: CandidateField, fit: TwistFit) -> list[Witnessed]:
         values = _values(info, fit)
         if values is not None:
             equation = fit.equation.of_gap() if info.has_gap else fit.equation
-            found.append((info.has_gap, Witnessed(_weighed(field, fit.joint, name, equation, values), values)))
+            if (evidence := _weighed(field, fit.joint, name, equation, values)) is not None:
+                found.append((info.has_gap, Witnessed(evidence, values)))
     return [w for _, w in sorted(found, key=lambda item: item[0])]
 
 
@@ -71,15 +72,19 @@ def _values(info: EffectInfo, fit: TwistFit) -> dict[str, Estimate] | None:
 
 def _weighed(
     field: CandidateField, joint: int, effect: str, equation: TwistEquation, values: Mapping[str, Estimate]
-) -> Evidence:
-    """The gates on the rows of a twist equation, whose cause is the candidate."""
+) -> Evidence | None:
+    """The gates on the rows of a twist equation, whose cause is the candidate; None where its rows hold no more than
+    the encoders' noise, so that nothing has a cause."""
     rows, noise, motion = equation.rows, equation.noise, field.motion
     own = len(rows.base) - equation.along
     index, free = np.arange(own), np.full(own, np.inf)
     heard = np.vstack([noise.base[:own], noise.twist])
     row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece(joint), 1.0)
-    before = float(np.sqrt(Ground.levelled((row,), -free, free).solve().sse / row.count))
-    row = replace(row, weight=1 / before if before else 0.0)
+    square = Ground.levelled((row,), -free, free).solve().sse / row.count
+    if square <= 0:
+        return None
+    before = float(np.sqrt(square))
+    row = replace(row, weight=1 / before)
     ground = Ground.levelled((row,), -free, free)
     columns = CandidateRows(_alone(rows, own), _alone(noise, own))
     lower = np.append(0.0, np.full(equation.along, -np.inf))

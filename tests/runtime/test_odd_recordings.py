@@ -197,6 +197,19 @@ def test_a_torque_of_a_few_samples_and_nothing_after_them(
 
 
 @pytest.mark.filterwarnings("error")
+def test_a_link_of_which_an_angle_without_digits_tells_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The motor's angle begins at 1e11 rad: the rest of its digits is coarser than the twist of the transmission."""
+    path = tmp_path / "run.csv"
+    for seed in range(6):
+        t = 4e-3 * (K + 0.5 * np.random.default_rng(seed).random(N))
+        meant = recorded(t, seed)
+        table = np.array([t, 1e11 + meant["q1"], meant["tau1"], meant["q1_link"]]).T
+        path.write_text("t,q1,tau1,q1_link\n" + "".join(",".join(map(repr, row)) + "\n" for row in table.tolist()))
+        status = output.run(app, ["diagnose", "drive", str(path), "--allow-gaps"])
+        check_answer(status, capsys.readouterr().err)
+
+
+@pytest.mark.filterwarnings("error")
 def test_bursts_in_silence_are_bursts() -> None:
     x, use = np.zeros(100), np.ones(100, dtype=bool)
     assert spectrum.bursts(x, use, use * 1.0, 10.0)[0] == 1.0
