@@ -10,6 +10,13 @@ MORE_THAN_NOISE = 1.5
 """Noise floors; what is left of a joint's torque below it is shown as noise."""
 
 
+def times_floor(rms: float, floor: float) -> float:
+    """How many noise floors a torque is; of one that is there, any number where nothing wavers."""
+    if floor > 0:
+        return rms / floor
+    return math.inf if rms > 0 else 0.0
+
+
 def sentence(text: str) -> str:
     """With a capital and a full stop."""
     text = text[:1].upper() + text[1:]

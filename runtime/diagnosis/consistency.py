@@ -22,7 +22,7 @@ from runtime.estimation.identify import Identification
 from runtime.estimation.problem import Fit, Problem, Skew
 from runtime.estimation.settings import INTERVAL_SIGMAS
 from runtime.model.terms import Term
-from runtime.wording import quantity
+from runtime.wording import quantity, times_floor
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def _table(identification: Identification, number: int, name: str, floors: Seque
     prediction = problem.prediction(theta, common.shapes)
     fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights, common.ahead)
     rms = [np.sqrt(r @ r / max(1, own.moving(i).sum())) for i, r in enumerate(solved.residual)]
-    left = max(float(r) / floor for r, floor in zip(rms, floors, strict=True))
+    left = max(times_floor(float(r), floor) for r, floor in zip(rms, floors, strict=True))
     return Table(name, fit, infer(problem, fit), left)
 
 

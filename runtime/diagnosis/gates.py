@@ -40,7 +40,7 @@ from runtime.estimation.whitening import Whitening
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
-from runtime.wording import told_apart, whole_apart
+from runtime.wording import times_floor, told_apart, whole_apart
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,7 @@ class Figures:
 
     def gates(self, floor: float, at_edge: bool, least_share: float = LEAST_SHARE) -> Iterator[tuple[bool, str]]:
         """Whether each is open and what is to be said if not, those first that cost least to know."""
-        delta, size = self.delta_bic, self.eff / floor
+        delta, size = self.delta_bic, times_floor(self.eff, floor)
         yield (
             delta > LEAST_DELTA_BIC,
             f"whitened BIC falls by {whole_apart(delta, LEAST_DELTA_BIC)}, not by {LEAST_DELTA_BIC:g}",

@@ -197,6 +197,18 @@ def test_a_torque_of_a_few_samples_and_nothing_after_them(
 
 
 @pytest.mark.filterwarnings("error")
+def test_noise_of_nothing_is_a_floor_that_everything_is_above(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of most of a recording nothing but zeros: no torque wavers, and the floor is zero."""
+    path = tmp_path / "run.csv"
+    for seed in range(3):
+        meant, told = recorded(0.01 * K, seed), K < 249
+        table = np.array([0.01 * K + 1e7 * ~told, told * meant["q1"], told * meant["tau1"]]).T
+        path.write_text("t,q1,tau1\n" + "".join(",".join(map(repr, row)) + "\n" for row in table.tolist()))
+        status = output.run(app, ["diagnose", "drive", str(path), "--allow-gaps", "--report", str(tmp_path / "page")])
+        check_answer(status, capsys.readouterr().err)
+
+
+@pytest.mark.filterwarnings("error")
 def test_a_link_of_which_an_angle_without_digits_tells_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The motor's angle begins at 1e11 rad: the rest of its digits is coarser than the twist of the transmission."""
     path = tmp_path / "run.csv"

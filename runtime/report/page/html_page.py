@@ -18,7 +18,7 @@ from runtime.report.page import recorded_motion
 from runtime.report.page.filling import embedded, filled, looking, written
 from runtime.report.signals import joint_signals
 from runtime.report.summary import Result, ResultSummary
-from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence
+from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence, times_floor
 
 Row = dict[str, Any]
 
@@ -111,7 +111,7 @@ def _compared(summary: ResultSummary) -> str:
         strongest = max(shares, key=lambda name: shares[name]) if shares else ""
         text = (
             f"joint {numbered(s.joint, s.name)}: the fitted model misses {percent(s.relative)} of the torque, "
-            f"{number(s.rms / s.floor.value, 2)} times the noise floor"
+            f"{number(times_floor(s.rms, s.floor.value), 2)} times the noise floor"
         )
         if strongest and shares[strongest] > 0.1:
             text += f"; {percent(shares[strongest], 0)} of what it misses follows {strongest}"
@@ -162,7 +162,7 @@ def _instruments(summary: ResultSummary, joint: int) -> str | None:
     """The instruments' own noise relative to the torque, where an unexplained floor holds more than that."""
     floor = summary.last.joints[joint].floor
     explained = summary.left is None or summary.left.verdict != "unexplained"
-    if explained or floor.value < MORE_THAN_NOISE * floor.spectrum:
+    if explained or floor.value <= MORE_THAN_NOISE * floor.spectrum:
         return None
     return percent(summary.floor(joint) * floor.spectrum / floor.value)
 
@@ -210,7 +210,7 @@ def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
         "step": "the file's own values",
         "error": percent(written[1]),
         "rms": quantity(written[0], unit),
-        "floors": number(written[0] / floor, 3),
+        "floors": number(times_floor(written[0], floor), 3),
         "held": None,
         "held_rms": None,
         "held_floors": None,
@@ -220,12 +220,12 @@ def _written_row(written: tuple[float, float], floor: float, unit: str) -> Row:
 def _error_row(summary: ResultSummary, step: Step, joint: int) -> Row:
     series = summary.last.joints[joint]
     held, held_floor = step.held_out, summary.held_out_floor(joint)
-    floors = None if held is None or held_floor is None else number(held.relative[joint] / held_floor, 3)
+    floors = None if held is None or held_floor is None else number(times_floor(held.relative[joint], held_floor), 3)
     return {
         "step": figures.label(step) + (", fitted" if step.added is None else ""),
         "error": percent(step.fitted.relative[joint]),
         "rms": quantity(step.fitted.rms[joint], series.force_unit),
-        "floors": number(step.fitted.rms[joint] / series.floor.value, 3),
+        "floors": number(times_floor(step.fitted.rms[joint], series.floor.value), 3),
         "held": None if held is None else percent(held.relative[joint]),
         "held_rms": None if held is None else quantity(held.rms[joint], series.force_unit),
         "held_floors": floors,

@@ -19,7 +19,7 @@ from runtime.report import reasons
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_parameters as parameters
 from runtime.report.summary import ResultSummary
-from runtime.wording import number, percent, quantity, whole
+from runtime.wording import number, percent, quantity, times_floor, whole
 
 Row = dict[str, Any]
 
@@ -77,7 +77,7 @@ def _arrow(before: float, after: float) -> str:
 
 
 def _evidence(evidence: Evidence, floor: float, unit: str) -> Row:
-    parts = evidence.eff / floor if floor else math.inf
+    parts = times_floor(evidence.eff, floor)
     own = "none" if parts < 0.005 else f"{quantity(evidence.eff, unit, 3)} ({number(parts, 3)} × floor)"
     return {
         "eff": own,

@@ -25,7 +25,7 @@ from runtime.report.terminal.cells import (
     show_table,
     unit,
 )
-from runtime.wording import fall, numbered, told_apart
+from runtime.wording import fall, numbered, times_floor, told_apart
 from symbolic.model_file.checks import at_joint
 
 _MOST_CLOSE = 3
@@ -85,7 +85,7 @@ def _peaks(document: Document) -> None:
 def _not_named(document: Document) -> None:
     """The strongest candidates that were not named, one line each."""
     floors = [j["floor"] for j in document["joints"]]
-    own = [(e["evidence"]["eff"] / floors[(e["joint"] or 1) - 1], e) for e in document["ruled_out"]]
+    own = [(times_floor(e["evidence"]["eff"], floors[(e["joint"] or 1) - 1]), e) for e in document["ruled_out"]]
     entries = [e for size, e in sorted(own, key=lambda item: -item[0]) if size > _WORTH_A_LINE]
     if not entries:
         return
