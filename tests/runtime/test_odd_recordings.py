@@ -197,7 +197,7 @@ def test_a_torque_of_a_few_samples_and_nothing_after_them(
 
 
 @pytest.mark.filterwarnings("error")
-def test_noise_of_nothing_is_a_floor_that_everything_is_above(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_nothing_wavers_all_is_above_the_floor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of most of a recording nothing but zeros: no torque wavers, and the floor is zero."""
     path = tmp_path / "run.csv"
     for seed in range(3):
@@ -209,7 +209,7 @@ def test_noise_of_nothing_is_a_floor_that_everything_is_above(tmp_path: Path, ca
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_link_of_which_an_angle_without_digits_tells_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_angle_without_digits_tells_nothing_of_a_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The motor's angle begins at 1e11 rad: the rest of its digits is coarser than the twist of the transmission."""
     path = tmp_path / "run.csv"
     for seed in range(6):
