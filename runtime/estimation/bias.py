@@ -65,7 +65,9 @@ def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
         ar = autoregression(residual, motion.untouched(i), motion.row_piece(i))
         by = Whitening.of(ar, use, motion.row_piece(i), motion.eliminated(i))
         white, noise = by(np.vstack([x, residual])), by(_read(problem, fit, i, size))
-        weight = 1 / max(float(white[-1] @ white[-1]) / white.shape[1], 1e-300)
+        # A residual that is mere rounding weighs no more than in the fit itself.
+        rms = float(np.sqrt(white[-1] @ white[-1] / white.shape[1]))
+        weight = 1 / max(rms, 1e-12) ** 2
         gram += weight * (white[:-1] @ white[:-1].T - noise[:-1] @ noise[:-1].T)
         moment += weight * (white[:-1] @ white[-1] - noise[:-1] @ noise[-1])
     return solve(gram, moment)

@@ -197,6 +197,17 @@ def test_a_torque_of_a_few_samples_and_nothing_after_them(
 
 
 @pytest.mark.filterwarnings("error")
+def test_a_rigid_torque_that_is_all_of_the_torque(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the model leaves is mere rounding."""
+    path, meant = tmp_path / "run.csv", recorded(4e-3 * K, 12)
+    table = np.array([4e-3 * K, meant["q1"], K / 1000, K / 1000, np.repeat(meant["q1_link"][::2], 2)]).T
+    rows = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
+    path.write_text("t,q1,tau1,tau1_rigid,q1_link\n" + rows)
+    status = output.run(app, ["diagnose", "drive", str(path), "--report", str(tmp_path / "page")])
+    check_answer(status, capsys.readouterr().err)
+
+
+@pytest.mark.filterwarnings("error")
 def test_where_nothing_wavers_all_is_above_the_floor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of most of a recording nothing but zeros: no torque wavers, and the floor is zero."""
     path = tmp_path / "run.csv"
