@@ -329,12 +329,25 @@ class Regressors:
             return {joint: np.array([self._late(joint, self.ahead)] * len(shapes))}
         library, felt = self.model.library, joints_of(self.model, term)
         joints = [i for i in self.motion.view(joint).joints if i in felt] if joint in felt else [joint]
-        parts = []
+        parts, told = [], self._told(term)
         for s in self.signals(joint):
             read = [{**s.of(term, i), **given} for i in joints]
             columns = s.piece.low_pass.columns(library, term.effect, read, shapes, s.piece.dt)
+            if told < s.piece.low_pass.cutoff:
+                columns = s.piece.low_pass.narrowed(columns, told)
             parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])
         return {i: np.concatenate([part[k] for part in parts], axis=2) for k, i in enumerate(joints)}
+
+    def _told(self, term: Term) -> float:
+        """Hz, up to which the motion tells what a term does.
+
+        A link behind a spring is simulated from the motion of its own motor. Above that joint's band this is the
+        encoder's noise, and a resonance there multiplies it: in the wider bands of lighter joints it would be all
+        there is.
+        """
+        if term.joint is None or not self.model.library.effects[term.effect].gives_way:
+            return np.inf
+        return float(self.motion.band.cutoffs[term.joint - 1])
 
     def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
         """(1 + k, N) at full rate along one piece."""

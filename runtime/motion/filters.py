@@ -178,6 +178,13 @@ class LowPass:
         return np.arange(self.half, size - self.half, self.factor)
 
 
+    def narrowed(self, rows: Array, cutoff: float) -> Array:
+        """In-band rows (..., M) of which only what lies below a lower cut-off is left; the ends as a `Smoother` has
+        them."""
+        smooth = Smoother(low_pass(cutoff, self.rate / self.factor, self.library)._centred)
+        return np.apply_along_axis(smooth, -1, rows)
+
+
 def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
     """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
     cutoff = min(cutoff, BAND_OF_SAMPLING * rate)

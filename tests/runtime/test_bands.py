@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from codegen.prepare import prepare_arm
 from runtime.diagnosis.diagnose import diagnose
 from runtime.estimation.identify import Identification, identify_motion, prepared
-from runtime.model.loader import Model
-from runtime.model.terms import Term, structure
+from runtime.estimation.regressors import Regressors
+from runtime.model.loader import Library, Model, load_model
+from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import choose_band, coupled
 from runtime.motion.prepare import prepare
 from runtime.motion.settings import BLOCK_ROWS, HIGHEST_CUTOFF, WIDE_ENOUGH
 from runtime.recordings.recording import Recording
 from runtime.workspace import Source
 from tests import wrist
+from tests.six_joints import six_joints
 
 Array = NDArray[np.float64]
 
@@ -129,6 +132,37 @@ def test_a_wider_band_tells_more_of_the_joint_that_has_it(model: Model) -> None:
     # Friction turns with the rate, which is known more sharply where it is smoothed less.
     assert width(wide, "coulomb", 2) < 0.8 * width(common, "coulomb", 2)
     assert width(wide, "coulomb", 1) == pytest.approx(width(common, "coulomb", 1), rel=0.2)
+
+
+def six_joints_moved(model: Model, seed: int) -> Recording:
+    """Six joints in space that swing slowly; white noise on everything, of encoders of 200,000 counts."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(20 * RATE)) / RATE
+    omega, phase = 2 * np.pi * rng.uniform(0.2, 0.7, (6, 1)), rng.uniform(0, 2 * np.pi, (6, 1))
+    wave, slope = np.sin(omega * t + phase), np.cos(omega * t + phase)
+    tau = model.inverse_dynamics(wave, omega * slope, -(omega**2) * wave, model.lump_values)
+    q, tau = (x + size * rng.standard_normal(x.shape) for x, size in ((wave, 1e-5), (tau, 0.2)))
+    run, kinds, whole = np.zeros(len(t), dtype=np.int64), ("revolute",) * 6, (slice(0, len(t)),)
+    return Recording(Path("six.csv"), t, run, q, tau, types=kinds, segments=whole, temperature=(None,) * 6)
+
+
+def test_a_soft_shoulder_reaches_a_wrist_s_rows_as_far_as_the_shoulder_s_own_band(library: Library) -> None:
+    """A resonance between the two bands multiplies the noise of the shoulder's encoder, and nothing else is there."""
+    six = load_model(prepare_arm(six_joints()), library)
+    recording, shoulder, wrist_joint = six_joints_moved(six, seed=8), 2, 3
+    own = prepared(six, [recording])
+    low, high = own.band.cutoffs[[shoulder, wrist_joint]]
+    assert high > 1.5 * low
+    common = prepare([recording], replace(own.band, cutoffs=np.full(6, low)), six)
+    wide, narrow = (Regressors(six, motion, Prediction(six.lump_values, {})) for motion in (own, common))
+    inertia, omega = float(np.median(wide.signals(shoulder)[0].link_inertia(shoulder))), 2 * np.pi * np.sqrt(low * high)
+    soft = {"stiffness": inertia * omega**2, "damping": 2 * 0.003 * inertia * omega}
+    term = Term("elasticity", shoulder + 1)
+    felt, again, there = (r.columns(term, wrist_joint, soft)[0] for r in (wide, wide.perturbed, narrow))
+    assert np.std(again - felt) < 0.1 * np.std(felt)
+    within = slice(len(there) // 20, -len(there) // 20)
+    at = np.interp(common.row_time(wrist_joint), own.row_time(wrist_joint), felt)
+    assert np.std((at - there)[within]) < 0.1 * np.std(there)
 
 
 def test_rows_of_two_bands_stand_beside_each_other_in_time(model: Model) -> None:
