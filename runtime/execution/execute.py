@@ -121,7 +121,7 @@ def execute(
     hidden, changed  effects of the arm that the model has not, or with other values
     board            what drives the arm: made from directory, name and number of joints
     listening        while the arm moves: whether the user wants to stop; see Session.run
-    Raises ControllerError, PlantError, SimulationError, LinkError, LinkLost.
+    Raises ControllerError, ModelError, PlantError, SimulationError, LinkError, LinkLost.
     """
     compensated = settings.compensates(trajectory)
     told = Settings.of(controller, model, trajectory, compensated, settings.tracking_limit)

@@ -288,13 +288,14 @@ def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
             "[controller] with rate and velocity_cutoff in Hz, friction_scale and friction_slope in s/rad "
             "(for example 1000, 100, 0.92 and 150)"
         )
-    for number, joint in enumerate(model.joints, 1):
-        if joint.gains is None:
-            missing.append(f"[joint.controller] at joint {number}, for example {proposed_gains(model, number)}")
-        if joint.encoder_counts is None:
-            missing.append(
-                f"[joint.encoder] at joint {number} with counts per turn of the motor (four times its lines)"
-            )
+    numbered = list(enumerate(model.joints, 1))
+    if gains := [f"{proposed_gains(model, number)} at joint {number}" for number, j in numbered if j.gains is None]:
+        missing.append(f"[joint.controller], for example {', '.join(gains)}")
+    if encoders := [str(number) for number, joint in numbered if joint.encoder_counts is None]:
+        missing.append(
+            f"[joint.encoder] at joint{'s' * (len(encoders) > 1)} {', '.join(encoders)} with counts per turn of the "
+            "motor (four times its lines)"
+        )
     if missing:
         raise ControllerError(
             f'the model file of "{model.name}" says too little of its controller; add {"; ".join(missing)}'

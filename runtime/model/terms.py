@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
 from symbolic.described import number_name, numbered
-from symbolic.model_file.checks import at_joint
+from symbolic.model_file.checks import ModelError, at_joint
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -53,6 +53,26 @@ def structure(model: Model) -> Structure:
         for name, values in model.contact["effects"].items():
             found[Term(name)] = dict(values)
     return found
+
+
+def check_complete(model: Model, terms: Mapping[Term, Values]) -> None:
+    """Raise ModelError where a parameter of an effect has no value: with it, nothing can be planned or simulated."""
+    lacking: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for term, values in terms.items():
+        unknown = tuple(
+            p.name for p in model.library[term.effect].parameters if p.name not in values and p.default is None
+        )
+        if unknown:
+            lacking.setdefault((term.name, unknown), []).extend([] if term.joint is None else [str(term.joint)])
+    if lacking:
+        places = (
+            f"{name}{'@' * bool(joints)}{','.join(joints)}: {', '.join(unknown)}"
+            for (name, unknown), joints in lacking.items()
+        )
+        raise ModelError(
+            f"{model.name}: this needs values that the model file leaves out ({'; '.join(places)}); state them, or let "
+            "tendon identify MODEL RECORDING --write find them"
+        )
 
 
 def joints_of(model: Model, term: Term) -> tuple[int, ...]:

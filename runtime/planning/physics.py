@@ -11,7 +11,7 @@ import casadi as ca
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
 from runtime.model.signals import OF_DRIVE, SignalContext, unknown_to_plan
-from runtime.model.terms import SURFACE, Structure, Term, giver, joints_of, structure
+from runtime.model.terms import SURFACE, Structure, Term, check_complete, giver, joints_of, structure
 from runtime.planning.scenario import Scenario
 from runtime.planning.springs import is_spring
 
@@ -26,7 +26,10 @@ class Physics:
 
     @classmethod
     def of(cls, model: Model, scenario: Scenario) -> Physics:
-        """The model file's effects; parallel springs are the scenario's, and so is what it says of the contact."""
+        """The model file's effects; parallel springs are the scenario's, and so is what it says of the contact.
+
+        Raises ModelError where one of them has no value.
+        """
         terms, left_out = {}, {}
         for term, values in structure(model).items():
             info = model.library[term.effect]
@@ -38,6 +41,7 @@ class Physics:
                 continue
             own = scenario.contact.get(term.effect, {}) if info.scope == "contact" else {}
             terms[term] = {**values, **own}
+        check_complete(model, terms)
         return cls(model, terms, left_out)
 
     @cached_property

@@ -308,6 +308,8 @@ def _check_electrical(top: Place, scenario: Scenario, model: Model) -> None:
 def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
     for name, values in scenario.contact.items():
         place = top.inside(f"contact.{name}")
+        if model.spatial:
+            place.fail(f"contact is for planar arms; {model.name} is spatial, leave it out")
         info = model.library.effects.get(name)
         if model.contact is None or name not in model.contact["effects"] or info is None:
             known = tuple(model.contact["effects"]) if model.contact else ()

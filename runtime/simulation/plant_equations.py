@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, slope
 from runtime.model.loader import Model
 from runtime.model.signals import OF_DRIVE, SignalContext
-from runtime.model.terms import Structure, Term, given, joints_of
+from runtime.model.terms import Structure, Term, check_complete, given, joints_of
 
 RATE_WIDTH = 1e-3
 """rad/s (m/s) to either side of rest within which dry friction grows to its full height: at rest a joint creeps by
@@ -225,17 +225,6 @@ class PlantEquations:
             for _ in range(_DRIVE_STEPS):
                 found[joint] = ca.substitute(better, torque, found[joint])
         return found
-
-
-def check_complete(model: Model, terms: Structure) -> None:
-    """Raise PlantError where a parameter of an effect has no value."""
-    for term, values in terms.items():
-        for p in model.library[term.effect].parameters:
-            if p.name not in values and p.default is None:
-                raise PlantError(
-                    f"{model.name}: {term} has no value of {p.name}; identify it (tendon identify --write) "
-                    "or state it in the model file"
-                )
 
 
 class _Signals(SignalContext):

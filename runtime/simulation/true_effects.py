@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from runtime.model.loader import Model
-from runtime.model.terms import Structure
-from runtime.simulation.plant_equations import PlantError, check_complete
+from runtime.model.terms import Structure, check_complete
+from runtime.simulation.plant_equations import PlantError
 from runtime.simulation.simulate import Hidden
 
 
 def actual(model: Model, terms: Structure, changed: Sequence[Hidden], hidden: Sequence[Hidden]) -> Structure:
     """`terms` with other values, and with effects that the model has not; these may lack values yet.
 
-    Raises PlantError: nothing to change, something there already, or a value of the model's own that nobody knows.
+    Raises PlantError: nothing to change, something there already; ModelError: a value of the model's own that nobody
+    knows.
     """
     found = {term: dict(values) for term, values in terms.items()}
     for item in changed:

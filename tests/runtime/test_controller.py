@@ -6,6 +6,7 @@ import json
 import shutil
 import time
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from math import exp, pi
 from pathlib import Path
@@ -328,6 +329,17 @@ def test_a_description_that_does_not_match(make: Callable[..., Controller], tmp_
         Controller(tmp_path / "copy", model, still())
 
 
+def test_what_all_joints_lack_is_said_once(model: Model, vishard4: Arm) -> None:
+    told = prepare_firmware(vishard4, LIBRARY)
+    bare = copy(model)
+    bare.joints = tuple(replace(joint, gains=None, encoder_counts=None) for joint in model.joints)
+    with pytest.raises(ControllerError) as caught:
+        Controller(told, bare, still())
+    said = str(caught.value)
+    assert [said.count(part) for part in ("[joint.controller]", "kp = ", "[joint.encoder]")] == [1, 4, 1]
+    assert "[joint.encoder] at joints 1, 2, 3, 4 with counts" in said
+
+
 def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
     text = (ARMS / "drive.toml").read_text()
     bare = reader.parse(text[: text.index("[controller]")] + text[text.index("[[joint]]") :], "drive.toml")
@@ -338,7 +350,7 @@ def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
         Controller(prepare_firmware(bare, LIBRARY), model, plan)
     # 0.10 + 2.0 * 0.2^2 + 0.0565 kg m^2
     assert "for example kp = 37.3, kd = 5.94 (2 Hz at 0.236 kg m^2)" in str(caught.value)
-    for key in ("[controller]", "[joint.controller] at joint 1", "[joint.encoder] at joint 1"):
+    for key in ("[controller]", "[joint.controller], for example kp", " at joint 1; [joint.encoder] at joint 1 with"):
         assert key in str(caught.value)
     arm = reader.parse(text, "drive.toml")
     with pytest.raises(ControllerError, match=r"no value of joint1_coulomb_asymmetric_positive, .*tendon identify"):

@@ -18,7 +18,7 @@ from runtime.diagnosis.gates import rank
 from runtime.experiments import design
 from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, confirm, parse_rivals, propose
 from runtime.experiments.options import ExperimentSettings
-from runtime.experiments.pieces import Envelope, in_sequence, pieces
+from runtime.experiments.pieces import BROAD, Envelope, in_sequence, pieces
 from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks
 from runtime.experiments.separation import MotionGround, TrialArm, stated
 from runtime.model.loader import Model
@@ -136,6 +136,16 @@ def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
         assert peaks(bench, in_sequence([part], found.envelopes)[0]).max() <= MARGIN * 4.0
     with pytest.raises(SimulationError, match="no motion keeps to the torque limits"):
         Repertoire.of(bench, TorqueLimit(0.01 * limit.largest), Freedom())
+
+
+def test_a_delay_asks_for_no_more_torque(tmp_path: Path) -> None:
+    bench = _bench(open_model(DRIVE), "stribeck@1")
+    most = 1.2 * peaks(bench, bench.ordinary_path)[0].max()
+    text = DRIVE.read_text().replace("gear_ratio = 100", f"gear_ratio = 100\nlimits = {{torque = {most}}}")
+    (tmp_path / "weak.toml").write_text(text)
+    bench = _bench(open_model(tmp_path / "weak.toml"), "torque_delay@1:time=0.05")
+    assert np.abs(bench.record(bench.ordinary_path, bench.rivals[0], None).tau).max() > most
+    assert BROAD[0] in Repertoire.of(bench, TorqueLimit.of(bench), Freedom()).names
 
 
 # --- separations ---

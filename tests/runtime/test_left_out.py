@@ -154,3 +154,25 @@ def test_a_verb_that_needs_a_number_asks_for_it_by_name(
     assert said[0].startswith("drive: this needs numbers that the model file leaves out (joint 1: mass, rotor_inertia)")
     assert "tendon identify" in said[0]
     assert sorted(p.name for p in source.path.parent.iterdir()) == ["arm.toml"]
+
+
+def test_a_plan_asks_for_the_values_of_effects_by_name(
+    sourced: Sourced, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before it is sought, since none of them is 0 for being unknown."""
+    folder = sourced(DRIVE).path.parent
+    monkeypatch.chdir(folder)
+    ends = "".join(f"[points.{name}]\nq1 = {q}\nrest = true\n" for name, q in (("a", 0.0), ("b", 0.5)))
+    (folder / "there.toml").write_text(
+        'name = "there"\nmodel = "arm.toml"\ncycle_time = 1.0\nperiodic = false\n'
+        f'{ends}[[phase]]\nfrom = "a"\nto = "b"\npart = 1.0\ndegree = 5\n'
+    )
+    assert output.run(app, ["optimize", "there.toml", "--out", "plan.json"]) == 2
+    (said,) = (line for line in capsys.readouterr().err.splitlines() if not line.endswith("…"))
+    assert said == (
+        "drive: this needs values that the model file leaves out (coulomb_asymmetric@1: positive, negative; "
+        "viscous@1: coefficient; viscous_cubic@1: coefficient); state them, or let tendon identify MODEL RECORDING "
+        "--write find them"
+    )
+    assert not (folder / "plan.json").exists()
+    assert output.run(app, ["optimize", "there.toml", "--no-friction", "--out", "plan.json"]) == 0

@@ -25,6 +25,7 @@ from runtime.planning.results import document
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.starts import StartError
 from runtime.progress import on_cores
+from runtime.report.terminal import plan_pages
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning_cases import INERTIA, MASS, and_back, arm, parsed, there
 
@@ -178,6 +179,14 @@ def test_springs_at_two_joints_do_better_than_either(two: Model) -> None:
     assert both.cost < 0.9 * min(costs)
     assert max(costs) < bare
     assert set(both.trajectory.springs) == {1, 2}
+
+
+def test_a_spring_is_from_a_catalogue_only_where_it_has_one(two: Model, capsys: pytest.CaptureFixture[str]) -> None:
+    springs = [{"joint": 1, **FREE}, {"joint": 2, **FREE, "catalogue": [500.0, 12500.0]}]
+    scenario = and_back(two, 1.0, {"q1": 0.2, "q2": 0.3}, {"q1": -0.8, "q2": -0.7}, spring=springs)
+    plan_pages.plan(document(two, optimize(two, scenario)))
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("spring at joint")]
+    assert ["from the catalogue" in line for line in lines] == [False, True]
 
 
 def test_the_better_neighbour_in_the_catalogue_is_chosen(one: Model) -> None:

@@ -144,7 +144,7 @@ def test_contact_is_for_planar_arms(six: Model) -> None:
     phase = [{"from": "start", "to": "end", "part": 1.0, "degree": 5, "kind": "contact"}]
     with pytest.raises(ModelError, match="phase 1: a contact phase needs a planar arm of four revolute joints"):
         there(six, 1.5, START, {"tip": PLACE}, phase=phase)
-    with pytest.raises(ModelError, match=r"contact\.plate: six has no such effect at its contact"):
+    with pytest.raises(ModelError, match=r"contact\.plate: contact is for planar arms; six is spatial, leave"):
         there(six, 1.5, START, {"tip": PLACE}, contact={"plate": {"stiffness": 600.0}})
 
 

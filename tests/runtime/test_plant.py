@@ -16,6 +16,7 @@ from runtime.simulation.plant_equations import RATE_WIDTH, PlantError
 from runtime.simulation.simulate import complete, torque_along
 from symbolic.effects import LIBRARY
 from symbolic.model_file import reader
+from symbolic.model_file.checks import ModelError
 
 PERIOD = 1e-3
 DRIVE_INERTIA, ROTOR = 0.2365, 0.10  # kg m^2, of drive.toml: 0.10 + 0.0565 + 2 * 0.2^2
@@ -364,12 +365,16 @@ def test_the_joint_that_is_too_stiff_is_named(library: Library) -> None:
     assert "@1" not in said
 
 
+def test_a_value_that_nobody_knows_is_asked_for_by_name(drive: Model) -> None:
+    with pytest.raises(ModelError, match=r"^drive: this needs values .* \(viscous@1: coefficient\); state them"):
+        Plant(drive, {Term("viscous", 1): {}}, PERIOD)
+
+
 @pytest.mark.parametrize(
     ("terms", "message"),
     [
         ({Term("torque_delay", 1): {"time": -0.001}}, "torque_delay@1: time = -0.001 s: a torque recorded after"),
         ({Term("lugre", 1): {"stiffness": 1e3, "damping": 1.0}}, "lugre@1: takes the place of the joint's Coulomb"),
-        ({Term("viscous", 1): {}}, "drive: viscous@1 has no value of coefficient"),
         (
             {Term("elasticity", 1): {"stiffness": 1e13, "damping": 0.0}},
             r"too stiff for steps of 7.8e-06 s; choose smaller values of elasticity@1, or a larger rotor_inertia",

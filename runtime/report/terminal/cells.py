@@ -155,8 +155,8 @@ def _show_rows(columns: Sequence[Sequence[str]], width: int) -> None:
 
 
 def figure(value: float | None) -> str:
-    """A number, a few digits."""
-    return "–" if value is None else f"{value:.4g}"
+    """A number, a few digits; 20050 is easier to read than 2.005e+04."""
+    return "–" if value is None else f"{float(f'{value:.4g}'):g}"
 
 
 def percent(value: float | None) -> str:

@@ -19,7 +19,7 @@ def plan(document: Document) -> None:
     say(
         f"{document['scenario']} in {document['cycle_time']:g} s, "
         f"{'with' if document['friction'] else 'without'} friction: {objective['goal']} of {joints} "
-        f"{objective['value']:.4g}{unit}"
+        f"{figure(objective['value'])}{unit}"
     )
     for spring in document["springs"]:
         say(f"spring at joint {spring['joint']}: {spring['text']}{_bought(document, spring)}")
@@ -48,12 +48,18 @@ def plan(document: Document) -> None:
 
 
 def _bought(document: Document, spring: Document) -> str:
-    if not document["catalogue"]:
+    """What was sought, where the spring had to be one of a catalogue."""
+    if not any(str(spring["joint"]) in sizes for choice in document["catalogue"] for sizes in _sizes(choice)):
         return ""
-    return f" (from the catalogue; sought {spring['sought']:.4g} {spring['unit']})"
+    return f" (from the catalogue; sought {figure(spring['sought'])} {spring['unit']})"
+
+
+def _sizes(choice: Document) -> list[Mapping[str, float]]:
+    """By joint, of springs that can be bought; apart, those that are sized in different units."""
+    return [by_joint for key, by_joint in choice.items() if key != "cost"]
 
 
 def _choice(choice: Document, units: Mapping[str, str]) -> str:
-    sizes = [item for key, by_joint in choice.items() if key != "cost" for item in by_joint.items()]
+    sizes = [item for by_joint in _sizes(choice) for item in by_joint.items()]
     springs = ", ".join(f"{size:g} {units[joint]}" for joint, size in sizes)
     return f"{springs} {figure(choice['cost']) if choice['cost'] is not None else 'infeasible'}"
