@@ -248,6 +248,24 @@ def test_what_an_arm_has_not_is_said(tmp_path: Path, put: tuple[str, str], note:
     assert any(said.startswith(note) for said in made.notes)
 
 
+@pytest.mark.parametrize(
+    ("stated", "instead"),
+    [
+        ("<worldbody>", '<size nuserdata="2000000000"/><worldbody>'),
+        ("<worldbody>", '<size nkey="2000000000"/><worldbody>'),
+        ("<worldbody>", '<size nuser_body="2000000000" nuser_jnt="2000000000"/><worldbody>'),
+        ("<worldbody>", '<size njmax="2000000000" nconmax="2000000000"/><worldbody>'),
+        ("<worldbody>", '<size memory="900G"/><worldbody>'),
+        ("<motor ", '<general dyntype="user" actdim="2000000000" '),
+    ],
+)
+def test_room_that_a_file_asks_for_is_not_taken(tmp_path: Path, stated: str, instead: str) -> None:
+    began = time.process_time()
+    made = read(tmp_path, ARM.replace(stated, instead, 1))
+    assert time.process_time() - began < 2
+    assert made.arm == read(tmp_path, ARM).arm
+
+
 BODY = '<body name="a"><joint name="j"/><geom size="0.1"/></body>'
 
 
@@ -268,12 +286,15 @@ BODY = '<body name="a"><joint name="j"/><geom size="0.1"/></body>'
             '</worldbody><asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset><worldbody>',
             "<hfield> has more numbers than a robot needs",
         ),
-        ('</worldbody><option gravity="0 0 nan"/><worldbody>', "gravity is nan; expected"),
+        ('</worldbody><option gravity="0 0 nan"/><worldbody>', 'line 1: <option> gravity is "0 0 nan"; expected'),
+        ('<geom size="0.1" mass="NaN"/>', 'line 1: <geom> mass is "NaN"; expected numbers that are finite'),
+        ("</worldbody><include file='nobody.xml'/><worldbody>", "includes has a NaN; expected numbers that are finite"),
     ],
 )
 def test_hostile_files_are_one_line_in_bounded_time(tmp_path: Path, inside: str, expected: str) -> None:
     large = '<replicate count="20000"><geom size="0.1"/></replicate>'
     (tmp_path / "large.xml").write_text(f"<mujoco><worldbody>{large}</worldbody></mujoco>")
+    (tmp_path / "nobody.xml").write_text('<mujoco><option gravity="0 0 nan"/></mujoco>')
     (tmp_path / "laughs.xml").write_text('<!DOCTYPE m [<!ENTITY l "ha">]><mujoco>&l;</mujoco>')
     began = time.process_time()
     with pytest.raises(ModelError) as caught:
@@ -287,13 +308,13 @@ def test_hostile_files_are_one_line_in_bounded_time(tmp_path: Path, inside: str,
 @pytest.mark.parametrize(
     ("stated", "instead", "expected"),
     [
-        ('gear="50"', 'gear="50" armature="nan"', "actuator_armature is nan; expected"),
+        ('gear="50"', 'gear="50" armature="nan"', 'line 17: <motor> armature is "nan"; expected'),
         ('gear="50"', 'gear="50" armature="inf"', "actuator_armature is inf; expected"),
-        ('gear="50"', 'gear="50" damping="nan"', "actuator_damping is nan; expected"),
+        ('gear="50"', 'gear="50" damping="nan"', 'line 17: <motor> damping is "nan"; expected'),
         ('gear="50"', 'gear="1e200"', r"actuator_gear is 1e\+200; expected"),
         ('gear="50"', 'gear="1e9" armature="1"', r"joint 1: rotor_inertia is 1e\+18; expected"),
-        ('"-2 2"', '"-2 nan"', "actuator_forcerange is nan; expected"),
-        ('range="-1 1"', 'range="-1 nan"', "jnt_range is nan; expected"),
+        ('"-2 2"', '"-2 nan"', 'line 17: <motor> forcerange is "-2 nan"; expected'),
+        ('range="-1 1"', 'range="-1 nan"', 'line 7: <joint> range is "-1 nan"; expected'),
     ],
 )
 def test_what_an_actuator_or_a_range_cannot_be_is_one_line(

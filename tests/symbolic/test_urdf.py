@@ -176,6 +176,16 @@ def test_transmissions_of_one_joint_that_differ_leave_its_gear_open(tmp_path: Pa
     assert read(tmp_path, robot(*TWO, first, gear.format(name="u", ratio=-101))).arm.joints[1].gear_ratio == 101.0
 
 
+def test_a_gear_of_nothing_is_said_and_not_taken(tmp_path: Path) -> None:
+    none = (
+        '<transmission name="t"><joint name="j1"/><actuator name="m">'
+        "<mechanicalReduction>0</mechanicalReduction></actuator></transmission>"
+    )
+    made = read(tmp_path, robot(*TWO, none))
+    assert made.arm.joints[0].gear_ratio == 1
+    assert "joint 1: the gear of transmission t, which is 0: left out, hence unknown" in made.notes
+
+
 def test_a_differential_is_said_and_its_gears_are_not_taken(tmp_path: Path) -> None:
     ends = "".join(f'<joint name="{name}"/>' for name in ("j1", "j2"))
     motors = "".join(f"<actuator><mechanicalReduction>{n}</mechanicalReduction></actuator>" for n in (50, -60))
@@ -360,6 +370,16 @@ def test_quarter_turns_are_exact_before_anything_is_computed_from_them(tmp_path:
         ),
         ((*TWO[:4], joint("j2", "a", "b", "fixed")), {"locked": {"j2": 0.0}}, ": --lock j2: the joint is fixed; only"),
         (
+            (*TWO[:4], joint("j2", "a", "b", "revolut")),
+            {},
+            ': joint "j2" is revolut (did you mean "revolute"?); an arm has revolute, continuous or prismatic joints',
+        ),
+        (
+            (TWO[0].replace('iyy="0.02" ', ""), *TWO[1:]),
+            {},
+            ' line 3: <inertia> has no iyy; expected iyy="..."',
+        ),
+        (
             (*TWO[:3], joint("j1", "base", "a", inside='<origin xyz="0 nan 0"/>'), TWO[4]),
             {},
             ' line 6: <origin> xyz is "0 nan 0"; expected numbers that are finite',
@@ -455,6 +475,22 @@ def test_hostile_files_are_one_line_in_bounded_time(tmp_path: Path, kind: str) -
     assert "\n" not in message
     assert message.isprintable()
     assert len(message) < 1000
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (robot(*TWO).replace("j2", "jé").encode("latin-1"), " line 7: not valid XML: byte 0xe9 is not UTF-8; save"),
+        (b"\x1f\x8b\x08\x00robot", " line 1: not valid XML: it is packed (gzip); unpack it first"),
+        (b"PK\x03\x04robot", " line 1: not valid XML: it is packed (zip); unpack it first"),
+    ],
+)
+def test_what_is_no_text_is_said_so(tmp_path: Path, data: bytes, expected: str) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(data)
+    with pytest.raises(ModelError) as caught:
+        imported(path, DECLARED)
+    assert str(caught.value).startswith(f"{path}{expected}")
 
 
 @given(st.binary(max_size=300) | st.text(max_size=200).map(lambda text: robot(text).encode()))

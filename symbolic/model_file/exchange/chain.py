@@ -222,8 +222,10 @@ def _check_moves(tree: Tree, joint: TreeJoint) -> None:
             f"{shortened(joint.name)}=VALUE, or end before it: --tip {shortened(joint.parent)}"
         )
     if joint.kind not in MOVING:
+        close = nearest(joint.kind, (*MOVING, "fixed"))
+        meant = f" (did you mean {quote(close)}?)" if close else ""
         raise ModelError(
-            f"{place} is {shortened(joint.kind)}; an arm has {_or(MOVING)} joints: begin behind it: --base "
+            f"{place} is {shortened(joint.kind)}{meant}; an arm has {_or(MOVING)} joints: begin behind it: --base "
             f"{shortened(joint.child)}, or end before it: --tip {shortened(joint.parent)}"
         )
 

@@ -6,7 +6,6 @@ Source: the XML reference at mujoco.readthedocs.io.
 from __future__ import annotations
 
 import importlib
-import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from symbolic.model_file.checks import LARGEST, ModelError, printable
+from symbolic.model_file.checks import LARGEST, ModelError, printable, quote
 from symbolic.model_file.exchange.unfolding import OTHER_FILES, check_unfolded
 from symbolic.model_file.exchange.xml_file import XmlNode
 from symbolic.model_file.frames import Vector
@@ -29,8 +28,9 @@ NUMBERS = (
 """What is taken of the compiled model, where this MuJoCo knows it; MuJoCo lets some of it be no number."""
 SUFFIX = ".xml"
 """By which MuJoCo knows a description."""
-RANGES = ("jnt_range", "jnt_actfrcrange", "actuator_forcerange", "actuator_ctrlrange", "actuator_gainprm")
-"""What may be without end, but not without a number."""
+RESERVED = ("memory", "njmax", "nconmax", "nstack")
+RESERVED_BY_USERS = ("body", "jnt", "geom", "site", "cam", "tendon", "actuator", "sensor")
+"""Room that a description asks for, and numbers of users beside its parts: MuJoCo knows itself what an arm needs."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,13 @@ def compiled(path: Path, root: XmlNode) -> CompiledMjcf:
     try:
         with _heard(mujoco) as warned:
             spec = _spec(mujoco, path, root)
+            _check_numbers(root, warned)
             notes = list(_no_part_of_an_arm(spec))
+            _without_room(spec)
             unknown = _without_shapes(mujoco, spec)
             model = spec.compile()
+    except ModelError:
+        raise
     except (ValueError, OSError, RuntimeError, MemoryError) as error:
         raise ModelError(f"{file}: MuJoCo says: {printable(' '.join(str(error).split()))}") from None
     x, y, z = (float(g) for g in model.opt.gravity)
@@ -68,9 +72,6 @@ def compiled(path: Path, root: XmlNode) -> CompiledMjcf:
         for value in values:
             if not abs(value) <= LARGEST:
                 raise ModelError(f"{file}: MuJoCo's {what} is {value:g}; expected magnitudes up to {LARGEST:g}")
-    for what in RANGES:
-        if any(math.isnan(value) for value in getattr(model, what).flat):
-            raise ModelError(f"{file}: MuJoCo's {what} is nan; expected numbers, or inf for no end")
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         notes.append("gravity is switched off by a flag of the file: taken as 0")
         x, y, z = 0.0, 0.0, 0.0
@@ -104,6 +105,17 @@ def _spec(mujoco: Any, path: Path, root: XmlNode) -> Any:
     return mujoco.MjSpec.from_string(path.read_bytes().decode())
 
 
+def _check_numbers(root: XmlNode, warned: list[str]) -> None:
+    """MuJoCo warns of a NaN, and takes it for a number that was left out. Raises ModelError, at its line."""
+    if not any("nan" in text.lower() for text in warned):
+        return
+    for node in (root, *root.everything()):
+        for key, value in node.attributes.items():
+            if key != "name" and any(word.lstrip("+-").startswith("nan") for word in value.lower().split()):
+                node.fail(f"<{node.tag}> {key} is {quote(value)}; expected numbers that are finite")
+    root.fail("a file that it includes has a NaN; expected numbers that are finite")
+
+
 @contextmanager
 def _heard(mujoco: Any) -> Iterator[list[str]]:
     """What MuJoCo warns of meanwhile, which it would write to the screen and to a file in the user's folder."""
@@ -126,6 +138,15 @@ def _no_part_of_an_arm(spec: Any) -> Iterator[str]:
         yield "gravcomp, which takes bodies' weight away, is not part of an arm: left out"
     if spec.option.density or spec.option.viscosity:
         yield "the drag of air or water (density, viscosity) is not part of an arm: left out"
+
+
+def _without_room(spec: Any) -> None:
+    """Take away what fills memory by a single number and says nothing of an arm."""
+    spec.nuserdata = spec.nkey = 0
+    for name in (*RESERVED, *(f"nuser_{part}" for part in RESERVED_BY_USERS)):
+        setattr(spec, name, -1)
+    for actuator in spec.actuators:
+        actuator.actdim = -1
 
 
 def _without_shapes(mujoco: Any, spec: Any) -> set[str]:

@@ -37,11 +37,11 @@ def tree(root: XmlNode) -> Tree:
     """The robot that a URDF describes. Raises ModelError."""
     if any(node.tag.startswith("xacro:") for node in root.everything()):
         root.fail("is a xacro template and no URDF yet; expand it first: xacro FILE > robot.urdf")
-    gears, coupled = reductions(root), _coupled(root)
+    gears, doubted = reductions(root), _doubted_gears(root)
     links = _named(root, "link", _link)
     if not links:
         root.fail("the robot has no <link>; expected links and joints")
-    joints = _named(root, "joint", lambda node: _joint(node, gears, coupled))
+    joints = _named(root, "joint", lambda node: _joint(node, gears, doubted))
     return Tree(root.file, "URDF", root.attributes.get("name", ""), links, joints)
 
 
@@ -76,11 +76,16 @@ def _body(inertial: XmlNode) -> StatedBody:
     if mass < 0:
         inertial.fail(f"<mass> value is {mass:g}; expected a mass of 0 kg or more")
     stated, frame = inertial.first("inertia"), _frame(inertial)
-    xx, xy, xz, yy, yz, zz = (0.0 if stated is None else stated.number(key, 0.0) for key in MOMENTS)
+    xx, xy, xz, yy, yz, zz = (0.0 if stated is None else _moment(stated, key) for key in MOMENTS)
     return StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
 
 
-def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], coupled: Mapping[str, Sequence[str]]) -> TreeJoint:
+def _moment(stated: XmlNode, key: str) -> float:
+    """Of an inertia; a product that is left out is 0, a moment that is left out nobody knows."""
+    return stated.number(key, None if key[1] == key[2] else 0.0)
+
+
+def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Mapping[str, Sequence[str]]) -> TreeJoint:
     name, kind = node.word("name"), node.word("type")
     parent, child = (node.needed(end).word("link") for end in ("parent", "child"))
     axis, limit, dynamics, mimic = (node.first(tag) for tag in ("axis", "limit", "dynamics", "mimic"))
@@ -100,7 +105,7 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], coupled: Map
         {key: value for key, value in stated.items() if value},
         gears=tuple((one.by, one.ratio) for one in gears.get(name, ())),
         mimics=None if mimic is None else mimic.word("joint"),
-        doubts=(*(() if limit is None else _doubts(limit)), *coupled.get(name, ())),
+        doubts=(*(() if limit is None else _doubts(limit)), *doubted.get(name, ())),
     )
 
 
@@ -133,16 +138,24 @@ def reductions(root: XmlNode) -> dict[str, list[Reduction]]:
     found: dict[str, list[Reduction]] = {}
     for by, names, stated in _transmissions(root):
         for node in stated if len(names) == 1 else ():
-            read = XmlNode(node.tag, {"value": node.text.strip()}, node.file, node.line)
-            if ratio := abs(read.number("value")):
+            if ratio := _ratio(node):
                 found.setdefault(names[0], []).append(Reduction(by, ratio, node))
     return found
 
 
-def _coupled(root: XmlNode) -> dict[str, list[str]]:
-    """That motors move a joint together with others, as those of a differential do, by the joint's name."""
+def _ratio(reduction: XmlNode) -> float:
+    """The number that stands in it, without its sign."""
+    read = XmlNode(reduction.tag, {"value": reduction.text.strip()}, reduction.file, reduction.line)
+    return abs(read.number("value"))
+
+
+def _doubted_gears(root: XmlNode) -> dict[str, list[str]]:
+    """What is stated and not taken, by the joint's name: gears of 0, and of motors that move the joint together with
+    others, as those of a differential do."""
     found: dict[str, list[str]] = {}
     for by, names, stated in _transmissions(root):
+        if len(names) == 1 and any(_ratio(node) == 0 for node in stated):
+            found.setdefault(names[0], []).append(f"the gear of {by}, which is 0")
         for name in names if len(names) > 1 and stated else ():
             others = some([other for other in names if other != name])
             found.setdefault(name, []).append(f"the gear of {by}, whose motors move {others} too")

@@ -115,12 +115,33 @@ def parsed(data: bytes, name: str) -> XmlNode:
     try:
         builder.parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise ModelError(f"{name} line {error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+        why = expat.ErrorString(error.code)
+        said = _no_text(data, builder.parser.ErrorByteIndex) if why == expat.errors.XML_ERROR_INVALID_TOKEN else ""
+        raise ModelError(f"{name} line {error.lineno}: not valid XML: {said or why}") from None
     except (ValueError, LookupError) as error:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"{name}: not valid XML: {printable(str(error))}") from None
     return builder.root
+
+
+PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"\xfd7zXZ": "xz"}
+"""How files begin that hold others."""
+
+
+def _no_text(data: bytes, at: int) -> str:
+    """Why the byte at which a parser stopped is no letter; "" where it is one."""
+    packed = next((kind for start, kind in PACKED.items() if data.startswith(start)), None)
+    if packed is not None:
+        return f"it is packed ({packed}); unpack it first"
+    try:
+        data[at : at + 4].decode("utf-8")
+    except UnicodeDecodeError as error:
+        if error.start == 0 and error.reason != "unexpected end of data":
+            return (
+                f"byte 0x{data[at]:02x} is not UTF-8; save the file as UTF-8, or state its encoding in its first line"
+            )
+    return ""
 
 
 class _Builder:
