@@ -13,6 +13,7 @@ import re
 import shutil
 import threading
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -87,6 +88,10 @@ class Studio:
     def work(self) -> WorkState | None:
         """What is being worked on, or was last."""
         return self._work.state
+
+    def unchanged(self) -> AbstractContextManager[None]:
+        """While it is held the work neither gets on nor ends: all that is read is of one moment."""
+        return self._work.unchanged()
 
     # --- what is given; all of it raises SessionError ---
 

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -85,6 +85,15 @@ class Work:
     def busy(self) -> bool:
         """Whether work is under way."""
         return self._state is not None and self._state.state == "running"
+
+    @contextlib.contextmanager
+    def unchanged(self) -> Iterator[None]:
+        """While it is held nothing comes of the process: the state of the work and what it has found are of one moment.
+
+        Whoever shows them reads them more than once, and would else show what is no more.
+        """
+        with self._lock:
+            yield
 
     def begin(self, task: str, what: str, arguments: Mapping[str, Any]) -> None:
         """Begin a task. Raises WorkError where another one is under way."""

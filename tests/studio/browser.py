@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+PATIENCE = 120.0
+"""s for what a studio says, on a machine that is busy with other tests."""
 
 
 @contextmanager
@@ -72,7 +75,48 @@ class Watched:
         self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
         self.page.goto(address)
 
+    def slow(self) -> Delayed:
+        """The page opened again, by a connection on which what the studio says can be kept back."""
+        return Delayed(self.page)
+
     def outside(self) -> list[str]:
         """What was asked of anybody else than the studio."""
         own = re.compile(r"(http|ws)://127\.0\.0\.1:\d+/|data:|blob:")
         return [url for url in self.asked if not own.match(url)]
+
+
+class Delayed:
+    """What a studio says to a page, kept back for a while: the page shows what is no more, as one does that is slow."""
+
+    def __init__(self, page: Any) -> None:
+        self._page, self._held = page, False
+        self._kept: list[str] = []
+        page.route_web_socket(re.compile("_nicegui_ws"), self._connect)
+        page.reload()
+
+    def _connect(self, socket: Any) -> None:
+        def heard(message: str) -> None:
+            if self._held and message.startswith("42"):  # an event; the connection's own messages keep it alive
+                self._kept.append(message)
+            else:
+                socket.send(message)
+
+        self._socket = socket
+        socket.connect_to_server().on_message(heard)
+
+    def keep(self) -> None:
+        """From now on."""
+        self._held = True
+
+    def wait(self, what: str, times: int = 1) -> None:
+        """Until so many messages are kept back with something in them."""
+        end = time.monotonic() + PATIENCE
+        while sum(what in message for message in self._kept) < times:
+            assert time.monotonic() < end
+            self._page.wait_for_timeout(20)
+
+    def let_go(self) -> None:
+        """The page hears all of it, in its order."""
+        while self._kept:
+            self._socket.send(self._kept.pop(0))
+        self._held = False

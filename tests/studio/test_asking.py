@@ -13,6 +13,7 @@ from tests.studio import browser
 
 MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
 PATIENCE = 120_000
+HIDE = "[data-do=hide]:not([disabled])"
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +44,8 @@ def test_a_slider_says_what_would_be_left_and_a_hidden_effect_whether_it_would_b
         fitted, tried = (float(text.split(" %")[0].split()[-1]) for text in said.inner_text().split("as fitted"))
         assert tried > 5 * fitted
         ask.locator("tendon-signals").wait_for()
-        hide = page.locator("[data-do=hide]:not([disabled])")
-        hide.wait_for(timeout=PATIENCE)  # the work before has ended, and the page is drawn anew
+        hide = page.locator(HIDE)
+        hide.wait_for(timeout=PATIENCE)  # the work before has ended
         ask.get_by_label("effect").last.select_option("stribeck")
         ask.get_by_text("Hide stribeck@1").wait_for()
         hide.click()
@@ -52,3 +53,44 @@ def test_a_slider_says_what_would_be_left_and_a_hidden_effect_whether_it_would_b
         assert "stribeck@1" in ask.get_by_role("status").last.inner_text()
         assert watched.wrong == []
         assert watched.outside() == []
+
+
+def redrawn(seen, other):
+    """A page on which work begins and ends, begun in another tab, before it hears of that."""
+    seen.keep()
+    other.click(HIDE, timeout=PATIENCE)
+    seen.wait("Ask the model")
+    other.click("[data-do=cancel]", timeout=PATIENCE)
+    seen.wait("Ask the model", times=2)
+
+
+def test_what_is_chosen_while_the_page_is_drawn_anew_is_kept(address):
+    """Of a list that the server has replaced already, and of a slider."""
+    with browser.chromium() as chromium:
+        watched, other = browser.Watched(chromium, address), browser.Watched(chromium, address).page
+        page, seen = watched.page, watched.slow()
+        ask = page.locator("#ask")
+        ask.locator(HIDE).wait_for(timeout=PATIENCE)
+        redrawn(seen, other)
+        ask.get_by_label("effect").last.select_option("stribeck")
+        seen.let_go()
+        ask.get_by_text("Hide stribeck@1").wait_for()
+        redrawn(seen, other)
+        page.locator("[data-do=try-coefficient]").focus()
+        page.keyboard.press("End")
+        seen.let_go()
+        ask.get_by_text("with these values").wait_for(timeout=PATIENCE)
+        ask.get_by_text("Hide stribeck@1").wait_for()
+        assert watched.wrong == []
+
+
+def test_a_list_that_is_drawn_anew_has_the_focus_still(address):
+    with browser.chromium() as chromium:
+        page = browser.Watched(chromium, address).page
+        effects = page.locator("#ask").get_by_label("effect").last
+        effects.focus(timeout=PATIENCE)
+        before = effects.input_value()
+        page.keyboard.press("ArrowDown")
+        page.wait_for_function("before => document.activeElement.value !== before", arg=before)
+        page.locator(f"#ask {HIDE}", has_text=f"Hide {effects.input_value()}").wait_for()
+        assert effects.evaluate("own => own === document.activeElement")

@@ -278,6 +278,22 @@ def test_other_values_are_tried_and_leave_the_step_as_it_is(studio):
     assert "expected 0 to inf" in failed(studio)
 
 
+def test_an_answer_and_the_end_of_its_work_are_seen_together(studio):
+    """Whoever looks while a process ends sees all of what was, for as long as it takes, and then all that is."""
+    studio.try_values(PlacedEffect("coulomb", 1), {"torque": 0.4})
+    with studio.unchanged():
+        before = studio.tried(0)
+        end = time.monotonic() + PATIENCE
+        while not (studio.session.scratch / "answer" / "tried.json").is_file():
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        time.sleep(0.5)  # the process has said that it is done
+        assert studio.work.state == "running"
+        assert studio.tried(0) == before
+    wait(studio)
+    assert studio.tried(0)["values"]["torque"] == 0.4
+
+
 def test_values_of_what_was_found_are_tried_before_it_is_added(studio):
     """At the values found the error is that with the effect; with a spring of no stiffness, nearly that without it."""
     studio.diagnose()

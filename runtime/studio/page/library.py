@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from runtime.studio.history import PlacedEffect
-from runtime.studio.page.parts import button, choice, put
+from runtime.studio.page.parts import button, put
 from runtime.studio.page.view import PageView
 from runtime.studio.shown import EffectOffered
 
@@ -21,7 +21,8 @@ def library(view: PageView) -> None:
     chosen = offered.get(name) or next(iter(offered.values()))
     place = joint if joint in chosen["places"] else chosen["places"][0]
     with put("div", classes="acts"):
-        choice(
+        view.controls.choice(
+            "try-effect",
             "effect",
             [(e["effect"], f"{e['effect']} ({e['family']})") for e in offered.values()],
             chosen["effect"],
@@ -39,4 +40,10 @@ def _places(view: PageView, chosen: EffectOffered, place: int | None) -> None:
     if len(chosen["places"]) > 1:
         options = [("" if p is None else str(p), "whole arm" if p is None else f"joint {p}") for p in chosen["places"]]
         here = "" if place is None else str(place)
-        choice("where", options, here, lambda v: view.set(offered=(chosen["effect"], int(v) if v else None)))
+        view.controls.choice(
+            "try-where",
+            "where",
+            options,
+            here,
+            lambda v: view.set(offered=(chosen["effect"], int(v) if v else None)),
+        )

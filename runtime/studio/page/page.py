@@ -19,7 +19,7 @@ def build(studio: Studio) -> None:
     """The page of one browser tab."""
     _head()
     view = PageView(studio)
-    with put("div", classes="page"):
+    with put("div", classes="page").on("chosen", view.controls.hear, ["detail"]):
         with put("header", classes="top"):
             put("span", "Tendon studio", "name")
             put("span", studio.session.folder.name, "of")
@@ -28,8 +28,9 @@ def build(studio: Studio) -> None:
     seen = studio.version
 
     def look() -> None:
-        for section in sections:
-            section.look()
+        with studio.unchanged():
+            for section in sections:
+                section.look()
 
     def poll() -> None:
         nonlocal seen

@@ -31,19 +31,6 @@ def button(text: str, act: Callable[[], Any], classes: str = "", **attributes: A
     return put("button", text, classes, type="button", disabled=disabled, **attributes).on("click", lambda _: act())
 
 
-def choice(label: str, options: list[tuple[str, str]], value: str, chosen: Callable[[str], Any]) -> Element:
-    """One of several (value, text), by a browser's own list."""
-    with put("label", classes="choice"):
-        put("span", label)
-        made = put("select", value=value, data_emit="").on(
-            "chosen", lambda e: chosen(str(e.args["detail"])), ["detail"]
-        )
-        with made:
-            for key, text in options:
-                put("option", text, value=key, selected=(key == value) or None)
-    return made
-
-
 def filled_part(macro: str, *holes: Any) -> None:
     """A part of the report's page; its macros escape every text."""
     markup(part("cards.html.j2", macro, *holes))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from runtime.studio.page.parts import button, choice, folded, put
+from runtime.studio.page.parts import button, folded, put
 from runtime.studio.page.view import PageView
 from runtime.studio.session import GivenRecording
 from runtime.studio.shown import Cure, RecordingShown
@@ -23,7 +23,8 @@ def start(view: PageView) -> None:
             put("h2", "1. Model")
             put("p", _named(None if inputs.model is None else inputs.model.name), "given")
             put("file-drop", as_="model", label="Drop a model file (TOML), URDF or MJCF here, or choose one")
-            choice(
+            view.controls.choice(
+                "arm",
                 "or an arm of Tendon",
                 [("", "choose"), *((name, name) for name in ARMS)],
                 inputs.like or "",

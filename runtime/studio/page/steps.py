@@ -7,7 +7,7 @@ import json
 from functools import partial
 
 from runtime.studio.history import PlacedEffect, SessionStep
-from runtime.studio.page.parts import button, choice, folded, put
+from runtime.studio.page.parts import button, folded, put
 from runtime.studio.page.verdict import TAGS
 from runtime.studio.page.view import PageView
 from runtime.wording import percent
@@ -79,7 +79,8 @@ def change(view: PageView) -> None:
     others = [("", "the file as it was given")]
     others += [(str(s.number), f"step {s.number}: {s.title}") for s in studio.history.steps if s is not here]
     against = view.against if view.against is not None and view.against != here.number else None
-    choice(
+    view.controls.choice(
+        "against",
         "Compare this step with",
         others,
         "" if against is None else str(against),

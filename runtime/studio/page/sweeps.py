@@ -9,7 +9,7 @@ from math import isfinite
 from typing import Any
 
 from runtime.report.page.drawing_board import WIDTH
-from runtime.studio.page.parts import button, choice, put
+from runtime.studio.page.parts import button, put
 from runtime.studio.page.view import PageView
 from runtime.studio.plan_shown import PointShown, SweepShown
 from runtime.wording import number, sentence
@@ -110,7 +110,7 @@ class SweepPart:
         name = self._scenario if self._scenario in scenarios else next(iter(scenarios))
         begin = partial(self._shelf.plan_point, self._chosen or 0, self._point or 0, name)
         with put("div", classes="acts"):
-            choice("scenario", list(scenarios.items()), name, self._of)
+            self._view.controls.choice("scenario", "scenario", list(scenarios.items()), name, self._of)
             button(
                 "Plan this point", partial(self._view.act, begin), "first", disabled=self._view.busy, data_do="point"
             )

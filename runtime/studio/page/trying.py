@@ -6,10 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from nicegui.events import GenericEventArguments
-
 from runtime.studio.history import PlacedEffect
-from runtime.studio.page.parts import button, choice, put
+from runtime.studio.page.parts import button, put
 from runtime.studio.page.view import PageView
 from runtime.studio.shown import Row, TriedShown
 from runtime.wording import number, percent, quantity, sentence
@@ -49,7 +47,8 @@ def _other_values(view: PageView) -> None:
     put("p", "Everything else stays as it was fitted, and nothing is written into the model.", "of")
     name = view.tried_effect if view.tried_effect in active else next(reversed(active))
     with put("div", classes="acts"):
-        choice("effect", [(n, n) for n in active], name, lambda value: view.set(tried_effect=value))
+        options = [(n, n) for n in active]
+        view.controls.choice("tried", "effect", options, name, lambda value: view.set(tried_effect=value))
     values(view, active[name])
 
 
@@ -88,16 +87,14 @@ def _slider(view: PageView, effect: PlacedEffect, entry: Row, tried: dict[str, f
     name, low, high = entry["name"], entry["low"], entry["high"]
     unit, mark = about
 
-    def chosen(event: GenericEventArguments) -> None:
-        values = {**tried, name: float(event.args["detail"])}
-        view.act(lambda: view.studio.try_values(effect, values))
+    def moved(said: str) -> None:
+        view.act(lambda: view.studio.try_values(effect, {**tried, name: float(said)}))
 
     value = tried.get(name, entry["value"])
-    with put("div", classes="acts"), put("label", classes="choice"):
-        put("span", f"{name}: {number(value)} {unit}, fitted {number(entry['value'])}")
-        slider = put("input", type="range", min=low, max=high, step=(high - low) / STEPS, value=value, data_emit="")
-        slider.props["data-do"], slider.props["disabled"] = mark, view.busy or None
-        slider.on("chosen", chosen, ["detail"])
+    label = f"{name}: {number(value)} {unit}, fitted {number(entry['value'])}"
+    span = {"min": low, "max": high, "step": (high - low) / STEPS, "value": value}
+    with put("div", classes="acts"):
+        view.controls.slider(f"{mark} of {effect}", label, moved, **span, disabled=view.busy or None, data_do=mark)
 
 
 def _left(answer: TriedShown) -> None:
@@ -125,10 +122,14 @@ def _hiding(view: PageView) -> None:
     places = {"arm" if p is None else str(p): p for p in offered[name]}
     place = joint if joint in offered[name] else offered[name][0]
     with put("div", classes="acts"):
-        choice("effect", [(e, e) for e in offered], name, lambda value: view.set(hidden_effect=(value, place)))
+        options = [(e, e) for e in offered]
+        view.controls.choice("hidden", "effect", options, name, lambda v: view.set(hidden_effect=(v, place)))
         if len(places) > 1:
             where = [(text, f"joint {text}") for text in places]
-            choice("where", where, str(place), lambda text: view.set(hidden_effect=(name, places[text])))
+            chosen = "arm" if place is None else str(place)
+            view.controls.choice(
+                "hidden-where", "where", where, chosen, lambda text: view.set(hidden_effect=(name, places[text]))
+            )
         ask = partial(view.act, partial(view.studio.hide, PlacedEffect(name, place), {}))
         button(f"Hide {PlacedEffect(name, place)}", ask, disabled=view.busy, data_do="hide")
     _seen(view)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from runtime.studio.history import SessionStep
+from runtime.studio.page.controls import Controls
 from runtime.studio.shown import JointShown, StepShown, VerdictShown
 from runtime.studio.studio import Studio
 
@@ -20,6 +21,7 @@ class PageView:
     tried_effect   the effect of the model whose values may be tried
     hidden_effect  the effect and its joint that may be hidden in the motion
     wrong     why the last command was refused; ""
+    controls  its lists and sliders
     """
 
     def __init__(self, studio: Studio) -> None:
@@ -31,6 +33,7 @@ class PageView:
         self.tried_effect: str | None = None
         self.hidden_effect: tuple[str, int | None] | None = None
         self.wrong = ""
+        self.controls = Controls()
         self.changed: Callable[[], None] = lambda: None
 
     # --- what is there ---

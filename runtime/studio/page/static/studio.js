@@ -3,15 +3,13 @@
 (() => {
   document.addEventListener("change", (event) => {
     const from = event.target;
-    if (from instanceof Element && from.hasAttribute("data-emit")) from.dispatchEvent(new CustomEvent("chosen", { detail: from.value }));
-  });
-  document.addEventListener("input", (event) => {
-    const from = event.target;
-    if (from instanceof HTMLInputElement && from.hasAttribute("data-emit")) from.dispatchEvent(new CustomEvent("moved", { detail: from.value }));
+    if (!(from instanceof Element && from.hasAttribute("data-control"))) return;
+    const detail = { control: from.getAttribute("data-control"), value: from.value };
+    from.dispatchEvent(new CustomEvent("chosen", { detail, bubbles: true }));
   });
 
   /* A part of the page that is drawn anew gives the focus back to what had it. */
-  const KEYS = ["data-do", "data-emit", "data-step", "data-joint"];
+  const KEYS = ["data-control", "data-do", "data-step", "data-joint"];
   let focused = null;
   document.addEventListener("focusin", (event) => {
     const key = KEYS.find((name) => event.target.hasAttribute(name));
