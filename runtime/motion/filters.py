@@ -177,7 +177,6 @@ class LowPass:
         """Indices of the input samples on which the outputs sit."""
         return np.arange(self.half, size - self.half, self.factor)
 
-
     def narrowed(self, rows: Array, cutoff: float) -> Array:
         """In-band rows (..., M) of which only what lies below a lower cut-off is left; the ends as a `Smoother` has
         them."""
