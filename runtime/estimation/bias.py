@@ -35,11 +35,12 @@ def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Arr
     found = np.zeros((size, size))
     if motion.rigid_given or not reading:
         return found
+    as_fitted = Regressors(model, motion, fit.prediction)
     for k in range(problem.layout.lumps.start, problem.layout.lumps.stop):
         step = SHAPE_STEP * abs(fit.coefficients[k]) or SHAPE_STEP
         theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
         other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
-        for i, more in _torque_change(problem, fit, other, reading).items():
+        for i, more in _torque_change(problem, fit, reading, as_fitted, other).items():
             use = motion.moving(i)
             found[:, k] += problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use]) / step
     return found
@@ -82,14 +83,16 @@ def _read(problem: Problem, fit: Fit, joint: int, size: int) -> Array:
     return noise
 
 
-def _torque_change(problem: Problem, fit: Fit, other: Regressors, terms: Sequence[Term]) -> dict[int, Array]:
-    """By joint (0-based), (M,) by which the torque of some terms changes if other regressors are read."""
+def _torque_change(
+    problem: Problem, fit: Fit, terms: Sequence[Term], one: Regressors, other: Regressors
+) -> dict[int, Array]:
+    """By joint (0-based), (M,) by which the torque of some terms changes if other regressors are read than one's."""
     found = {i: np.zeros(len(fit.residual[i])) for i in range(problem.model.n)}
     for term in terms:
         theta = np.append(1.0, fit.coefficients[problem.layout.slices[term]])
         for i in joints_of(problem.model, term):
-            here = problem.regressors.columns(term, i, fit.shapes[term])
-            found[i] += theta @ (other.columns(term, i, fit.shapes[term]) - here)
+            there, here = (r.columns(term, i, fit.shapes[term]) for r in (other, one))
+            found[i] += theta @ (there - here)
     return found
 
 
@@ -105,8 +108,10 @@ def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
     soft = [t for t in problem.layout.terms if effects[t.effect].gives_way]
     if not soft:
         return {}
-    raw = Regressors(problem.model, problem.motion.unsmoothed, fit.prediction)
-    return _torque_change(problem, fit, raw, soft)
+    smooth, raw = (
+        Regressors(problem.model, motion, fit.prediction) for motion in (problem.motion, problem.motion.unsmoothed)
+    )
+    return _torque_change(problem, fit, soft, smooth, raw)
 
 
 def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:

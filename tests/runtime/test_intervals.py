@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 from runtime.estimation.covariance import uncertainty
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
+from runtime.estimation.problem import Problem
 from runtime.estimation.robust import over_stretches
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.workspace import open_model
+from tests import spatial_wrist
 from tests.judge.bodies import ARMS, BELIEVED, model_text
 from tests.judge.cases import Setting
 from tests.runtime.test_sensors import recorded
@@ -66,6 +69,26 @@ def test_intervals_of_soft_joints_hold(stiff: Model) -> None:
             for name, truth in (("stiffness", stiffness), ("damping", damping)):
                 held[name].append(holds(found.inference.values[ELASTICITY][name], truth))
     assert all(sum(of_one) >= 11 for of_one in held.values())
+
+
+def test_an_effect_that_reads_the_arm_is_as_sure_whatever_was_predicted_before(cache: Path, tmp_path: Path) -> None:  # noqa: ARG001
+    """The fit before differs by less than the data tell; divided by a small step, it is no derivative."""
+    path = tmp_path / "wrist.toml"
+    text = spatial_wrist.MODEL.split("[[joint]]")
+    text[3] += "[joint.effects.load_friction]\n"
+    path.write_text("[[joint]]".join(text), encoding="utf-8")
+    model, motor = open_model(path), spatial_wrist.CoupledMotor(dry=0.0, viscous=0.0, inertia=0.0)
+    recording = spatial_wrist.record(motor, 3, 20.0, spatial_wrist.Beside(load=0.1))
+    found = identify_motion(model, prepared(model, [recording]), structure(model))
+    before = replace(found.fit.prediction, lumps=1.001 * found.fit.prediction.lumps)
+    other = Problem(model, found.motion, found.problem.layout.terms, before)
+    other.weights = found.problem.weights
+    place = found.problem.layout.slices[Term("load_friction", 3)].start
+    spreads = [np.sqrt(uncertainty(p, found.fit).covariance[place, place]) for p in (found.problem, other)]
+    assert spreads[1] == pytest.approx(spreads[0], rel=0.02)
+    # The plant's friction reads the rotor's share of the load, too, which the effect's law leaves out.
+    assert found.fit.coefficients[place] == pytest.approx(0.1, rel=0.05)
+    assert 0 < spreads[0] < 0.03 * 0.1
 
 
 def mean_ratio(equations: int) -> float:
