@@ -26,10 +26,8 @@ from tests.first_hour import FORMATS, MACHINES, REAL
 MOST_COMMANDS = 4
 """init or import, inspect, improve with the held-out part and the report; and one to spare."""
 TENDON = "from runtime.cli.main import main; main()"
-LONG = ("tx40",)
-"""Machines that take minutes."""
-CASES = os.environ.get("TENDON_BENCHMARK_CASES", "")
-"""Machines whose names begin so."""
+CASES = os.environ.get("TENDON_BENCHMARK_CASES", harness.sized("", "aliengo, calf"))
+"""Machines whose names begin so; in the short form the quickest."""
 
 
 def typed(commands: Sequence[str], folder: Path) -> tuple[dict[str, Any], list[tuple[float, float]]]:
@@ -60,8 +58,6 @@ def falls(found: dict[str, Any], key: str) -> str:
 def test_from_nothing_to_the_verdict(tmp_path: Path, name: str) -> None:
     if not REAL.is_dir():
         pytest.skip("../shared/data/real is not there")
-    if harness.SHORT and name in LONG:
-        pytest.skip("takes minutes")
     machine, rows, named = MACHINES[name], [], {}
     for kind, write in FORMATS.items():
         folder = tmp_path / kind
