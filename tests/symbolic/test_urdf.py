@@ -247,6 +247,13 @@ def test_a_locked_joint_is_fixed_where_it_is_held(tmp_path: Path) -> None:
     assert read(tmp_path, sliding, locked={"j2": 0.25}).arm.joints[1].origin.xyz == (0.0, 0.0, 1.25)
 
 
+def test_a_joint_that_is_held_where_it_cannot_come_is_said(tmp_path: Path) -> None:
+    ends = '<limit lower="-1" upper="0.5" effort="10" velocity="1"/>'
+    text = robot(*TWO[:4], joint("j2", "a", "b", inside=ends))
+    assert "j2 is held at 2, beyond its range of -1 to 0.5" in read(tmp_path, text, locked={"j2": 2.0}).notes
+    assert not any("beyond its range" in note for note in read(tmp_path, text, locked={"j2": 0.5}).notes)
+
+
 def test_what_moves_off_the_way_is_held_and_said(tmp_path: Path) -> None:
     text = robot(*TWO, link("finger", 0.5), joint("grip", "a", "finger", "prismatic", '<mimic joint="j1"/>'))
     made = read(tmp_path, text, tip="b")

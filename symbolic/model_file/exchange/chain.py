@@ -104,7 +104,12 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
         made,
         root=before[0].parent if before else root,
         mounting=rotation(reduce(composed, (_origin(joint, locked) for joint in before), Frame()).rpy),
-        notes=(*([note] if note else []), *_turning(root, before, locked), *snapping.notes()),
+        notes=(
+            *([note] if note else []),
+            *_turning(root, before, locked),
+            *_out_of_range(tree, locked),
+            *snapping.notes(),
+        ),
     )
 
 
@@ -126,6 +131,14 @@ def _turning(base: str, before: Sequence[TreeJoint], locked: Mapping[str, float]
             f"{shortened(base)} hangs on {some(names)}: gravity is that with "
             f"{'it' if len(names) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another place)"
         )
+
+
+def _out_of_range(tree: Tree, locked: Mapping[str, float]) -> Iterator[str]:
+    """That a joint is held where it cannot come."""
+    for name, value in locked.items():
+        low, high = tree.joints[name].position or (-math.inf, math.inf)
+        if not low <= value <= high:
+            yield f"{shortened(name)} is held at {value:g}, beyond its range of {low:g} to {high:g}"
 
 
 # --- which links ---

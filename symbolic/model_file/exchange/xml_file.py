@@ -138,9 +138,7 @@ def _no_text(data: bytes, at: int) -> str:
         data[at : at + 4].decode("utf-8")
     except UnicodeDecodeError as error:
         if error.start == 0 and error.reason != "unexpected end of data":
-            return (
-                f"byte 0x{data[at]:02x} is not UTF-8; save the file as UTF-8, or state its encoding in its first line"
-            )
+            return f"byte 0x{data[at]:02x} is not UTF-8; save the file as UTF-8, or state its encoding in line 1"
     return ""
 
 
