@@ -42,7 +42,8 @@ from runtime.report.plots import joint_plots, style, time_plots
 from runtime.report.summary import ResultSummary
 from runtime.report.terminal import loop_pages
 from runtime.simulation import demo_plant
-from runtime.simulation.simulate import simulate
+from runtime.simulation.options import SimulationSettings
+from runtime.simulation.simulate import Hidden, simulate
 from tests.runtime import planning_cases
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
@@ -605,6 +606,19 @@ def test_a_joint_that_never_moves_is_no_joint_at_its_floor(library, capsys):
     (row,) = (row for row in rows if row[:1] == ["1"])
     assert row[1:3] == ["–", "–"]
     assert row[-2:] == ["never", "moves"]
+
+
+def test_parameters_of_joints_at_their_floor_fold_away(library):
+    """Of two joints the first has a spring that the model lacks; the second one's friction is not the file's."""
+    model = planning_cases.arm(library, "rr", effects={"viscous": {"coefficient": 1.0}})
+    plant = planning_cases.arm(library, "rr", effects={"viscous": {"coefficient": 2.0}})
+    spring = Hidden(Term("linear_spring", 1), {"stiffness": 20.0, "rest": 0.0})
+    made, _ = simulate(plant, [spring], SimulationSettings(seconds=20.0))
+    text = html_page.render(ResultSummary(compare(model, [made])))
+    parameters = text[text.index('<section id="parameters">') : text.index('<section id="method">')]
+    first, second = re.findall(r"<details( open)?>\s*<summary><h4>Joint \d</h4>(.*?)</summary>", parameters)[:2]
+    assert (first[0], second[0]) == (" open", "")
+    assert "1 contradicts the model file" in second[1]
 
 
 def test_diagnosis_without_a_finding(improvement):

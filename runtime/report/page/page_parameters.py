@@ -3,64 +3,87 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
+from itertools import groupby
+from math import inf, isfinite
 from typing import Any
 
-from runtime.diagnosis.consistency import Tables
+from runtime.diagnosis.consistency import Tables, contradict, deviation
 from runtime.estimation.covariance import Inference, estimate
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import structure
+from runtime.report.summary import ResultSummary
 from runtime.wording import number, quantity, unit
 
 Row = dict[str, Any]
 
-_CONTRADICTS = 0.05
 
-
-def tables(first: Identification, last: Identification) -> list[Row]:
-    """Effects' parameters: with the skew that was found, then as if torque and encoder were simultaneous."""
-    before, after = (first.inference, last.inference) if first is not last else (None, last.inference)
-    tables = [_table(first.model, "With skew correction", before, after)]
+def tables(summary: ResultSummary) -> list[Row]:
+    """What was fitted, before and after: with the skew that was found, then as if torque and encoder were
+    simultaneous."""
+    first, last = summary.first.identification, summary.last.identification
+    both = first is not last
+    pairs: list[tuple[str, Inference | None, Inference]]
+    pairs = [("With skew correction", first.inference, last.inference)]
     if last.uncorrected is not None:
-        plain = first.uncorrected if first is not last else None
-        tables.append(_table(first.model, "Without skew correction, standstill included", plain, last.uncorrected))
-    return tables
+        pairs.append(("Without skew correction, standstill included", first.uncorrected, last.uncorrected))
+    return [
+        {"title": title, "both": both, "places": by_place(summary, _rows(last.model, before if both else None, after))}
+        for title, before, after in pairs
+    ]
 
 
-def _table(model: Model, title: str, before: Inference | None, after: Inference) -> Row:
+def by_place(summary: ResultSummary, rows: list[Row]) -> list[Row]:
+    """Rows of every joint, then of the whole arm; joints at their noise floor fold away, and what of them the file has
+    otherwise is counted."""
+    ordered = sorted(rows, key=lambda row: row["joint"] or inf)
+    places = [(joint, list(own)) for joint, own in groupby(ordered, key=lambda row: row["joint"])]
+    return [
+        {
+            "place": "Whole arm" if joint is None else f"Joint {summary.called(joint - 1)}",
+            "open": joint is not None and not summary.at_floor(joint - 1),
+            "contradicting": sum(row["contradicts"] for row in own),
+            "rows": own,
+        }
+        for joint, own in places
+    ]
+
+
+def _rows(model: Model, before: Inference | None, after: Inference) -> list[Row]:
     written = structure(model)
     rows = []
     for k, lump in enumerate(model.lumps):
         earlier = None if before is None else before.lumps[k]
-        rows.append(_row(f"joint {lump.joint}", lump.name, lump.meaning, lump.value, earlier, after.lumps[k]))
+        rows.append(_row(lump.joint, lump.name, lump.value, earlier, after.lumps[k]))
     terms = list(dict.fromkeys([*(before.values if before else ()), *after.values]))
     for term in terms:
         old = before.values.get(term, {}) if before else {}
         new = after.values.get(term, {})
         for name in {**old, **new}:
             known = written.get(term, {}).get(name)
-            where = "arm" if term.joint is None else f"joint {term.joint}"
-            rows.append(_row(where, f"{term.name}: {name}", "", known, old.get(name), new.get(name)))
-    return {"title": title, "both": before is not None, "rows": rows}
+            rows.append(_row(term.joint, f"{term.name}: {name}", known, old.get(name), new.get(name)))
+    return rows
 
 
-def _row(
-    where: str, name: str, meaning: str, known: float | None, before: Estimate | None, after: Estimate | None
-) -> Row:
+def _row(joint: int | None, name: str, known: float | None, before: Estimate | None, after: Estimate | None) -> Row:
     some = after or before
     assert some is not None
     return {
-        "where": where,
+        "joint": joint,
         "name": name,
-        "meaning": meaning,
         "unit": unit(some.unit),
         "file": "" if known is None else number(known),
         "before": estimate(before),
         "after": estimate(after),
+        "contradicts": after is not None and _contradicts(known, after),
     }
+
+
+def _contradicts(known: float | None, e: Estimate) -> bool:
+    """Whether what the model file says cannot be what the data say."""
+    return known is not None and contradict(known, e.value, deviation(e))
 
 
 def estimates(values: Mapping[str, Estimate], info: EffectInfo) -> list[Row]:
@@ -77,7 +100,6 @@ def inertial(identification: Identification) -> list[Row]:
     for info, e in zip(identification.model.lumps, identification.inference.lumps, strict=True):
         known = info.value
         off = (e.value - known) / abs(known) if known and isfinite(e.value) else None
-        outside = e.interval is not None and known is not None and not e.interval[0] <= known <= e.interval[1]
         rows.append(
             {
                 "name": info.name,
@@ -86,7 +108,7 @@ def inertial(identification: Identification) -> list[Row]:
                 "file": "" if known is None else quantity(known, info.unit),
                 "fit": estimate(e) + unit(e.unit, " "),
                 "off": "" if off is None else f"{100 * off:+.1f} %".replace("-", "−"),
-                "contradicts": outside and abs(off or 0.0) > _CONTRADICTS,
+                "contradicts": _contradicts(known, e),
             }
         )
     return rows
