@@ -148,8 +148,8 @@ class Piece:
         whole = round(delay) if abs(delay) > MOST_DELAY - 0.5 else 0
         if whole:
             reach = min(abs(whole), len(x))
-            padded = np.pad(x, reach, mode="edge")
-            x = np.ascontiguousarray(padded[reach - whole : reach - whole + len(x)])
+            first = reach - max(-reach, min(whole, reach))
+            x = np.ascontiguousarray(np.pad(x, reach, mode="edge")[first : first + len(x)])
         return self.low_pass(x, delay - whole)
 
     def moving(self, joint: int) -> Mask:

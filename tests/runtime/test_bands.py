@@ -185,3 +185,12 @@ def test_rows_are_the_same_in_blocks(model: Model) -> None:
     whole = piece.equations(wide, (0, 1))
     blocks = piece.equations_in_blocks(lambda at: wide[:, :, at], (0, 1))
     assert all(np.array_equal(blocks[i], whole[i]) for i in (0, 1))
+
+
+def test_what_is_later_than_a_recording_is_long_is_its_end_held(model: Model) -> None:
+    (piece,) = prepared(model, [recorded(0.0, seed=7)]).pieces_of(1)
+    ramp = np.arange(1.0, len(piece.t) + 1)
+    for times, end in ((3.0, ramp[0]), (-3.0, ramp[-1])):
+        assert piece.late(ramp, times * len(ramp)) == pytest.approx(np.full(len(piece.centres), end))
+    within = piece.late(ramp, 10.0)[1:-1]
+    assert within == pytest.approx(ramp[piece.centres][1:-1] - 10.0)
