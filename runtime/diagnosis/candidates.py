@@ -222,7 +222,7 @@ class CandidateField:
 
     def trial(self, term: Term, shape: Values) -> CandidateBlock:
         """The candidate's columns on the excerpt."""
-        return self._one(self._trials(term, [shape]))
+        return self._trials(term, [shape]).single
 
     def _trials(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
         """`trial` of many shapes."""
@@ -244,19 +244,11 @@ class CandidateField:
 
     def sample(self, term: Term, shape: Values) -> CandidateBlock:
         """As `block`, on the excerpt."""
-        return self._one(self._sampled(term, [shape], joints_of(self.model, term), reread=True))
+        return self._sampled(term, [shape], joints_of(self.model, term), reread=True).single
 
-    def unread(self, term: Term, shape: Values) -> CandidateBlock:
-        """As `sample`, without the encoders' noise."""
-        return self._one(self._sampled(term, [shape], joints_of(self.model, term), reread=False))
-
-    def _one(self, blocks: CandidateBlock) -> CandidateBlock:
-        """The only one of a block of many choices."""
-        parts = {
-            joint: CandidateRows(part.columns[0], None if part.noise is None else part.noise[0])
-            for joint, part in blocks.parts.items()
-        }
-        return replace(blocks, parts=parts)
+    def unread(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
+        """As `sample`, of many shapes, without the encoders' noise."""
+        return self._sampled(term, shapes, joints_of(self.model, term), reread=False)
 
     def _sampled(self, term: Term, shapes: Sequence[Values], joints: tuple[int, ...], reread: bool) -> CandidateBlock:
         parts = {}
@@ -349,7 +341,8 @@ class CandidateField:
 
     def anywhere(self, term: Term) -> list[Values]:
         """Shapes at which the term could be hidden; of a line, all over the orders that the motion shows."""
-        return self.choices(term) if self._lines(term)[0] is None else grids.points(self.excerpt[0], term)
+        of_line = self.model.library.effects[term.effect].line is not None
+        return grids.points(self.excerpt[0], term) if of_line else self.choices(term)
 
     def refine(self, candidate: Candidate) -> Candidate:
         """The same candidate with its shape moved off the grid to the least error."""

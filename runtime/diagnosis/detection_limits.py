@@ -166,7 +166,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     field = bench.field
     name, freed = next(iter(shapes[0])), _freed(field, term)
     by_value = {v: _typical([s for s in shapes if s[name] == v]) for v in sorted({s[name] for s in shapes})}
-    sizes = freed * np.array([_size(bench, term, shape) for shape in by_value.values()])
+    sizes = freed * _sizes(bench, term, list(by_value.values()))
     finite = np.flatnonzero(np.isfinite(sizes))
     if len(finite) < 2:
         return None
@@ -196,7 +196,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     shape = weakest_first[first][0]
     if first > 0:
         shape = _between(seen, weakest_first[first - 1][0], shape, name)
-    if len(shape) > 1 and freed * _size(bench, term, shape) < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
+    if len(shape) > 1 and freed * _sizes(bench, term, [shape])[0] < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
         return None
     shape = _softened(field.model.library.effects[term.effect], shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
@@ -244,7 +244,7 @@ def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, free
     """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
     if freed == 1.0:
         return field.sample(term, shape)
-    block = field.unread(term, shape)
+    block = field.unread(term, [shape]).single
     noisy = field.sample(term, _softened(field.model.library.effects[term.effect], shape, freed)).parts
     parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in block.parts.items()}
     return replace(block, parts=parts)
@@ -258,13 +258,14 @@ def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name
     return shape
 
 
-def _size(bench: WhitenedGround, term: Term, shape: Values) -> float:
-    """RMS at its own joint of what the base cannot take over of an effect's torque without free coefficients."""
+def _sizes(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Array:
+    """(S,) RMS at its own joint of what the base cannot take over of an effect's torque without free coefficients, at
+    each of some shapes; NaN where that is no number."""
     field, ground = bench.field, bench.ground
     own = joints_of(field.model, term)[0]
-    block = field.trial(term, shape)
-    if not block.finite:
-        return float("nan")
-    parts = {i: part.columns[0] for i, part in block.parts.items()}
+    blocks = field.unread(term, shapes)
+    found, finite = np.full(len(shapes), np.nan), blocks.finite_each
+    parts = {i: part.columns[finite, 0] for i, part in blocks.parts.items()}
     kept, _ = field.without(ground, field.replaced(term)).own(parts)
-    return field.rms(own) * float(np.sqrt(kept / max(1, ground.rows[own].count)))
+    found[finite] = field.rms(own) * np.sqrt(kept / max(1, ground.rows[own].count))
+    return found

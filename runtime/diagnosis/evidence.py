@@ -76,6 +76,15 @@ class CandidateBlock:
         }
         return replace(self, parts=parts)
 
+    @property
+    def single(self) -> CandidateBlock:
+        """At the first of many choices of its shape, (1 + k, M)."""
+        parts = {
+            joint: CandidateRows(part.columns[0], None if part.noise is None else part.noise[0])
+            for joint, part in self.parts.items()
+        }
+        return replace(self, parts=parts)
+
     def only(self, choices: Mask) -> CandidateBlock:
         """Some of many choices (S,)."""
         parts = {
@@ -430,16 +439,17 @@ class Ground:
             [used.get(joint, 0.0) - taken[row.index] @ row.stack[:-1] for joint, row in enumerate(self.rows)]
         )
 
-    def own(self, torques: Mapping[int, Array]) -> tuple[float, float]:
-        """Weighted squares of what the base cannot take over of torques (M,) by joint, and of them whole."""
+    def own(self, torques: Mapping[int, Array]) -> tuple[Array, Array]:
+        """Weighted squares (...) of what the base cannot take over of torques (..., M) by joint, and of them whole."""
         projection, _ = self._projection
-        square, cross = 0.0, np.zeros(self.size)
+        ahead = next(iter(torques.values())).shape[:-1] if torques else ()
+        square, cross = np.zeros(ahead), np.zeros((*ahead, self.size))
         for joint, torque in torques.items():
             row = self.rows[joint]
             x = row.used(torque)
-            square += float(x @ x)
-            cross[row.index] += row.stack[:-1] @ x
-        return max(square - float(cross @ projection @ cross), 0.0), square
+            square += np.einsum("...m,...m->...", x, x)
+            cross[..., row.index] += x @ row.stack[:-1].T
+        return np.maximum(square - ((cross @ projection) * cross).sum(axis=-1), 0.0), square
 
     def held(self, moments: Array, theta: Array) -> tuple[float, float]:
         """How much of a torque the measurement holds beside the base, and its standard deviation if rows are white.

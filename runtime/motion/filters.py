@@ -95,8 +95,7 @@ class Smoother:
 
     def __call__(self, x: Array) -> Array:
         """x (N,) -> (N,)."""
-        padded = np.pad(x, len(self.kernel) // 2, "reflect", reflect_type="odd")
-        return convolved(padded, self.kernel[None])[0]
+        return convolved(_continued(x, len(self.kernel) // 2), self.kernel[None])[0]
 
 
 def smoother(response: Array) -> Smoother:
@@ -180,8 +179,13 @@ class LowPass:
     def narrowed(self, rows: Array, cutoff: float) -> Array:
         """In-band rows (..., M) of which only what lies below a lower cut-off is left; the ends as a `Smoother` has
         them."""
-        smooth = Smoother(low_pass(cutoff, self.rate / self.factor, self.library)._centred)
-        return np.apply_along_axis(smooth, -1, rows)
+        narrow = low_pass(cutoff, self.rate / self.factor, self.library)
+        return self.library.decimate(narrow._centred, 1, _continued(rows, narrow.half))
+
+
+def _continued(x: Array, by: int) -> Array:
+    """x (..., N) -> (..., by + N + by), by odd reflection."""
+    return np.pad(x, [(0, 0)] * (x.ndim - 1) + [(by, by)], "reflect", reflect_type="odd")
 
 
 def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
