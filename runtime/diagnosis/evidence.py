@@ -285,7 +285,8 @@ class Ground:
         kept = [*range(b), *range(b + 1, b + k + 1)]
         lower, upper = np.append(self.lower, block.lower), np.append(self.upper, block.upper)
         lean = np.append(np.zeros(b), self._lean(moments))
-        return Grams(moments[:, kept][:, :, kept], lower, upper, lean, self._ends.setdefault(b + k, []))
+        folds, ends = moments[:, kept][:, :, kept], self._ends.setdefault(b + k, [])
+        return Grams(folds, lower, upper, lean, ends, self._base)
 
     def _lean(self, moments: Array) -> Array:
         """(k,) what speaks for zero of a block's coefficients where a fold is left out: what all rows but a few tell of

@@ -22,7 +22,7 @@ class Alike:
     """As `bounded`, of several problems with the same bounds.
 
     grams (F, K, K); lower, upper (K,); ends: on which bounds coefficients stood in problems like these, the likely
-    first, kept up to date
+    first, kept up to date; core: the same problems without their last coefficients, of which others know more already
     Problems that are alike end on the same bounds: what one of them has found is tried on the others, all at once. It
     is the answer where nothing falls towards the inside (Karush, Kuhn and Tucker), as there is one least square of Gram
     matrices that are positive; of others, `bounded` goes its own way.
@@ -32,6 +32,7 @@ class Alike:
     lower: Array
     upper: Array
     ends: list[Sides] = field(default_factory=list)
+    core: Alike | None = None
 
     def solve(self, moments: Array) -> Array:
         """(F, K) coefficients, moments (F, K)."""
@@ -85,16 +86,13 @@ class Alike:
     @cached_property
     def _least_pivot(self) -> float:
         """Of all that is told; 0 where the problems are not alike."""
-        return self._pivot(self._told) if np.all(np.isfinite(self._reach[:, self._told])) else 0.0
-
-    def _pivot(self, part: Mask) -> float:
-        """The least of the Cholesky factors of some coefficients, of a part no less than of all; 0 where one of the
-        matrices is not positive."""
-        try:
-            factors = np.linalg.cholesky(self._scaled(part))
-        except np.linalg.LinAlgError:
+        if not np.all(np.isfinite(self._reach[:, self._told])):
             return 0.0
-        return float(np.diagonal(factors, axis1=1, axis2=2).min(initial=1.0))
+        border = self._border(np.zeros(len(self.lower), dtype=np.int8), self._told)
+        if self.core is None or border is None:
+            return _least_factor(self._scaled(self._told))
+        size = self._reach[:, border.place]
+        return min(self.core._least_pivot, _least_factor(border.left / (size[:, :, None] * size[:, None])))
 
     def _scaled(self, part: Mask) -> Array:
         """Of some coefficients, with unit diagonals: (F, K', K')."""
@@ -117,22 +115,80 @@ class Alike:
         free, least = self._told & (sides == 0), self._least_pivot
         if not np.isfinite(np.where(sides > 0, self.lower, self.upper)[sides != 0]).all():
             return None
-        if least == 0 or (least <= WELL_POSED and self._pivot(free) <= WELL_POSED):
+        if least == 0 or (least <= WELL_POSED and _least_factor(self._scaled(free)) <= WELL_POSED):
             return None
-        inverse, size, solved = np.zeros_like(self.grams), self._reach[:, free], np.linalg.inv(self._scaled(free))
-        place = np.flatnonzero(free)
-        inverse[:, place[:, None], place] = solved / (size[:, :, None] * size[:, None])
+        inverse = self._inverse(sides, free)
         resting = np.clip(0.0, self.lower, self.upper)
         at = np.where(sides > 0, self.lower, np.where(sides < 0, self.upper, resting))
         at[free] = 0.0
         offset = at - times(inverse, self.grams @ at) if at.any() else np.zeros_like(self._reach)
         return _Ending(inverse, offset, sides.astype(float))
 
+    def _inverse(self, sides: Sides, free: Mask) -> Array:
+        """(F, K, K) of the coefficients that are free, zero elsewhere."""
+        border = self._border(sides, free)
+        if border is not None:
+            return border.inverse(np.zeros_like(self.grams))
+        inverse, size, place = np.zeros_like(self.grams), self._reach[:, free], np.flatnonzero(free)
+        inverse[:, place[:, None], place] = np.linalg.inv(self._scaled(free)) / (size[:, :, None] * size[:, None])
+        return inverse
+
+    def _border(self, sides: Sides, free: Mask) -> _Border | None:
+        """None without a core, and where it knows nothing of such an end."""
+        if self.core is None:
+            return None
+        inner = len(self.core.lower)
+        ending = self.core._ending(sides[:inner])
+        if ending is None:
+            return None
+        place = inner + np.flatnonzero(free[inner:])
+        across = self.grams[:, :inner][:, :, place]
+        taken = ending.inverse @ across
+        return _Border(ending.inverse, place, taken, self.grams[:, place[:, None], place] - _turned(across) @ taken)
+
+
+def _least_factor(matrices: Array) -> float:
+    """The least of the Cholesky factors' diagonals, of a part of the coefficients no less than of all; 0 where one of
+    the matrices (F, K, K) is not positive."""
+    try:
+        factors = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return 0.0
+    return float(np.diagonal(factors, axis1=1, axis2=2).min(initial=1.0))
+
+
+def _turned(matrices: Array) -> Array:
+    return matrices.swapaxes(1, 2)
+
 
 def times(matrices: Array, vectors: Array) -> Array:
     """(F, K) products of matrices (F, K, K) and vectors (F, K)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
+
+
+@dataclass(frozen=True)
+class _Border:
+    """Further coefficients about a core whose inverse (F, C, C) is known: place (k,) among all; taken (F, C, k), what
+    the core takes over of them, and left (F, k, k) what it does not (Schur's complement).
+
+    Source: inverse by bordering, Golub & Van Loan, Matrix Computations.
+    """
+
+    core: Array
+    place: NDArray[np.intp]
+    taken: Array
+    left: Array
+
+    def inverse(self, out: Array) -> Array:
+        """(F, K, K), written into zeros."""
+        inner, solved = self.core.shape[1], np.linalg.inv(self.left)
+        across = -self.taken @ solved
+        out[:, :inner, :inner] = self.core - across @ _turned(self.taken)
+        out[:, :inner, self.place] = across
+        out[:, self.place, :inner] = _turned(across)
+        out[:, self.place[:, None], self.place] = solved
+        return out
 
 
 @dataclass(frozen=True)

@@ -18,22 +18,25 @@ Array = NDArray[np.float64]
 class Grams:
     """The left-hand sides of normal equations in folds: folds (FOLDS, K, K) of the unknowns' columns, compensated;
     lower, upper (K,); lean (K,): as much again speaks for zero of each where a fold is left out; ends as for `Alike`,
-    shared with others of the same unknowns."""
+    shared with others of the same unknowns; core: those of the first of the unknowns alone."""
 
     folds: Array
     lower: Array
     upper: Array
     lean: Array
     ends: list[Sides] = field(default_factory=list)
+    core: Grams | None = None
 
     @cached_property
     def whole(self) -> Alike:
-        return Alike(self.folds.sum(axis=0)[None], self.lower, self.upper, self.ends)
+        core = None if self.core is None else self.core.whole
+        return Alike(self.folds.sum(axis=0)[None], self.lower, self.upper, self.ends, core)
 
     @cached_property
     def rests(self) -> Alike:
         """Every fold left out once."""
-        return Alike(self.left + np.diag(self.lean), self.lower, self.upper, self.ends)
+        core = None if self.core is None else self.core.rests
+        return Alike(self.left + np.diag(self.lean), self.lower, self.upper, self.ends, core)
 
     @property
     def left(self) -> Array:
