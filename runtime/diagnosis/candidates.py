@@ -222,7 +222,7 @@ class CandidateField:
 
     def trial(self, term: Term, shape: Values) -> CandidateBlock:
         """The candidate's columns on the excerpt."""
-        return self._trials(term, [shape]).single
+        return self._trials(term, [shape]).at(0)
 
     def _trials(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
         """`trial` of many shapes."""
@@ -242,12 +242,12 @@ class CandidateField:
         reread = self.motion.perturbed.excerpt(self._excerpt_samples)[0]
         return Regressors(self.model, reread, self.fit.prediction, self.fit.ahead)
 
-    def sample(self, term: Term, shape: Values) -> CandidateBlock:
-        """As `block`, on the excerpt."""
-        return self._sampled(term, [shape], joints_of(self.model, term), reread=True).single
+    def samples(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
+        """As `block`, on the excerpt, of many shapes."""
+        return self._sampled(term, shapes, joints_of(self.model, term), reread=True)
 
     def unread(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
-        """As `sample`, of many shapes, without the encoders' noise."""
+        """As `samples`, without the encoders' noise."""
         return self._sampled(term, shapes, joints_of(self.model, term), reread=False)
 
     def _sampled(self, term: Term, shapes: Sequence[Values], joints: tuple[int, ...], reread: bool) -> CandidateBlock:

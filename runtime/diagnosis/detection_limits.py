@@ -24,6 +24,7 @@ from runtime.diagnosis.settings import (
     LEAST_EFFECT,
     LIMIT_DOUBLINGS,
     LIMIT_FINE,
+    LIMIT_LIKELY,
     LIMIT_OF_ITS_OWN,
     LIMIT_SIGMAS,
     LIMIT_START,
@@ -124,7 +125,7 @@ def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
 def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
     """By the first of the effect's coefficients, the others as without it."""
     field, library = bench.field, bench.field.model.library
-    block = field.sample(term, shape)
+    block = field.samples(term, [shape]).at(0)
     if not block.finite:
         return None
     weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, block)
@@ -150,11 +151,19 @@ def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, n
 
 
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
-    """The smallest amount that is seen, to a factor of LIMIT_FINE; None if none is."""
-    high = next((a for a in start * 2.0 ** np.arange(LIMIT_DOUBLINGS) if seen(float(a))), None)
-    if high is None:
-        return None
-    low, high = 0.5 * float(high), float(high)
+    """The smallest amount that is seen, to a factor of LIMIT_FINE, looked for from a likely one on; None if none is
+    seen between the start and LIMIT_DOUBLINGS doublings of it."""
+    ladder = start * 2.0 ** np.arange(LIMIT_DOUBLINGS)
+    place = LIMIT_LIKELY
+    if seen(float(ladder[place])):
+        while place > 0 and seen(float(ladder[place - 1])):
+            place -= 1
+    else:
+        above = (k for k in range(place + 1, LIMIT_DOUBLINGS) if seen(float(ladder[k])))
+        if (found := next(above, None)) is None:
+            return None
+        place = found
+    low, high = 0.5 * float(ladder[place]), float(ladder[place])
     while high > LIMIT_FINE * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if seen(middle) else (middle, high)
@@ -175,8 +184,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     weakest_first = weakest_first if rising else weakest_first[::-1]
     least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
 
-    def seen(shape: Values) -> bool:
-        block = _along_its_own_motion(field, term, shape, freed)
+    def seen(shape: Values, block: CandidateBlock) -> bool:
         if not block.finite:
             return False
         weighing = Weighing(bench, term, len(shape), block)
@@ -189,13 +197,20 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
         return bool(np.isfinite(whole[0])) and _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
 
     strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
-    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0]))
+    if not strong:
+        return None
+    blocks = _along_its_own_motion(field, term, [weakest_first[k][0] for k in strong], freed)
+    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0], blocks.at(k)))
     if place is None:
         return None
     first = strong[place]
     shape = weakest_first[first][0]
     if first > 0:
-        shape = _between(seen, weakest_first[first - 1][0], shape, name)
+
+        def seen_between(shape: Values) -> bool:
+            return seen(shape, _along_its_own_motion(field, term, [shape], freed).at(0))
+
+        shape = _between(seen_between, weakest_first[first - 1][0], shape, name)
     if len(shape) > 1 and freed * _sizes(bench, term, [shape])[0] < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
         return None
     shape = _softened(field.model.library.effects[term.effect], shape, freed)
@@ -240,14 +255,14 @@ def _softened(info: EffectInfo, shape: Values, freed: float) -> Values:
     return {k: v / freed if info.parameter(k).kind in _OF_A_SPRING else v for k, v in shape.items()}
 
 
-def _along_its_own_motion(field: CandidateField, term: Term, shape: Values, freed: float) -> CandidateBlock:
+def _along_its_own_motion(field: CandidateField, term: Term, shapes: Sequence[Values], freed: float) -> CandidateBlock:
     """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
     if freed == 1.0:
-        return field.sample(term, shape)
-    block = field.unread(term, [shape]).single
-    noisy = field.sample(term, _softened(field.model.library.effects[term.effect], shape, freed)).parts
-    parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in block.parts.items()}
-    return replace(block, parts=parts)
+        return field.samples(term, shapes)
+    info, blocks = field.model.library.effects[term.effect], field.unread(term, shapes)
+    noisy = field.samples(term, [_softened(info, shape, freed) for shape in shapes]).parts
+    parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in blocks.parts.items()}
+    return replace(blocks, parts=parts)
 
 
 def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:

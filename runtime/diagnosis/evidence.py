@@ -76,11 +76,10 @@ class CandidateBlock:
         }
         return replace(self, parts=parts)
 
-    @property
-    def single(self) -> CandidateBlock:
-        """At the first of many choices of its shape, (1 + k, M)."""
+    def at(self, choice: int) -> CandidateBlock:
+        """At one of many choices of its shape, (1 + k, M)."""
         parts = {
-            joint: CandidateRows(part.columns[0], None if part.noise is None else part.noise[0])
+            joint: CandidateRows(part.columns[choice], None if part.noise is None else part.noise[choice])
             for joint, part in self.parts.items()
         }
         return replace(self, parts=parts)

@@ -290,6 +290,9 @@ same limit, and time."""
 LIMIT_START: Final = 0.5
 """part of the least effect that passes the gates; a search for the limit begins there; by construction."""
 
+LIMIT_LIKELY: Final = 2
+"""number of doublings; there most limits lie within another of it, so that a search from there ends soonest; time."""
+
 LIMIT_DOUBLINGS: Final = 11
 """number of doublings; from the start a thousand times as much is reached: an effect that is not seen then has no
 limit; a choice."""
