@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from codegen.pages import BANNER, MARK
+from codegen.banner import BANNER, MARK
 
 _TEXTS = ("", ".c", ".h", ".py", ".ld", ".md", ".txt", ".cmake")
 """Endings of files that carry a banner."""

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from codegen import effect_functions as ef
 from codegen import metadata
+from codegen.banner import BANNER
 from codegen.c import c_batches, c_code, c_continued, c_effects, c_filters, c_lanes
 from codegen.c.c_code import F32, F64, Precision, Routine
 from codegen.c.controller import Controller
 from codegen.c.language import identifier
 from codegen.casadi import casadi_code, tables
-from codegen.pages import BANNER, page
+from codegen.pages import page
 from codegen.tape.balanced import balanced
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import Effect

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from codegen import metadata
+from codegen.banner import BANNER
 from codegen.c.c_code import comment
 from codegen.c.controller import Controller
 from codegen.c.controller_records import STATUS
@@ -19,7 +20,7 @@ from codegen.firmware.ceilings import Ceilings
 from codegen.firmware.handwritten import machine_sources
 from codegen.firmware.messages import LARGEST
 from codegen.firmware.protocol import ACKS, NOT_READY, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol, records_of
-from codegen.pages import BANNER, page
+from codegen.pages import page
 from symbolic.effects.declaration import Effect
 from symbolic.model import ArmModel
 

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from codegen import disk, render
+from codegen.banner import BANNER, MARK
 from codegen.c.controller import Controller
 from codegen.firmware import protocol_page
 from codegen.firmware.handwritten import handwritten_files
 from codegen.firmware.machine import machine_files
 from codegen.firmware.protocol import REASONS, Protocol
-from codegen.pages import BANNER, MARK, page
+from codegen.pages import page
 from codegen.toolchain import build, cross
 from codegen.toolchain.cross import HOST, TARGETS, Target, Toolchain
 from codegen.toolchain.stack import EXCEPTION_FRAME
