@@ -161,21 +161,15 @@ def _ordinary(bench: TrialArm) -> Array:
 
 
 def peaks(bench: TrialArm, path: Array) -> Array:
-    """(1 + rivals, n) largest torques along a motion: of the base model, then with each rival in it.
-
-    A rival that shifts the torque in time asks for no more of it: to first order in the shift, as it is recorded, a
-    steep torque only looks larger.
-    """
+    """(1 + rivals, n) largest torques along a motion: of the base model, then with each rival in it."""
     return np.array(list(_peaks(bench, path)))
 
 
 def _peaks(bench: TrialArm, path: Array) -> Iterator[Array]:
     """The rows of `peaks`, each computed when it is asked for: a rival with a memory takes long."""
     motion = along(bench.known, path)
-    yield (alone := np.abs(bench.record(motion, None, None).tau).max(axis=1))
-    for rival in bench.rivals:
-        shifts = "torque_rate" in bench.model.library.needs[rival.term.effect]
-        yield alone if shifts else np.abs(bench.record(motion, rival, None).tau).max(axis=1)
+    for rival in (None, *bench.rivals):
+        yield np.abs(bench.record(motion, rival, None).tau).max(axis=1)
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ def simulate(
         piece = sizing = motion if isinstance(motion, Piece) else along(model, motion, "temperature" in extra)
     values = _complete(model, sizing, _all_terms(model, hidden))
     signals = Signals(model, piece, Prediction(model.lump_values, values))
-    tau = _torque(signals, values)
+    tau = _recorded(signals, values)
     if not np.isfinite(tau).all():
         raise SimulationError(_without_bounds(signals, values))
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
@@ -193,6 +193,20 @@ def _torque(signals: Signals, values: Structure) -> Array:
     for term in values:
         for joint in joints_of(signals.model, term):
             tau[joint] += signals.torque(term, joint)
+    return tau
+
+
+def _recorded(signals: Signals, values: Structure) -> Array:
+    """(n, N) torque as a controller records it that is ahead of the motion: at a joint whose drive leads, all of the
+    torque at another time. An effect's law has that to first order, which makes more of fast torques than they are;
+    beyond the recording they stay as at its ends."""
+    effects = signals.model.library.effects
+    leads = {term: lead.name for term in values if (lead := effects[term.effect].of_kind("lead")) is not None}
+    tau = _torque(signals, {term: known for term, known in values.items() if term not in leads})
+    t = signals.time()
+    for term, name in leads.items():
+        for joint in joints_of(signals.model, term):
+            tau[joint] = np.interp(t + values[term][name], t, tau[joint])
     return tau
 
 

@@ -15,6 +15,8 @@ from runtime.estimation.identify import identify, identify_motion, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
+from runtime.simulation.options import SimulationSettings
+from runtime.simulation.simulate import Hidden, simulate
 
 Array = NDArray[np.float64]
 
@@ -98,3 +100,22 @@ def test_noise_of_the_torque_shortens_no_delay(drive: Model) -> None:
         assert estimate.interval is not None
         held.append(estimate.interval[0] < delay < estimate.interval[1])
     assert all(held)
+
+
+@pytest.mark.parametrize("time", [0.008, -0.004])
+def test_a_delay_that_is_simulated_is_one(time: float, drive: Model) -> None:
+    """To first order, 8 ms at 15 Hz would be a torque larger by a quarter."""
+    t = np.arange(4000) / 1000
+    path = 0.05 * np.sin(2 * np.pi * 15 * t)[None] + 0.3 * np.sin(2 * np.pi * 0.7 * t)[None]
+    quiet = SimulationSettings(noise=0.0)
+    plain, _ = simulate(drive, settings=quiet, motion=path)
+    late, _ = simulate(drive, [Hidden(DELAY, {"time": time})], quiet, path)
+    inner = slice(20, -20)
+    np.testing.assert_allclose(late.tau[0][inner], np.roll(plain.tau[0], -round(1000 * time))[inner], rtol=0, atol=1e-9)
+
+
+def test_nothing_is_named_beside_a_delay_that_is_simulated(drive: Model) -> None:
+    made, _ = simulate(drive, [Hidden(DELAY, {"time": 0.008})], SimulationSettings(seconds=30.0, noise=0.02))
+    found = diagnose(drive, [made])
+    assert [f.term for f in found.findings] == [DELAY]
+    assert found.steps[-1].identification.inference.values[DELAY]["time"].value == pytest.approx(0.008, abs=1e-4)

@@ -139,12 +139,13 @@ def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
 
 
 def test_a_delay_asks_for_no_more_torque(tmp_path: Path) -> None:
-    bench = _bench(open_model(DRIVE), "stribeck@1")
-    most = 1.2 * peaks(bench, bench.ordinary_path)[0].max()
+    bench = _bench(open_model(DRIVE), "torque_delay@1:time=0.05")
+    plain, late = peaks(bench, bench.ordinary_path)
+    assert late == pytest.approx(plain, rel=1e-6)
+    most = 1.2 * plain.max()
     text = DRIVE.read_text().replace("gear_ratio = 100", f"gear_ratio = 100\nlimits = {{torque = {most}}}")
     (tmp_path / "weak.toml").write_text(text)
     bench = _bench(open_model(tmp_path / "weak.toml"), "torque_delay@1:time=0.05")
-    assert np.abs(bench.record(bench.ordinary_path, bench.rivals[0], None).tau).max() > most
     assert BROAD[0] in Repertoire.of(bench, TorqueLimit.of(bench), Freedom()).names
 
 
