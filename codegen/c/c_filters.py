@@ -5,6 +5,9 @@ from __future__ import annotations
 from codegen.c.c_batches import LANES, arguments_of
 from codegen.c.c_code import Precision, Routine, comment, declaration, indent
 
+_OUTPUTS = 4
+"""Outputs that one reading of the samples serves; their sums fill the registers of four doubles."""
+
 
 def columns_type(precision: Precision) -> str:
     """What `columns` of every effect are called as."""
@@ -46,32 +49,63 @@ def decimation(precision: Precision) -> Routine:
 
 
 def decimation_at_once(precision: Precision) -> Routine:
-    """The filter of `decimation` along LANES columns that stand beside each other, to the last bit."""
-    kind = precision.kind
+    """The filter of `decimation` along LANES columns that stand beside each other, to the last bit.
+
+    _OUTPUTS neighbours are computed from one reading of what they share: by one at a time, memory would be waited for.
+    Each of the eight passes reads samples eight apart, which are one of the eight sums of every output.
+    """
+    kind, each = precision.kind, f"for (size_t j = 0; j < {LANES}; ++j)"
+    lanes = [f"lane{m}" for m in range(_OUTPUTS)]
+
+    def add(m: int) -> str:
+        at = f"i - {m} * factor" if m else "i"
+        return f"{each} {{ {lanes[m]}[j] += sample[j] * kernel[{at}]; }}"
+
+    last = _OUTPUTS - 1
+    sample = f"const {kind} *restrict sample = window + {LANES} * i;"
+    begun = "\n            ".join([add(0), *(f"if (i >= {m} * factor) {add(m)}" for m in range(1, last))])
+    ended = "\n            ".join([*(f"if (i < whole + {m} * factor) {add(m)}" for m in range(1, last)), add(last)])
+    among = "\n            ".join(add(m) for m in range(_OUTPUTS))
+    kept = "\n            ".join(
+        f"sum[{m}][(part + {7 * m} * factor) % 8][j] = {lanes[m]}[j];" for m in range(_OUTPUTS)
+    )
     body = f"""const size_t whole = taps - taps % 8;
-for (size_t k = 0; k < count; ++k) {{
+size_t near = 0;
+for (size_t k = 0; k < count; k += near) {{
     const {kind} *restrict window = x + {LANES} * factor * k;
-    {kind} sum[8][{LANES}];
-    {kind} rest[{LANES}] = {{0}};
-    for (size_t part = 0; part < 8; ++part) {{
-        {kind} lane[{LANES}] = {{0}};
-        for (size_t i = part; i < whole; i += 8) {{
-            for (size_t j = 0; j < {LANES}; ++j) {{
-                lane[j] += window[{LANES} * i + j] * kernel[i];
-            }}
+    {kind} sum[{_OUTPUTS}][8][{LANES}] = {{{{{{0}}}}}};
+    near = (whole > {last} * factor && k + {_OUTPUTS} <= count) ? {_OUTPUTS} : 1;
+    for (size_t i = 0; near == 1 && i < whole; ++i) {{
+        {each} {{ sum[0][i % 8][j] += window[{LANES} * i + j] * kernel[i]; }}
+    }}
+    for (size_t part = 0; near > 1 && part < 8; ++part) {{
+        {kind} {", ".join(f"{lane}[{LANES}] = {{0}}" for lane in lanes)};
+        size_t i = part;
+        for (; i < {last} * factor; i += 8) {{
+            {sample}
+            {begun}
         }}
-        for (size_t j = 0; j < {LANES}; ++j) {{
-            sum[part][j] = lane[j];
+        for (; i < whole; i += 8) {{
+            {sample}
+            {among}
+        }}
+        for (; i < whole + {last} * factor; i += 8) {{
+            {sample}
+            {ended}
+        }}
+        {each} {{
+            {kept}
         }}
     }}
-    for (size_t i = whole; i < taps; ++i) {{
-        for (size_t j = 0; j < {LANES}; ++j) {{
-            rest[j] += window[{LANES} * i + j] * kernel[i];
+    for (size_t m = 0; m < near; ++m) {{
+        {kind} rest[{LANES}] = {{0}};
+        for (size_t i = whole; i < taps; ++i) {{
+            {each} {{ rest[j] += window[{LANES} * (i + m * factor) + j] * kernel[i]; }}
         }}
-    }}
-    for (size_t j = 0; j < filled; ++j) {{
-        out[j * apart + k] = ((sum[0][j] + sum[4][j]) + (sum[1][j] + sum[5][j])) +
-            ((sum[2][j] + sum[6][j]) + (sum[3][j] + sum[7][j])) + rest[j];
+        for (size_t j = 0; j < filled; ++j) {{
+            out[j * apart + k + m] = ((sum[m][0][j] + sum[m][4][j]) + (sum[m][1][j] + sum[m][5][j])) +
+                ((sum[m][2][j] + sum[m][6][j]) + (sum[m][3][j] + sum[m][7][j])) + rest[j];
+        }}
     }}
 }}"""
     arguments = ["size_t count", "size_t filled", "size_t apart", "size_t factor", "size_t taps"]

@@ -2188,29 +2188,56 @@ void tendon_decimate_at_once_f64(
     double *restrict out)
 {
     const size_t whole = taps - taps % 8;
-    for (size_t k = 0; k < count; ++k) {
+    size_t near = 0;
+    for (size_t k = 0; k < count; k += near) {
         const double *restrict window = x + 8 * factor * k;
-        double sum[8][8];
-        double rest[8] = {0};
-        for (size_t part = 0; part < 8; ++part) {
-            double lane[8] = {0};
-            for (size_t i = part; i < whole; i += 8) {
-                for (size_t j = 0; j < 8; ++j) {
-                    lane[j] += window[8 * i + j] * kernel[i];
-                }
+        double sum[4][8][8] = {{{0}}};
+        near = (whole > 3 * factor && k + 4 <= count) ? 4 : 1;
+        for (size_t i = 0; near == 1 && i < whole; ++i) {
+            for (size_t j = 0; j < 8; ++j) { sum[0][i % 8][j] += window[8 * i + j] * kernel[i]; }
+        }
+        for (size_t part = 0; near > 1 && part < 8; ++part) {
+            double lane0[8] = {0}, lane1[8] = {0}, lane2[8] = {0}, lane3[8] = {0};
+            size_t i = part;
+            for (; i < 3 * factor; i += 8) {
+                const double *restrict sample = window + 8 * i;
+                for (size_t j = 0; j < 8; ++j) { lane0[j] += sample[j] * kernel[i]; }
+                if (i >= 1 * factor) for (size_t j = 0; j < 8; ++j) { lane1[j] += sample[j] * kernel[i - 1 *
+        factor]; }
+                if (i >= 2 * factor) for (size_t j = 0; j < 8; ++j) { lane2[j] += sample[j] * kernel[i - 2 *
+        factor]; }
+            }
+            for (; i < whole; i += 8) {
+                const double *restrict sample = window + 8 * i;
+                for (size_t j = 0; j < 8; ++j) { lane0[j] += sample[j] * kernel[i]; }
+                for (size_t j = 0; j < 8; ++j) { lane1[j] += sample[j] * kernel[i - 1 * factor]; }
+                for (size_t j = 0; j < 8; ++j) { lane2[j] += sample[j] * kernel[i - 2 * factor]; }
+                for (size_t j = 0; j < 8; ++j) { lane3[j] += sample[j] * kernel[i - 3 * factor]; }
+            }
+            for (; i < whole + 3 * factor; i += 8) {
+                const double *restrict sample = window + 8 * i;
+                if (i < whole + 1 * factor) for (size_t j = 0; j < 8; ++j) { lane1[j] += sample[j] * kernel[i - 1 *
+        factor]; }
+                if (i < whole + 2 * factor) for (size_t j = 0; j < 8; ++j) { lane2[j] += sample[j] * kernel[i - 2 *
+        factor]; }
+                for (size_t j = 0; j < 8; ++j) { lane3[j] += sample[j] * kernel[i - 3 * factor]; }
             }
             for (size_t j = 0; j < 8; ++j) {
-                sum[part][j] = lane[j];
+                sum[0][(part + 0 * factor) % 8][j] = lane0[j];
+                sum[1][(part + 7 * factor) % 8][j] = lane1[j];
+                sum[2][(part + 14 * factor) % 8][j] = lane2[j];
+                sum[3][(part + 21 * factor) % 8][j] = lane3[j];
             }
         }
-        for (size_t i = whole; i < taps; ++i) {
-            for (size_t j = 0; j < 8; ++j) {
-                rest[j] += window[8 * i + j] * kernel[i];
+        for (size_t m = 0; m < near; ++m) {
+            double rest[8] = {0};
+            for (size_t i = whole; i < taps; ++i) {
+                for (size_t j = 0; j < 8; ++j) { rest[j] += window[8 * (i + m * factor) + j] * kernel[i]; }
             }
-        }
-        for (size_t j = 0; j < filled; ++j) {
-            out[j * apart + k] = ((sum[0][j] + sum[4][j]) + (sum[1][j] + sum[5][j])) +
-                ((sum[2][j] + sum[6][j]) + (sum[3][j] + sum[7][j])) + rest[j];
+            for (size_t j = 0; j < filled; ++j) {
+                out[j * apart + k + m] = ((sum[m][0][j] + sum[m][4][j]) + (sum[m][1][j] + sum[m][5][j])) +
+                    ((sum[m][2][j] + sum[m][6][j]) + (sum[m][3][j] + sum[m][7][j])) + rest[j];
+            }
         }
     }
 }

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from random_arms import MIXED
 
 from codegen import effect_functions as ef
@@ -86,6 +88,19 @@ def test_many_choices_in_the_band(name: str, choices: int, library: Library) -> 
     assert np.array_equal(found, alone, equal_nan=True)
     few = {n: x[:20] for n, x in signals.items()}
     assert library.columns_in_band(name, [few], shapes, 1e-3, kernel, 5).size == 0
+
+
+@given(taps=st.integers(1, 90), factor=st.integers(1, 30), samples=st.integers(1, 400))
+def test_any_filter_at_once(library: Library, taps: int, factor: int, samples: int) -> None:
+    """As one row after another, bit for bit: outputs in groups, what is left over of them, and filters too short."""
+    rng = np.random.default_rng([taps, factor, samples])
+    effect = LIBRARY["lugre"]
+    signals = {s.name: rng.uniform(0.5, 2.0, samples) for s in effect.signals}
+    shapes = [{p.name: rng.uniform(0.1, 3.0) for p in effect.parameters if p.role == "shape"} for _ in range(3)]
+    kernel = rng.standard_normal(taps)
+    found = library.columns_in_band("lugre", [signals], shapes, 1e-3, kernel, factor)[:, 0]
+    alone = [library.decimate(kernel, factor, library.columns("lugre", signals, shape, 1e-3)) for shape in shapes]
+    assert np.array_equal(found, alone)
 
 
 @pytest.mark.parametrize("choices", [1, 3])
