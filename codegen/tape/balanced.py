@@ -47,13 +47,13 @@ class _Balancing:
             if node.op in _SUM:
                 self.place[i] = self._summed(self._terms(i, 1))
             else:
-                self.place[i] = self._node(node._replace(args=tuple(self.place[a] for a in node.args)))
+                self.place[i] = self._node(Node(node.op, tuple(map(self.place.__getitem__, node.args)), node.value))
         names = {self.place[i]: name for i, name in self.old.names.items()}
         return Tape(tuple(self.nodes), tuple(self.place[i] for i in self.old.outputs), names)
 
     def _node(self, node: Node) -> int:
         self.nodes.append(node)
-        self.known.append(max((self.known[a] for a in node.args), default=0) + _WAIT.get(node.op, 1))
+        self.known.append(max(map(self.known.__getitem__, node.args), default=0) + _WAIT.get(node.op, 1))
         return len(self.nodes) - 1
 
     def _terms(self, i: int, sign: int) -> list[Term]:

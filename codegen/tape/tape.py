@@ -84,16 +84,15 @@ class Tape:
         """Outputs for numbers of any kind; `operations` supplies "const" (of a Fraction) and what is not arithmetic."""
         table = _ARITHMETIC | dict(operations)
         results: list[Any] = []
-        for node in self.nodes:
-            if node.op == "leaf":
-                results.append(values[node.value])
-            elif node.op == "const":
-                results.append(table["const"](node.value))
-            elif len(node.args) == 2:
-                a, b = node.args
-                results.append(table[node.op](results[a], results[b]))
+        for op, args, value in self.nodes:
+            if len(args) == 2:
+                results.append(table[op](results[args[0]], results[args[1]]))
+            elif op == "leaf":
+                results.append(values[value])
+            elif op == "const":
+                results.append(table["const"](value))
             else:
-                results.append(table[node.op](*[results[a] for a in node.args]))
+                results.append(table[op](*[results[a] for a in args]))
         return [results[i] for i in self.outputs]
 
     def magnitude(self, values: Mapping[sp.Symbol, float]) -> list[float]:

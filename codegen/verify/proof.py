@@ -87,23 +87,32 @@ def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed
     proofs = [FunctionProof("frames", 1, f"by {apart:.2g} (m, rad)" if apart > rounding.ROUNDING else None)]
     rng = random.Random(seed)
     states = [_State.drawn(rng, model, frames, ExactChain.of(chain)) for _ in range(points)]
+    inputs = {symbol: [state.inputs[symbol] for state in states] for symbol in states[0].inputs}
     for function in model.functions:
+        expected = [TRUTH[function.name](state) for state in states]
         orders = (tapes[function.name], balanced(tapes[function.name]))
-        found = (_differs(function, tape, state) for state in states for tape in orders)
+        found = (_differs(function, tape.evaluate(inputs, operations(points)), expected, states) for tape in orders)
         proofs.append(FunctionProof(function.name, points, next((name for name in found if name), None)))
     return proofs
 
 
-def _differs(function: SymbolicFunction, tape: Tape, state: _State) -> str | None:
-    """The first element that the Lagrangian has otherwise."""
-    values = state.values | dict(zip(_symbols("tau", state.posture.n), state.torques, strict=True))
-    found = tape.evaluate(values, OPERATIONS)
-    if function.name == "regressor":
-        found = [sum(y * x for y, x in zip(row, state.lumps, strict=True)) for row in _rows(found, len(state.lumps))]
-    expected, output = TRUTH[function.name](state), function.outputs[0]
-    assert len(found) == len(expected), function.name
-    wrong = (i for i, (x, y) in enumerate(zip(found, expected, strict=True)) if (x - y) % PRIME)
-    return next((f"{output.name}[{i}]" for i in wrong), None)
+def _differs(
+    function: SymbolicFunction,
+    found: Sequence[Sequence[int]],
+    expected: Sequence[Sequence[int]],
+    states: Sequence[_State],
+) -> str | None:
+    """The first element that the Lagrangian has otherwise; found (elements, points), expected (points, elements)."""
+    for values, truth, state in zip(zip(*found, strict=True), expected, states, strict=True):
+        if function.name == "regressor":
+            values = tuple(
+                sum(y * x for y, x in zip(row, state.lumps, strict=True)) for row in _rows(values, len(state.lumps))
+            )
+        assert len(values) == len(truth), function.name
+        wrong = (i for i, (x, y) in enumerate(zip(values, truth, strict=True)) if (x - y) % PRIME)
+        if (first := next(wrong, None)) is not None:
+            return f"{function.outputs[0].name}[{first}]"
+    return None
 
 
 @dataclass(frozen=True)
@@ -112,7 +121,7 @@ class _State:
 
     rotors   (n,) as the file has them, random where it does not; own: what link_load and link_inertia do without
     lumps    values of the base parameters
-    values   of all symbols
+    values   of all symbols but the torques
     """
 
     model: ArmModel
@@ -149,16 +158,19 @@ class _State:
         rigid = self.posture.torques(self.qd, self.qdd)
         return [t + rotor * a for t, rotor, a in zip(rigid, self.rotors, self.qdd, strict=True)]
 
+    @functools.cached_property
+    def inputs(self) -> dict[sp.Symbol, Any]:
+        """The values of all symbols."""
+        return self.values | dict(zip(_symbols("tau", self.posture.n), self.torques, strict=True))
+
     def load(self) -> list[int]:
         """(n,) at the joints' outputs."""
         return [t - rotor * a for t, rotor, a in zip(self.torques, self.own, self.qdd, strict=True)]
 
     def inertia(self, rotors: Sequence[int]) -> list[int]:
         """D, flat."""
-        D = self.posture.inertia()
-        for i, rotor in enumerate(rotors):
-            D[i][i] += rotor
-        return _flat(D)
+        rows = enumerate(zip(self.posture.inertia, rotors, strict=True))
+        return [x + rotor * (i == j) for i, (row, rotor) in rows for j, x in enumerate(row)]
 
     def links(self) -> list[int]:
         """(n,) what is left of the rotors in link_inertia."""
@@ -242,18 +254,19 @@ def random_turn(rng: random.Random) -> Turn:
     return Turn((1 - t * t) * scale % PRIME, 2 * t * scale % PRIME)
 
 
-OPERATIONS: Mapping[str, Callable[..., Any]] = {
-    "const": residue,
-    "add": operator.add,
-    "sub": operator.sub,
-    "mul": lambda a, b: a * b % PRIME,
-    "div": lambda a, b: a * pow(b, -1, PRIME) % PRIME,
-    "neg": operator.neg,
-    "sin": lambda a: a.sin % PRIME,
-    "cos": lambda a: a.cos % PRIME,
-}
-"""Of a tape whose numbers are residues and whose angles are Turns. A sum is as good unreduced: the product or the
-comparison that reads it reduces it."""
+def operations(points: int) -> Mapping[str, Callable[..., Any]]:
+    """Of a tape whose numbers are lists of residues, one a point, and whose angles are lists of Turns. A sum is as good
+    unreduced: the product or the comparison that reads it reduces it."""
+    return {
+        "const": lambda number: [residue(number)] * points,
+        "add": lambda a, b: list(map(operator.add, a, b)),
+        "sub": lambda a, b: list(map(operator.sub, a, b)),
+        "mul": lambda a, b: [x * y % PRIME for x, y in zip(a, b, strict=True)],
+        "div": lambda a, b: [x * pow(y, -1, PRIME) % PRIME for x, y in zip(a, b, strict=True)],
+        "neg": lambda a: list(map(operator.neg, a)),
+        "sin": lambda a: [x.sin % PRIME for x in a],
+        "cos": lambda a: [x.cos % PRIME for x in a],
+    }
 
 
 def _symbols(name: str, n: int) -> list[sp.Symbol]:

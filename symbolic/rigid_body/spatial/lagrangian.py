@@ -147,21 +147,27 @@ class ExactPosture:
         parts = [times(times(T, body), transposed(T)) for T, body in zip(self.places, self.bodies, strict=True)]
         return _outer_sums(parts)
 
+    @functools.cached_property
+    def _turned_moments(self) -> list[Square]:
+        """(n,) S_j W_j."""
+        return [times(S, W) for S, W in zip(self.axes, self.second_moments, strict=True)]
+
+    @functools.cached_property
     def inertia(self) -> list[list[int]]:
-        """(n, n) D without rotors."""
-        W, S, n = self.second_moments, self.axes, self.n
-        return [[trace(times(S[i], W[max(i, j)]), transposed(S[j])) for j in range(n)] for i in range(n)]
+        """(n, n) D without rotors: tr(S_i W_max(i,j) S_j^T), and W is symmetric."""
+        S, SW, n = self.axes, self._turned_moments, self.n
+        return [[contracted(S[min(i, j)], SW[max(i, j)]) for j in range(n)] for i in range(n)]
 
     def coriolis(self, qd: Sequence[int]) -> list[list[int]]:
         """(n, n) C by Christoffel symbols: C_ij = sum_k [jk, i] qd_k."""
-        W, S, n = self.second_moments, self.axes, self.n
+        W, S, SW, n = self.second_moments, self.axes, self._turned_moments, self.n
         C = [[0] * n for _ in range(n)]
         for j in range(n):
             for k in range(j, n):
                 turned = times(S[j], S[k])  # d2T_l/dq_j dq_k = S_j S_k T_l for j <= k
                 inner = times(turned, W[k])
                 for i in range(n):
-                    symbol = trace(inner if i <= k else times(turned, W[i]), transposed(S[i]))
+                    symbol = contracted(inner, S[i]) if i <= k else contracted(turned, SW[i])
                     C[i][j] += symbol * qd[k]
                     if j != k:
                         C[i][k] += symbol * qd[j]
@@ -177,7 +183,7 @@ class ExactPosture:
 
     def _slopes(self) -> list[list[int]]:
         """(n, 3) derivative of the first moment, in base axes, by each joint."""
-        return [[row[3] for row in times(S, W)[:3]] for S, W in zip(self.axes, self.second_moments, strict=True)]
+        return [[row[3] for row in SW[:3]] for SW in self._turned_moments]
 
     def tip(self) -> Square:
         """The tip's frame in the base."""
@@ -218,12 +224,13 @@ def inverse(T: Square) -> Square:
 
 def trace(a: Square, b: Square) -> int:
     """Of the product."""
-    return (
-        sum(
-            x * y for row, column in zip(a, zip(*b, strict=True), strict=True) for x, y in zip(row, column, strict=True)
-        )
-        % PRIME
-    )
+    return contracted(a, transposed(b))
+
+
+def contracted(a: Square, b: Square) -> int:
+    """tr(a bᵀ): the sum of the products of entries in equal places."""
+    rows = zip(a, b, strict=True)
+    return sum(w * a0 + x * a1 + y * a2 + z * a3 for (a0, a1, a2, a3), (w, x, y, z) in rows) % PRIME
 
 
 def _scaled(a: Square, factor: int) -> Square:
