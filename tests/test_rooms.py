@@ -22,7 +22,7 @@ symbolic.contact
 symbolic.model
 symbolic.controller_law
 
-codegen.pages codegen.disk
+codegen.banner codegen.pages codegen.disk
 codegen.tape codegen.effect_functions
 codegen.c
 codegen.casadi
