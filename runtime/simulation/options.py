@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from runtime.setting import Checked, Setting, SettingError
-from runtime.simulation.settings import NOISE
+from runtime.simulation.settings import LONGEST, NOISE
 
 Noise = Annotated[float, Setting("Torque noise, part of the torque's rms.", 0.0, 10.0)]
 EXTRA = ("q_link", "tau_link", "temperature")
@@ -18,7 +18,7 @@ class SimulationSettings(Checked):
     """Of a recording that a model makes itself; seconds and repeats are those of its ordinary excitation."""
 
     seed: Annotated[int, Setting("Another seed is another motion and other noise.", low=0)] = 0
-    seconds: Annotated[float, Setting("Length of the motion, s.", 2.0, 3600.0)] = 40.0
+    seconds: Annotated[float, Setting("Length of the motion, s.", 2.0, LONGEST)] = 40.0
     repeats: Annotated[int, Setting("Equal parts that it consists of.", 1, 100)] = 2
     noise: Noise = NOISE
     signals: Annotated[str, Setting(f"Also record these: {', '.join(EXTRA)}.", metavar="NAME,...")] = ""

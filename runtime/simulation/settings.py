@@ -19,6 +19,10 @@ COUNT: Final = {"revolute": 2 * pi / 200_000, "prismatic": 1e-6}
 NOISE: Final = 0.03
 """part of each joint's torque, RMS; standard deviation of the recorded torque's noise; a choice."""
 
+LONGEST: Final = 3600.0
+"""s; a recording of an hour: longer ones take room that nobody means, as of a motion whose time is in milliseconds; a
+choice."""
+
 SHARE: Final = 0.2
 """part of the same; what each coefficient of a hidden effect makes of which nothing is said: moderate, and well
 visible; a choice."""

@@ -33,6 +33,7 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import (
     AT_REST,
     COUNT,
+    LONGEST,
     MARGIN,
     RANGE,
     RATE,
@@ -403,8 +404,11 @@ def read_motion(path: Path, n: int) -> Array:
     try:
         data = path.read_bytes()
         lines = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode().splitlines()
+    except FileNotFoundError as error:
+        raise SimulationError(f"{path}: no such file; expected a motion: a CSV of {','.join(names)}") from error
     except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise SimulationError(f"{path}: cannot read the motion: {error}") from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise SimulationError(f"{path}: cannot read the motion: {reason}") from error
     header = [cell.partition("[")[0].strip() for cell in next(csv.reader(lines[:1]), [])]
     missing = [name for name in names if name not in header]
     if missing:
@@ -420,6 +424,8 @@ def read_motion(path: Path, n: int) -> Array:
     if len(rows) < 6:
         raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least 6")
     table = np.array(rows)
+    if (length := float(table[-1, 0] - table[0, 0])) > LONGEST:
+        raise SimulationError(f"{path}: lasts {length:.4g} s, expected at most {LONGEST:g}; is its time in seconds?")
     t = np.arange(table[0, 0], table[-1, 0], 1 / RATE)
     return np.ascontiguousarray(make_interp_spline(table[:, 0], table[:, 1:], k=5)(t).T)
 

@@ -220,6 +220,10 @@ def test_motion_file_is_resampled(tmp_path: Path) -> None:
         ("t,q2\n0,1\n", "line 1: no column q1"),
         ("t,q1\n0,1\n0.1,x\n", "line 3: expected 2 numbers"),
         ("t,q1\n0,1\n0,1\n", "line 3: expected finite numbers and a time that increases"),
+        (
+            "t,q1\n" + "".join(f"{k * 1000},{k}\n" for k in range(9)),
+            "lasts 8000 s, expected at most 3600; is its time in",
+        ),
         ("t,q1\n0,1\n0.1,1\n", "only 2 samples"),
     ],
 )
