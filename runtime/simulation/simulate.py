@@ -8,8 +8,7 @@ controller is simulated, and at rest dry friction counts as zero. `demo_plant` i
 from __future__ import annotations
 
 import csv
-import gzip
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -27,8 +26,10 @@ from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import BandView, Motion
 from runtime.motion.piece import Piece
+from runtime.recordings.errors import RecordingError, Refusal
+from runtime.recordings.lines import blocks
 from runtime.recordings.recording import Recording
-from runtime.recordings.settings import MIN_SAMPLES
+from runtime.recordings.settings import LARGEST, MIN_SAMPLES, MOST_SAMPLES
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import (
     AT_REST,
@@ -145,6 +146,11 @@ def simulate(
     tau = _recorded(signals, values)
     if not np.isfinite(tau).all():
         raise SimulationError(_without_bounds(signals, values))
+    if (largest := float(np.abs(tau).max())) > LARGEST:
+        raise SimulationError(
+            f"along this motion the torque reaches {largest:.3g} N m (N at a prismatic joint), expected at most "
+            f"{LARGEST:g}; choose a smaller effect or a slower motion"
+        )
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
     made = _recording(model, piece, measured)
@@ -401,26 +407,21 @@ def read_motion(path: Path, n: int) -> Array:
     Raises SimulationError naming the file and the line.
     """
     names = ["t", *(f"q{i}" for i in range(1, n + 1))]
-    try:
-        data = path.read_bytes()
-        lines = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode().splitlines()
-    except FileNotFoundError as error:
-        raise SimulationError(f"{path}: no such file; expected a motion: a CSV of {','.join(names)}") from error
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise SimulationError(f"{path}: cannot read the motion: {reason}") from error
-    header = [cell.partition("[")[0].strip() for cell in next(csv.reader(lines[:1]), [])]
+    lines = _lines(path, f"a motion: a CSV of {','.join(names)}")
+    header = [cell.partition("[")[0].strip() for cell in next(csv.reader([next(lines, "")]), [])]
     missing = [name for name in names if name not in header]
     if missing:
         raise SimulationError(f"{path} line 1: no column {missing[0]}; expected {','.join(names)} in s and rad or m")
-    rows = []
-    for number, cells in enumerate(csv.reader(lines[1:]), 2):
+    rows: list[list[float]] = []
+    for number, cells in enumerate(csv.reader(lines), 2):
         try:
             rows.append([float(cells[header.index(name)]) for name in names])
         except (ValueError, IndexError) as error:
             raise SimulationError(f"{path} line {number}: expected {len(header)} numbers, one a column") from error
         if not np.isfinite(rows[-1]).all() or (len(rows) > 1 and rows[-1][0] <= rows[-2][0]):
             raise SimulationError(f"{path} line {number}: expected finite numbers and a time that increases")
+        if len(rows) > MOST_SAMPLES:
+            raise SimulationError(f"{path}: has more than {MOST_SAMPLES} samples; thin the motion out")
     if len(rows) < 6:
         raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least 6")
     table = np.array(rows)
@@ -428,6 +429,21 @@ def read_motion(path: Path, n: int) -> Array:
         raise SimulationError(f"{path}: lasts {length:.4g} s, expected at most {LONGEST:g}; is its time in seconds?")
     t = np.arange(table[0, 0], table[-1, 0], 1 / RATE)
     return np.ascontiguousarray(make_interp_spline(table[:, 0], table[:, 1:], k=5)(t).T)
+
+
+def _lines(path: Path, expected: str) -> Iterator[str]:
+    """The lines of a text, one after the other: however long it is, it does not fill the memory. Raises
+    SimulationError."""
+    if not path.exists():
+        raise SimulationError(f"{path}: no such file; expected {expected}")
+    if not path.is_file():
+        kind = "directory" if path.is_dir() else "pipe or a device"
+        raise SimulationError(f"{path}: is a {kind}; expected a file with {expected}")
+    try:
+        for block in blocks(path, Refusal(str(path))):
+            yield from block.text.splitlines()
+    except RecordingError as error:
+        raise SimulationError(str(error)) from error
 
 
 def _counts(model: Model) -> Array:

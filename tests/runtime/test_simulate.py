@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import os
 from pathlib import Path
 
 import numpy as np
@@ -234,6 +236,42 @@ def test_what_is_wrong_with_a_motion_file_is_one_line(tmp_path: Path, text: str,
         read_motion(path, 1)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("pipe", "is a pipe or a device; expected a file with a motion: a CSV of t,q1"),
+        ("folder", "is a directory; expected a file with a motion: a CSV of t,q1"),
+        ("none", "no such file; expected a motion: a CSV of t,q1"),
+        ("bytes", "byte 0xff is not UTF-8"),
+        ("long line", "line 1: is longer than 1000000 bytes"),
+        ("cut gzip", "the gzip file is cut off; copy it again"),
+    ],
+)
+def test_what_is_no_motion_file_neither_hangs_nor_fills_the_memory(tmp_path: Path, kind: str, message: str) -> None:
+    path = tmp_path / "motion.csv"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind != "none":
+        written = {
+            "bytes": b"\xff,q1\n",
+            "long line": b"0" * 20_000_000,
+            "cut gzip": gzip.compress(b"t,q1\n0,1\n" * 99),
+        }
+        path.write_bytes(written[kind][: -20 if kind == "cut gzip" else None])
+    with pytest.raises(SimulationError) as caught:
+        read_motion(path, 1)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_torque_that_no_drive_has_is_refused(drive: Model) -> None:
+    hidden = parse_hidden("stribeck@1:torque=1e300,speed=0.1", drive)
+    with pytest.raises(SimulationError, match=r"the torque reaches 1e\+300 N m .*, expected at most 1e\+12; choose"):
+        simulate(drive, [hidden], SimulationSettings(seconds=5.0))
 
 
 # --- the plants of the demo and of other tests ---------------------------------------------------------------------
