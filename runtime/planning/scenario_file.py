@@ -227,6 +227,7 @@ def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
         for joint in joints:
             if joint > n:
                 top.inside(name).fail(f"there is no joint {joint}; {model.name} has {n}")
+    _check_ranges(top.inside("ranges"), full, model)
     for name, point in full.points.items():
         still = [j for j in point.q if j not in full.moving and point.q[j] != full.posture[j - 1]]
         if still:
@@ -271,6 +272,18 @@ def _declared(place: Place, spring: SpringPlan, model: Model) -> SpringPlan:
         else:
             stated[p.name] = low
     return replace(spring, sought=sought, stated=stated)
+
+
+def _check_ranges(place: Place, scenario: Scenario, model: Model) -> None:
+    """Something is left of each joint's limits within its range."""
+    for which, (low, high) in scenario.ranges.items():
+        joint = model.joints[which - 1]
+        least, most = joint.position_limits or (low, high)
+        if low >= most or high <= least:
+            unit = joint.position_unit
+            place.fail(
+                f"q{which} is [{low:g}, {high:g}] {unit}; joint {which} can go from {least:g} to {most:g} {unit}"
+            )
 
 
 def _check_range(place: Place, point: Point, model: Model) -> None:

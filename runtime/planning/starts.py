@@ -109,6 +109,8 @@ def _reach(program: Program, point: Point, q: Array) -> Array | None:
         miss, J = _missing(model, point, q)
         if np.linalg.norm(miss) < _REACHED:
             return _turned(model.joints, q, able)
+        if not able:  # every joint rests or is given
+            return None
         J = J[:, able]
         step = J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(len(miss)), miss)
         q[able] += step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))

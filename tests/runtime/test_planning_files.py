@@ -225,6 +225,11 @@ def test_a_position_beyond_a_limit_is_a_mistake(two: Model) -> None:
         there(two, 1.0, {"q1": 0.0}, {"q1": 0.5, "q2": 1.2})
 
 
+def test_a_range_beyond_a_limit_is_a_mistake(two: Model) -> None:
+    with pytest.raises(ModelError, match=r"ranges: q2 is \[100, 200\] m; joint 2 can go from -1 to 1 m"):
+        there(two, 1.0, {"q1": 0.0}, {"q1": 0.5}, ranges={"q2": [100.0, 200.0]})
+
+
 # --- trajectory files ---
 
 

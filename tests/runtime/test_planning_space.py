@@ -118,6 +118,11 @@ def test_no_posture_reaches_too_far(six: Model) -> None:
         planned(six, {"tip": [3.0, 0.0, 0.0], "pointing": DOWN})
 
 
+def test_no_posture_is_sought_where_every_joint_is_given(six: Model) -> None:
+    with pytest.raises(StartError, match=r'point "end": no posture .* reaches \('):
+        planned(six, {**START, "tip": PLACE})
+
+
 @pytest.mark.parametrize(
     ("end", "told"),
     [
