@@ -9,7 +9,7 @@ import typer
 
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, mapping
 from runtime.cli.output import NO, emit
-from runtime.cli.places import READ, WRITTEN
+from runtime.cli.places import DRAWN, READ
 
 app = typer.Typer()
 
@@ -23,7 +23,7 @@ def inspect(
         Path | None, typer.Argument(metavar="[MODEL]", help="Model file (TOML), for what only a model can tell."), READ
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the signals over time: .svg, .png or .pdf."), WRITTEN
+        Path | None, typer.Option(metavar="FILE", help="Draw the signals over time: .svg, .png or .pdf."), DRAWN
     ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,

@@ -11,7 +11,7 @@ import typer
 from runtime.cli.opening import tell
 from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, nearby
 from runtime.cli.output import NO, costs_itself, emit
-from runtime.cli.places import WRITTEN, keep
+from runtime.cli.places import DRAWN, WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.options import PlanningSettings
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
@@ -41,7 +41,7 @@ def optimize(
         WRITTEN,
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf)."), WRITTEN
+        Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf)."), DRAWN
     ] = None,
     report: Report = None,
     effects: EffectsFile = None,

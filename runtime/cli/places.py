@@ -24,14 +24,18 @@ class Role:
 
     writes   it, or files in it
     names    what it writes into a directory, as far as that is known beforehand; None: it is a file
+    endings  that the name of the file may have, as they say its format; none: any
     """
 
     writes: bool
     names: tuple[str, ...] | None = None
+    endings: tuple[str, ...] = ()
 
 
 READ, WRITTEN, FILLED = Role(False), Role(True), Role(True, ())
 """A file that is read; one that is written; a directory that is written into."""
+DRAWN = Role(True, endings=(".png", ".svg", ".pdf"))
+"""A picture that is written."""
 
 
 def roles(verb: Callable[..., None]) -> dict[str, Role]:
@@ -68,6 +72,9 @@ def check(known: Mapping[str, Role], given: Mapping[str, Any]) -> None:
                 check_directory(path)
                 written += [path / one for one in role.names]
     keep(read, written)
+    for name, role in known.items():
+        for path in _paths(given.get(name)):
+            _check_ending(path, role.endings)
 
 
 def keep(read: Iterable[Path], written: Iterable[Path]) -> None:
@@ -107,6 +114,11 @@ def check_directory(target: Path | None) -> None:
         raise UsageError(f"{target}: cannot be made, as {there} is a file; choose another directory")
     if not os.access(there, os.W_OK):
         raise UsageError(f"{target}: cannot be written; check the permissions of {there}")
+
+
+def _check_ending(path: Path, endings: tuple[str, ...]) -> None:
+    if endings and path.suffix.lower() not in endings:
+        raise UsageError(f"{path}: expected a name that ends in {', '.join(endings[:-1])} or {endings[-1]}")
 
 
 def _paths(value: Any) -> list[Path]:

@@ -188,3 +188,13 @@ def test_a_directory_that_cannot_be_made_is_refused_before_the_work(tmp_path, mo
     assert capsys.readouterr().err == (
         f"drive.toml/report: cannot be made, as {tmp_path / 'drive.toml'} is a file; choose another directory\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "given"), [("optimize", "plot", "scenario1"), ("inspect", "picture", "run.csv")]
+)
+def test_a_picture_of_no_format_is_refused_before_any_work(tmp_path, monkeypatch, capsys, verb, option, given):
+    monkeypatch.chdir(tmp_path)
+    assert output.run(app, [verb, given, f"--{option}", "drawn.txt"]) == 2
+    assert capsys.readouterr().err == "drawn.txt: expected a name that ends in .png, .svg or .pdf\n"
+    assert not list(tmp_path.iterdir())
