@@ -19,6 +19,7 @@ from runtime.cli.options import (
     check_own,
 )
 from runtime.cli.output import NO, emit
+from runtime.estimation.settings import SKEW_RANGE
 from symbolic.model_file.arm import ROTOR
 
 app = typer.Typer()
@@ -30,7 +31,12 @@ def identify(
     recordings: Recordings,
     write: Annotated[bool, typer.Option("--write", help="Put the fitted values into the model file.")] = False,
     skew: Annotated[
-        float | None, typer.Option(help="Samples by which the torque leads the motion; estimated if not given.")
+        float | None,
+        typer.Option(
+            min=SKEW_RANGE[0],
+            max=SKEW_RANGE[1],
+            help="Samples by which the torque leads the motion; estimated if not given.",
+        ),
     ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,

@@ -402,6 +402,10 @@ def test_identify_says_what_was_assumed_stated_and_written(run, here, recorded):
     _, out, _ = run("identify", "drive.toml", recorded, "--skew", "0.5")
     assert "0.5 samples (given)" in out
     assert "Written" not in out
+    for beyond in ("nan", "1e300", "-4"):
+        status, out, err = run("identify", "drive.toml", recorded, "--skew", beyond)
+        assert (status, out) == (2, "")
+        assert "Invalid value for '--skew'" in err
 
 
 def test_identify_writes_values_where_they_belong(run, here, recorded):
