@@ -113,7 +113,7 @@ class CandidateField:
         lower = np.concatenate([layout.lower, np.full(free, -np.inf), np.zeros(int(bool(smoothed)))])
         upper = np.concatenate([layout.upper, np.full(free, np.inf), np.ones(int(bool(smoothed)))])
         rows = tuple(self._rows(i, steps, smoothed) for i in range(self.model.n))
-        return Ground.levelled(rows, lower, upper)
+        return Ground.levelled(rows, lower, upper, tuple(range(layout.size, layout.size + len(steps))))
 
     def _rows(self, joint: int, steps: list[tuple[Term, str, float]], smoothed: Mapping[int, Array]) -> Rows:
         x, fixed = self.problem.rows(joint, self.fit.shapes)
@@ -184,7 +184,7 @@ class CandidateField:
             for i, (r, at) in enumerate(zip(self.ground.rows, rows, strict=True))
         )
         regressors = Regressors(self.model, motion, self.fit.prediction, self.fit.ahead)
-        return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper)
+        return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper, self.ground.changes)
 
     def replaced(self, term: Term) -> tuple[Term, ...]:
         """Active terms that the candidate contains as special cases."""

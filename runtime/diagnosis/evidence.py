@@ -216,18 +216,20 @@ class Rows:
 class Ground:
     """The base model's equations at all joints; lower and upper (B,) bound its unknowns.
 
-    level (FOLDS,): squared error that the regressors' noise makes under the base model, a constant of all candidates.
+    level (FOLDS,): squared error that the regressors' noise makes under the base model, a constant of all candidates;
+    changes: unknowns that are changes of what was fitted, so that zero says nothing is new.
     """
 
     rows: tuple[Rows, ...]
     lower: Array
     upper: Array
     level: Array = field(default_factory=lambda: np.zeros(FOLDS))
+    changes: tuple[int, ...] = ()
 
     @classmethod
-    def levelled(cls, rows: tuple[Rows, ...], lower: Array, upper: Array) -> Ground:
+    def levelled(cls, rows: tuple[Rows, ...], lower: Array, upper: Array, changes: tuple[int, ...] = ()) -> Ground:
         """A ground with the noise level that follows from its own base model."""
-        plain = cls(rows, lower, upper)
+        plain = cls(rows, lower, upper, changes=changes)
         theta = plain.solve().coefficients
         level = np.zeros(FOLDS)
         for row in rows:
@@ -283,7 +285,7 @@ class Ground:
         b, k = self.size, len(block.lower)
         kept = [*range(b), *range(b + 1, b + k + 1)]
         lower, upper = np.append(self.lower, block.lower), np.append(self.upper, block.upper)
-        lean = np.append(np.zeros(b), self._lean(moments))
+        lean = np.append(self._base.lean, self._lean(moments))
         folds, ends = moments[:, kept][:, :, kept], self._ends.setdefault(b + k, [])
         return Grams(folds, lower, upper, lean, ends, self._base)
 
@@ -329,7 +331,15 @@ class Ground:
 
     @cached_property
     def _base(self) -> Grams:
+        # As of a block's coefficients: of the moment at which a load is taken up, one fold tells, and without it a
+        # change of that moment would be whatever the others' noise makes it, by far the largest error of that fold.
         lean = np.zeros(self.size)
+        free = np.flatnonzero(self.lower < self.upper)
+        gram = self._base_grams.sum(axis=0)[:-1, :-1]
+        told = np.zeros(self.size)
+        told[free] = np.diagonal(inverse(gram[np.ix_(free, free)]))
+        for k in self.changes:
+            lean[k] = LEAN / told[k] if told[k] > 0 else 0.0
         return Grams(self._base_grams[:, :-1, :-1], self.lower, self.upper, lean, self._ends.setdefault(self.size, []))
 
     @cached_property
@@ -361,7 +371,7 @@ class Ground:
         """The same ground, every joint's rows whitened and weighed by what they leave of its residual (M,): a joint
         whose error is slow would otherwise count for little among others."""
         rows = tuple(r.whitened(white, left) for r, white, left in zip(self.rows, by, residual, strict=True))
-        return Ground.levelled(rows, self.lower, self.upper)
+        return Ground.levelled(rows, self.lower, self.upper, self.changes)
 
     def without(self, unknowns: Sequence[int]) -> Ground:
         """The same ground with these unknowns of the base at zero; its noise level stays."""

@@ -92,6 +92,21 @@ def test_cross_validation_rewards_truth_and_punishes_noise() -> None:
     assert found.equations(block(*noise)).held_out[0].sum() > base
 
 
+def test_what_one_stretch_alone_tells_hides_no_effect() -> None:
+    """A change of the moment at which a load is taken up shows in one fold; where that is left out, the noise of the
+    others would say what it is."""
+    rng = np.random.default_rng(7)
+    truth, moment = rng.standard_normal(2000), 1e-3 * rng.standard_normal(2000)
+    moment[1040:1050] = 1.0
+    found = ground(rows(0.3 * truth + rng.standard_normal(2000), np.vstack([np.ones(2000), moment])))
+    alone = found.equations().held_out[0].sum()
+    leaning = replace(found, changes=(1,))
+    before, after = (leaning.equations(b).held_out[0].sum() for b in (None, block(truth)))
+    assert alone > 1.5 * before
+    assert before == pytest.approx(1.09 * 2000, rel=0.1)
+    assert 1 - after / before == pytest.approx(0.09 / 1.09, abs=0.03)
+
+
 def test_autoregression_is_recovered() -> None:
     """Beside what counts as white in any residual."""
     rng = np.random.default_rng(2)
