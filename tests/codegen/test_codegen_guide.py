@@ -18,6 +18,7 @@ import pytest
 from random_arms import MIXED
 
 from codegen import pages
+from codegen.banner import BANNER
 from codegen.tape.tape import Tape
 from codegen.verify import sampling, verify
 from runtime.model.loader import Model
@@ -96,7 +97,7 @@ def test_the_back_end_of_the_guide(monkeypatch: pytest.MonkeyPatch, vishard4: Ar
         model = derive(arm)
         name, origin, files = arm.name, f"Arm {arm.name}.", {}
         tapes = {function.name: Tape.of(function) for function in model.functions}
-        known = {"numpy_code": SimpleNamespace(**numpy_code), "page": pages.page, "BANNER": pages.BANNER}
+        known = {"numpy_code": SimpleNamespace(**numpy_code), "page": pages.page, "BANNER": BANNER}
         known |= {"tapes": tapes, "model": model, "files": files, "name": name, "origin": origin}
         exec(compile(entry, "render.py", "exec"), known)
         module: dict = {}
