@@ -106,7 +106,9 @@ class QemuBoard:
                 start_new_session=True,
                 preexec_fn=_die_with_parent,
             )
-            self._sockets = [self._accepted(line) for line in listening]
+            for line in listening:
+                # One by one, so that the first is closed where no second comes.
+                self._sockets.append(self._accepted(line))
 
     def _accepted(self, listening: socket.socket) -> socket.socket:
         assert self._process is not None

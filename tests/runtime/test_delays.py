@@ -118,4 +118,4 @@ def test_nothing_is_named_beside_a_delay_that_is_simulated(drive: Model) -> None
     made, _ = simulate(drive, [Hidden(DELAY, {"time": 0.008})], SimulationSettings(seconds=30.0, noise=0.02))
     found = diagnose(drive, [made])
     assert [f.term for f in found.findings] == [DELAY]
-    assert found.steps[-1].identification.inference.values[DELAY]["time"].value == pytest.approx(0.008, abs=1e-4)
+    assert found.to_json()["delay"][0]["value"] == pytest.approx(0.008, abs=1e-4)
