@@ -23,7 +23,7 @@ from scipy import sparse
 from runtime.diagnosis.settings import LARGEST_COLUMN, LEAN, LEAST_OWN
 from runtime.estimation.alike import Alike, Sides
 from runtime.estimation.folds import Grams, NormalEquations
-from runtime.estimation.least_squares import inverse
+from runtime.estimation.least_squares import inverse, solve
 from runtime.estimation.robust import lag_by_lag
 from runtime.estimation.settings import FOLDS
 from runtime.estimation.whitening import Whitening, autoregression
@@ -331,16 +331,14 @@ class Ground:
 
     @cached_property
     def _base(self) -> Grams:
+        # As of a block's coefficients: of the moment at which a load is taken up, one fold tells, and without it a
+        # change of that moment would be whatever the others' noise makes it, by far the largest error of that fold.
         lean = np.zeros(self.size)
-        if self.changes:
-            # As of a block's coefficients: of the moment at which a load is taken up, one fold tells, and without it a
-            # change of that moment would be whatever the others' noise makes it, by far the largest error of that fold.
-            free = np.flatnonzero(self.lower < self.upper)
-            gram = self._base_grams.sum(axis=0)[:-1, :-1]
-            told = np.zeros(self.size)
-            told[free] = np.diagonal(inverse(gram[np.ix_(free, free)]))
-            for k in self.changes:
-                lean[k] = LEAN / told[k] if told[k] > 0 else 0.0
+        free = np.flatnonzero(self.lower < self.upper)
+        gram = self._base_grams.sum(axis=0)[np.ix_(free, free)]
+        for k in set(self.changes) & set(free):
+            spread = solve(gram, (free == k).astype(float))[free == k][0]
+            lean[k] = LEAN / spread if spread > 0 else 0.0
         return Grams(self._base_grams[:, :-1, :-1], self.lower, self.upper, lean, self._ends.setdefault(self.size, []))
 
     @cached_property

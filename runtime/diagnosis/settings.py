@@ -288,7 +288,7 @@ LIMIT_FINE: Final = 1.2
 same limit, and time."""
 
 LIMIT_START: Final = 0.5
-"""part of the least effect that passes the gates; a search for the limit begins there; by construction."""
+"""part of the least effect that passes the gates; no limit is looked for below; by construction."""
 
 LIMIT_LIKELY: Final = 2
 """number of doublings; there most limits lie within another of it, so that a search from there ends soonest; time."""

@@ -88,7 +88,7 @@ class Alike:
         """Of all that is told; 0 where the problems are not alike."""
         if not np.all(np.isfinite(self._reach[:, self._told])):
             return 0.0
-        border = self._border(np.zeros(len(self.lower), dtype=np.int8), self._told)
+        border = self._border(np.zeros(len(self.lower), dtype=np.int8))
         if self.core is None or border is None:
             return _least_factor(self._scaled(self._told))
         size = self._reach[:, border.place]
@@ -117,31 +117,32 @@ class Alike:
             return None
         if least == 0 or (least <= WELL_POSED and _least_factor(self._scaled(free)) <= WELL_POSED):
             return None
-        inverse = self._inverse(sides, free)
+        inverse = self._inverse(sides)
         resting = np.clip(0.0, self.lower, self.upper)
         at = np.where(sides > 0, self.lower, np.where(sides < 0, self.upper, resting))
         at[free] = 0.0
         offset = at - times(inverse, self.grams @ at) if at.any() else np.zeros_like(self._reach)
         return _Ending(inverse, offset, sides.astype(float))
 
-    def _inverse(self, sides: Sides, free: Mask) -> Array:
+    def _inverse(self, sides: Sides) -> Array:
         """(F, K, K) of the coefficients that are free, zero elsewhere."""
-        border = self._border(sides, free)
+        border = self._border(sides)
         if border is not None:
             return border.inverse(np.zeros_like(self.grams))
+        free = self._told & (sides == 0)
         inverse, size, place = np.zeros_like(self.grams), self._reach[:, free], np.flatnonzero(free)
         inverse[:, place[:, None], place] = np.linalg.inv(self._scaled(free)) / (size[:, :, None] * size[:, None])
         return inverse
 
-    def _border(self, sides: Sides, free: Mask) -> _Border | None:
-        """None without a core, and where it knows nothing of such an end."""
+    def _border(self, sides: Sides) -> _Border | None:
+        """Of the coefficients that are free; None without a core, and where it knows nothing of such an end."""
         if self.core is None:
             return None
         inner = len(self.core.lower)
         ending = self.core._ending(sides[:inner])
         if ending is None:
             return None
-        place = inner + np.flatnonzero(free[inner:])
+        place = inner + np.flatnonzero((self._told & (sides == 0))[inner:])
         across = self.grams[:, :inner][:, :, place]
         taken = ending.inverse @ across
         return _Border(ending.inverse, place, taken, self.grams[:, place[:, None], place] - _turned(across) @ taken)

@@ -21,6 +21,7 @@ from runtime.estimation import grids
 from runtime.estimation.identify import prepared
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
+from runtime.estimation.regressors import Signals
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
 from runtime.model.loader import Model
@@ -32,7 +33,7 @@ from runtime.motion.prepare import prepare
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
-from runtime.simulation.simulate import Hidden, excitation, simulate
+from runtime.simulation.simulate import Hidden, excitation, led, simulate
 
 Array = NDArray[np.float64]
 
@@ -250,7 +251,10 @@ class _Rows:
             return np.zeros(len(self.motion.row_time(joint)))
         values = {**self.bench.base, rival.term: rival.values}
         signals = [s.where(values) for s in self.problem.regressors.signals(joint)]
-        return np.concatenate([s.piece.equation(s.piece.in_band(s.torque(rival.term, joint)), joint) for s in signals])
+        torques = [_own_torque(s, rival, joint) for s in signals]
+        return np.concatenate(
+            [s.piece.equation(s.piece.in_band(tau), joint) for s, tau in zip(signals, torques, strict=True)]
+        )
 
     def _columns(self, rival: Hidden, choices: Sequence[dict[str, float]], joint: int) -> Array:
         """(K, M) of all shapes of a rival."""
@@ -262,6 +266,15 @@ class _Rows:
     def _size(self, rival: Hidden) -> int:
         """Number of rows of a shape: the fixed part and the columns."""
         return 1 + len(self.bench.model.library.effects[rival.term.effect].coefficients)
+
+
+def _own_torque(signals: Signals, rival: Hidden, joint: int) -> Array:
+    """(N,) what a rival adds to the recorded torque at a joint (0-based), a delay as it is simulated."""
+    lead = signals.model.library.effects[rival.term.effect].of_kind("lead")
+    if lead is None:
+        return signals.torque(rival.term, joint)
+    predicted = signals.predicted(joint)
+    return led(predicted, signals.time(), rival.values[lead.name]) - predicted
 
 
 def _shape(bench: TrialArm, term: Term) -> dict[str, float]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from runtime.recordings import hdf5, matlab, mcap_file, numpy_files, parquet, sqlite_bag, text
 from runtime.recordings.contents import Contents
 from runtime.recordings.errors import Refusal
+from runtime.recordings.lines import check_file
 from runtime.recordings.settings import MAX_BYTES
 
 EXPECTED = "CSV, plain or gzip, or MCAP, a ROS 2 bag, MATLAB, HDF5, Parquet or NumPy"
@@ -43,14 +43,10 @@ def opened(path: Path, refuse: Refusal) -> Contents:
     """The contents of a recording, its format recognised. Raises RecordingError."""
     if os.path.isdir(path):
         return _folder(path, refuse)
+    check_file(path, f"a recording in {EXPECTED}", refuse)
     try:
-        # It is opened several times, and a pipe gives what it has but once.
-        if not stat.S_ISREG(path.stat().st_mode):
-            refuse("is no file but a pipe or a device; save it to a file first")
         with open(path, "rb") as file:
             head = file.read(_HEAD)
-    except FileNotFoundError:
-        refuse(f"no such file; expected a recording in {EXPECTED}")
     except (OSError, ValueError) as error:
         refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
     for start, why in _REFUSED.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import gzip
+import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,6 +26,20 @@ class TextBlock:
 
     text: str
     line: int
+
+
+def check_file(path: Path, expected: str, refuse: Refusal) -> None:
+    """Refuses what is no regular file: what is read several times, a pipe gives but once. Raises RecordingError."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        refuse(f"no such file; expected {expected}")
+    except (OSError, ValueError) as error:
+        refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
+    if stat.S_ISDIR(mode):
+        refuse(f"is a directory; expected {expected}")
+    if not stat.S_ISREG(mode):
+        refuse("is no file but a pipe or a device; save it to a file first")
 
 
 def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock]:

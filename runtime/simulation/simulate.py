@@ -27,7 +27,7 @@ from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import BandView, Motion
 from runtime.motion.piece import Piece
 from runtime.recordings.errors import RecordingError, Refusal
-from runtime.recordings.lines import blocks
+from runtime.recordings.lines import blocks, check_file
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LARGEST, MIN_SAMPLES, MOST_SAMPLES
 from runtime.simulation.options import SimulationSettings
@@ -205,16 +205,19 @@ def _torque(signals: Signals, values: Structure) -> Array:
 
 def _recorded(signals: Signals, values: Structure) -> Array:
     """(n, N) torque as a controller records it that is ahead of the motion: at a joint whose drive leads, all of the
-    torque at another time. An effect's law has that to first order, which makes more of fast torques than they are;
-    beyond the recording they stay as at its ends."""
+    torque at another time. An effect's law has that to first order, which makes more of fast torques than they are."""
     effects = signals.model.library.effects
     leads = {term: lead.name for term in values if (lead := effects[term.effect].of_kind("lead")) is not None}
     tau = _torque(signals, {term: known for term, known in values.items() if term not in leads})
-    t = signals.time()
     for term, name in leads.items():
         for joint in joints_of(signals.model, term):
-            tau[joint] = np.interp(t + values[term][name], t, tau[joint])
+            tau[joint] = led(tau[joint], signals.time(), values[term][name])
     return tau
+
+
+def led(tau: Array, t: Array, time: float) -> Array:
+    """A torque (N,) at times t (N,) as it is recorded `time` s ahead; its ends held."""
+    return np.interp(t + time, t, tau)
 
 
 def _without_bounds(signals: Signals, values: Structure) -> str:
@@ -434,13 +437,10 @@ def read_motion(path: Path, n: int) -> Array:
 def _lines(path: Path, expected: str) -> Iterator[str]:
     """The lines of a text, one after the other: however long it is, it does not fill the memory. Raises
     SimulationError."""
-    if not path.exists():
-        raise SimulationError(f"{path}: no such file; expected {expected}")
-    if not path.is_file():
-        kind = "directory" if path.is_dir() else "pipe or a device"
-        raise SimulationError(f"{path}: is a {kind}; expected a file with {expected}")
+    refuse = Refusal(str(path))
     try:
-        for block in blocks(path, Refusal(str(path))):
+        check_file(path, expected, refuse)
+        for block in blocks(path, refuse):
             yield from block.text.splitlines()
     except RecordingError as error:
         raise SimulationError(str(error)) from error

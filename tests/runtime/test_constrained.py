@@ -67,12 +67,18 @@ def test_bounded_is_optimal(problem: tuple[NDArray, NDArray, NDArray, NDArray]) 
     assert np.all(fall[theta == upper] > -1e-6)
 
 
-@given(bounded_problems(), st.lists(st.sampled_from([1, 0, -1]), min_size=7, max_size=7), st.booleans())
+@given(
+    bounded_problems(),
+    st.lists(st.sampled_from([1, 0, -1]), min_size=7, max_size=7),
+    st.booleans(),
+    st.integers(0, 6),
+)
 @settings(max_examples=100, deadline=None)
 def test_folds_together_are_as_each_alone(
-    problem: tuple[NDArray, NDArray, NDArray, NDArray], guess: list[int], silent: bool
+    problem: tuple[NDArray, NDArray, NDArray, NDArray], guess: list[int], silent: bool, inner: int
 ) -> None:
-    """Whatever coefficients are thought to end on which bound, and where one of them has no column."""
+    """Whatever coefficients are thought to end on which bound, where one of them has no column, and where the first of
+    them are a core of which more is known."""
     x, y, lower, upper = problem
     if silent:
         x[:, 0] = 0.0
@@ -80,7 +86,8 @@ def test_folds_together_are_as_each_alone(
     rest = [np.setdiff1d(np.arange(len(y)), fold) for fold in folds]
     grams, moments = np.array([x[r].T @ x[r] for r in rest]), np.array([x[r].T @ y[r] for r in rest])
     ends = [np.array(guess[: len(lower)], dtype=np.int8)]
-    alike = Alike(grams, lower, upper, ends)
+    core = Alike(grams[:, :inner, :inner], lower[:inner], upper[:inner]) if 0 < inner < len(lower) else None
+    alike = Alike(grams, lower, upper, ends, core)
     found = alike.solve(moments)
     assert np.array_equal(found, alike.solve(moments))
     for theta, gram, moment in zip(found, grams, moments, strict=True):

@@ -241,8 +241,8 @@ def test_what_is_wrong_with_a_motion_file_is_one_line(tmp_path: Path, text: str,
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("pipe", "is a pipe or a device; expected a file with a motion: a CSV of t,q1"),
-        ("folder", "is a directory; expected a file with a motion: a CSV of t,q1"),
+        ("pipe", "is no file but a pipe or a device; save it to a file first"),
+        ("folder", "is a directory; expected a motion: a CSV of t,q1"),
         ("none", "no such file; expected a motion: a CSV of t,q1"),
         ("bytes", "byte 0xff is not UTF-8"),
         ("long line", "line 1: is longer than 1000000 bytes"),
