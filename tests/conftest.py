@@ -1,4 +1,4 @@
-"""Shared fixtures: compiled code goes into a cache of the test run's own."""
+"""Shared fixtures: compiled code goes into a cache of the tests' own, beside them."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ settings.load_profile("unhurried")
 
 ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
+KEPT = ROOT / "tests" / ".cache"
 LONGEST = ("test_guides.py", "test_study.py")
 """Files that begin first, so that no process is alone with one of them at the end."""
 
@@ -35,14 +36,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """What is compiled is compiled once a run, whatever process needs it, and never taken from the user's cache."""
+def cache() -> Iterator[Path]:
+    """The folder of compiled arms and firmware, kept between runs and shared by all processes; never the user's own."""
     before = os.environ.get("TENDON_CACHE")
-    own = tmp_path_factory.getbasetemp()
-    directory = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
-    directory.mkdir(mode=0o700, exist_ok=True)
-    os.environ["TENDON_CACHE"] = str(directory)
-    yield directory
+    KEPT.mkdir(mode=0o700, exist_ok=True)
+    os.environ["TENDON_CACHE"] = str(KEPT)
+    yield KEPT
     if before is None:
         del os.environ["TENDON_CACHE"]
     else:
