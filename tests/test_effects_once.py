@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
+
+import pytest
+import sources
 
 from symbolic.effects import LIBRARY
 
-ROOT = Path(__file__).resolve().parent.parent
+pytestmark = pytest.mark.cheap
 EXEMPT = ("symbolic/effects/", "runtime/study/")
 
 EFFECTS = frozenset(LIBRARY)
@@ -55,11 +57,10 @@ KEYS = {
 
 
 def modules() -> Iterator[tuple[str, ast.Module]]:
-    for package in ("symbolic", "codegen", "runtime"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            place = str(path.relative_to(ROOT))
-            if not place.startswith(EXEMPT):
-                yield place, ast.parse(path.read_text(encoding="utf-8"))
+    for module, path in sources.modules().items():
+        place = str(path.relative_to(sources.ROOT))
+        if not place.startswith(EXEMPT):
+            yield place, sources.tree(module)
 
 
 def texts(node: ast.AST | None) -> list[str]:
@@ -101,7 +102,7 @@ def test_no_effect_is_named_outside_the_library() -> None:
 
 def test_no_family_of_the_library_is_imported_outside_it() -> None:
     """Who needs the declarations takes them by what they declare."""
-    families = {f"symbolic.effects.{path.stem}" for path in (ROOT / "symbolic" / "effects").glob("*.py")}
+    families = {f"symbolic.effects.{path.stem}" for path in (sources.ROOT / "symbolic" / "effects").glob("*.py")}
     families -= {f"symbolic.effects.{name}" for name in ("__init__", "declaration", "signals", "source")}
     found = [
         f"{place}:{node.lineno}"

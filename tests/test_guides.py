@@ -189,6 +189,7 @@ def test_what_a_guide_says_of_slow_commands_is_what_happens(guide: str, folder: 
     walk(guide, folder, slow=True)
 
 
+@pytest.mark.cheap
 @pytest.mark.parametrize("guide", GUIDES)
 def test_what_is_said_to_be_printed_follows_something_that_is_typed(guide: str) -> None:
     for before, block in pairwise(blocks(ROOT / guide)):
@@ -206,6 +207,7 @@ def test_what_is_not_typed_stands_in_a_guide() -> None:
         assert [e for e in entries if not any(e in line for line in [*typed_lines, *scripts])] == []
 
 
+@pytest.mark.cheap
 @pytest.mark.parametrize("guide", GUIDES)
 def test_everything_that_could_be_typed_is_marked_as_such(guide: str) -> None:
     """No command hides in an indented block or in one of another kind, where nobody types it."""
@@ -228,6 +230,7 @@ def verbs() -> set[str]:
     return {c.name or c.callback.__name__ for group in (main.app, *groups) for c in group.registered_commands}
 
 
+@pytest.mark.cheap
 @pytest.mark.parametrize("guide", GUIDES)
 def test_links_and_pictures_are_there(guide: str) -> None:
     path = ROOT / guide
@@ -313,16 +316,19 @@ def test_every_function_for_notebooks_has_its_line() -> None:
     assert {line.strip("`").partition("(")[0] for line in lines} == functions
 
 
+@pytest.mark.cheap
 def test_the_first_page_stays_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= LONGEST
 
 
+@pytest.mark.cheap
 @pytest.mark.parametrize("guide", GUIDES)
 def test_lines_fit_a_screen(guide: str) -> None:
     lines = re.sub(r"^```.*?^```$", "", (ROOT / guide).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     assert [x for x in lines.splitlines() if len(x) > 127 and not x.startswith(("|", "<img", "["))] == []
 
 
+@pytest.mark.cheap
 @pytest.mark.parametrize("package", ["symbolic", "codegen", "runtime"])
 def test_the_map_of_the_rooms_is_the_one_that_is_kept(package: str) -> None:
     """A row a room, in the order in which they stand on each other."""

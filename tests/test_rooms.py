@@ -5,12 +5,11 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from functools import cache
-from pathlib import Path
 
 import pytest
+from sources import ROOT, imports, modules, reached, tree
 
-ROOT = Path(__file__).resolve().parent.parent
+pytestmark = pytest.mark.cheap
 
 ROOMS = """
 symbolic.primitives symbolic.units symbolic.described symbolic.straightline symbolic.functions
@@ -78,50 +77,9 @@ PLAIN = {
 every package, and without SymPy."""
 
 
-def modules() -> dict[str, Path]:
-    """Dotted name -> file, of the three packages."""
-    found = {}
-    for package in ("symbolic", "codegen", "runtime"):
-        for path in (ROOT / package).rglob("*.py"):
-            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-            found[name.removesuffix(".__init__")] = path
-    return found
-
-
-@cache
-def imports() -> dict[str, frozenset[str]]:
-    """Module -> the modules of ours that it imports, anywhere in it."""
-    known = modules()
-    return {name: frozenset(_imported(path, known)) - {name} for name, path in known.items()}
-
-
-def _imported(path: Path, known: dict[str, Path]) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level, f"{path}: imports are absolute"
-            found |= {
-                f"{node.module}.{a.name}" if f"{node.module}.{a.name}" in known else str(node.module)
-                for a in node.names
-            }
-    return found & known.keys()
-
-
 def room(module: str) -> str | None:
     """The room of a module; None for the page of a package."""
     return next((r for r in ORDER if module == r or module.startswith(r + ".")), None)
-
-
-def reached(start: str) -> set[str]:
-    """All modules that one imports, and those that they import, and so on."""
-    seen, todo = set(), [start]
-    while todo:
-        for module in imports()[todo.pop()] - seen:
-            seen.add(module)
-            todo.append(module)
-    return seen
 
 
 def test_every_module_stands_in_a_room() -> None:
@@ -135,7 +93,7 @@ def test_no_room_climbs() -> None:
     wrong = []
     for module in sorted(modules()):
         here = room(module)
-        for other in sorted(imports()[module] if here else ()):
+        for other in sorted(imports(module) if here else ()):
             there = room(other)
             if there is not None and ORDER.index(there) > ORDER.index(here or ""):
                 wrong.append(f"{module} imports {other}")
@@ -167,8 +125,8 @@ def test_a_recording_never_climbs_on_its_way_to_a_verdict() -> None:
 
 def test_a_public_class_has_a_name_of_its_own() -> None:
     where: dict[str, list[str]] = {}
-    for module, path in modules().items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for module in modules():
+        for node in tree(module).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 where.setdefault(node.name, []).append(module)
     assert {name: places for name, places in where.items() if len(places) > 1} == {}
@@ -185,9 +143,9 @@ FORBIDDEN = {
 @pytest.mark.parametrize("package", FORBIDDEN)
 def test_packages_of_others_stay_where_they_belong(package: str) -> None:
     wrong = []
-    for module, path in modules().items():
+    for module in modules():
         allowed = {"jinja2"} if room(module) == "runtime.report" else set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(module)):
             names = (
                 [a.name for a in node.names] if isinstance(node, ast.Import) else [getattr(node, "module", None) or ""]
             )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.cheap
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("motion", "estimation", "diagnosis", "inspection", "loop", "experiments", "simulation")
 """Rooms of `runtime` whose numbers decide what a recording is said to show."""
