@@ -27,14 +27,34 @@ _F64 = ("_f64.c", "_f64.h")
 _ROOT = Path(__file__).resolve().parent.parent
 
 
+_READERS = (
+    "symbolic/grammar",
+    "symbolic/model_file/exchange",
+    "symbolic/model_file/editor.py",
+    "codegen/descriptions.py",
+)
+_CHECKS = ("codegen/verify",)
+_BUILDERS = ("codegen/firmware", "codegen/disk.py", "codegen/toolchain/")
+UNUSED_BY_ARMS = (*_READERS, *_CHECKS, *_BUILDERS)
+"""Sources on which the code of an arm or of the effects does not depend. All others are hashed, new ones included."""
+UNUSED_BY_FIRMWARE = (*_READERS, *_CHECKS)
+"""The same for the firmware."""
+_FLAGS = "codegen/toolchain/build.py"
+
+
 @functools.cache
-def _sources() -> str:
-    """A hash of everything that derives and prints."""
+def sources(unused: tuple[str, ...]) -> tuple[Path, ...]:
+    """The files that derive, print and compile, without those whose path begins with one of `unused`."""
+    found = [path for folder in ("symbolic", "codegen") for path in (_ROOT / folder).rglob("*")]
+    named = {path.relative_to(_ROOT).as_posix(): path for path in found if path.suffix in (".py", ".j2", ".c", ".h")}
+    return tuple(path for name, path in sorted(named.items()) if name == _FLAGS or not name.startswith(unused))
+
+
+@functools.cache
+def _digest(unused: tuple[str, ...]) -> str:
     digest = hashlib.sha256(f"sympy {version('sympy')}".encode())
-    for folder in ("symbolic", "codegen"):
-        for path in sorted((_ROOT / folder).rglob("*")):
-            if path.suffix in (".py", ".j2", ".c", ".h"):
-                digest.update(str(path.relative_to(_ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    for path in sources(unused):
+        digest.update(str(path.relative_to(_ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 
@@ -62,7 +82,7 @@ def prepare_arm(arm: Arm | SpatialArm) -> Path:
 
         _fill(directory, render.arm_files(derive(arm)), build.STRAIGHT)
 
-    return cache.entry(f"arm-{arm.name}-{build.key(_sources(), repr(arm))}", fill)
+    return cache.entry(f"arm-{arm.name}-{build.key(_digest(UNUSED_BY_ARMS), repr(arm))}", fill)
 
 
 def _active(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[str]:
@@ -121,7 +141,7 @@ def prepare_firmware(
             report = source_tree.compile_board(directory, arm.name, processor, tools)
         (directory / "image.json").write_text(metadata.text(report), "utf-8")
 
-    return cache.entry(f"firmware-{target}-{arm.name}-{build.key(_sources(), *content)}", fill)
+    return cache.entry(f"firmware-{target}-{arm.name}-{build.key(_digest(UNUSED_BY_FIRMWARE), *content)}", fill)
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
@@ -140,7 +160,7 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
         shutil.copyfile(build.shared_library(page, "machine", build.LOOPS), directory / "machine.so")
         _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
-    return cache.entry(f"effects-{build.key(_sources(), content)}", fill)
+    return cache.entry(f"effects-{build.key(_digest(UNUSED_BY_ARMS), content)}", fill)
 
 
 def _shipped(space: bool) -> str:

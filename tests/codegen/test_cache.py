@@ -19,6 +19,7 @@ from codegen.toolchain.build import BuildError, shared_library
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import Effect, LinearForm, parameter
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
 KILLED = """
 import os, signal, sys
@@ -171,3 +172,56 @@ def test_loaded_code_is_checked_before_it_is_loaded(empty_cache: Path) -> None: 
     assert ctypes.CDLL(str(path)).answer() == 42
     turned(path)
     assert not cache.is_whole(path.parent)
+
+
+RENDERED = """
+import sys
+opened = set()
+sys.addaudithook(lambda event, values: opened.add(str(values[0])) if event == "open" else None)
+from codegen import render
+from codegen.casadi.machine import machine_page
+from symbolic.effects import shipped
+from symbolic.model import derive
+from symbolic.model_file import reader
+for name in ("drive", "ur10"):
+    path = f"symbolic/arms/{name}.toml"
+    render.arm_files(derive(reader.load(path)))
+for space in (False, True):
+    render.effect_files(tuple(shipped(space).values()))
+machine_page()
+print(*sys.modules, *opened, sep="\\n")
+"""
+
+
+def test_the_key_of_an_arm_covers_what_renders_it() -> None:
+    """Every module and template that is loaded while arms and effects are rendered is hashed; the firmware is not."""
+    run = subprocess.run([sys.executable, "-c", RENDERED], cwd=ROOT, capture_output=True, text=True, check=True)
+    covered = {path.relative_to(ROOT).as_posix() for path in prepare.sources(prepare.UNUSED_BY_ARMS)}
+    needed = {path for name in run.stdout.splitlines() if (path := source_of(name)) is not None}
+    assert {"codegen/c/templates/source.c.j2", "symbolic/effects/friction.py", "codegen/tape/tape.py"} <= needed
+    assert needed - covered == set()
+    assert [path for path in covered if path.startswith(("codegen/firmware", "codegen/verify"))] == []
+
+
+def test_the_key_of_the_firmware_covers_the_arm_and_its_tree() -> None:
+    arm, firmware = (set(prepare.sources(u)) for u in (prepare.UNUSED_BY_ARMS, prepare.UNUSED_BY_FIRMWARE))
+    assert arm < firmware
+    assert ROOT / "codegen/firmware/templates/tendon_arm.h.j2" in firmware - arm
+    assert ROOT / "codegen/verify/verify.py" not in firmware
+
+
+@pytest.mark.parametrize("name", prepare.UNUSED_BY_ARMS)
+def test_what_a_key_leaves_out_exists(name: str) -> None:
+    assert (ROOT / name).exists()
+
+
+def source_of(name: str) -> str | None:
+    """The path in the repository of a module or a file that was opened; None where it is not a source of ours."""
+    if name.startswith("/"):
+        path = Path(name)
+    else:
+        path = ROOT / name.replace(".", "/")
+        path = path / "__init__.py" if path.is_dir() else path.with_name(f"{path.name}.py")
+    known = path.is_relative_to(ROOT) and path.suffix in (".py", ".j2", ".c", ".h") and path.is_file()
+    relative = path.relative_to(ROOT).as_posix() if known else ""
+    return relative if relative.startswith(("symbolic/", "codegen/")) else None
