@@ -365,7 +365,7 @@ def mapping(entries: Sequence[str] | None) -> dict[str, str]:
     """`--map name=column`, several times, and `--columns name,name` as a dictionary; what is mapped by itself stands
     before what a list of columns says of it, and a later sign or unit of a field before an earlier one.
     """
-    from runtime.recordings.nameless import in_order
+    from runtime.recordings.columns import in_order
 
     given = entries or ()
     lists = [entry for entry in given if "=" not in entry and "," in entry]
@@ -387,6 +387,6 @@ def _named(entries: Iterable[str]) -> dict[str, str]:
 
 def _field(column: str) -> str:
     """A field without sign and unit: who types a cure behind what was typed before corrects it."""
-    from runtime.recordings.cures import bare
+    from runtime.recordings.contents import without_unit
 
-    return bare(column.strip().removeprefix("-"))
+    return without_unit(column.strip().removeprefix("-"))

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from runtime.recordings.clock_shifts import ClockShift, late
+from runtime.recordings.clocks import ClockShift, torque_shift
 from runtime.recordings.settings import CLOCK_SHIFT_LEAST
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def recorded(seed: int) -> Told:
     counts = rng.choice([1e-6, 1e-5, 1e-4])
     positions = np.array([np.round(np.interp(here, t, x) / counts) * counts for x in q])
     jitter = rng.choice([0, 0.05]) / of_tau * rng.uniform(-1, 1, len(there))
-    found = late(here, positions, there + true + jitter, np.array([np.interp(there, t, x) for x in tau]))
+    found = torque_shift(here, positions, there + true + jitter, np.array([np.interp(there, t, x) for x in tau]))
     return Told(true, found, 1 / min(of_q, of_tau))
 
 

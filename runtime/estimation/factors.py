@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from runtime.estimation.identify import Identification
 from runtime.estimation.readings import DEGREE, Reading, turns
 from runtime.estimation.settings import FACTOR_OF_INERTIA, LEAST_TELLING_RATIO
-from runtime.recordings.units import UNITS, normal
+from runtime.recordings.columns import UNITS, normal_unit
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def _sizes(identification: Identification, joint: int, reading: Reading) -> dict
     if info.torque_constant is not None and f"tau{reading.torques[joint] + 1}" not in motion.units:
         sizes["current"] = info.torque_constant
     if turns(motion, reading.positions[joint]) > 1 and info.type == "revolute":
-        stated = normal(motion.units.get(f"q{reading.positions[joint] + 1}", ""))
+        stated = normal_unit(motion.units.get(f"q{reading.positions[joint] + 1}", ""))
         if joint not in reading.degrees and stated != "deg":
             sizes[DEGREES] = 1 / DEGREE
         if joint not in reading.motors and RATIO in sizes:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from runtime.estimation.factors import DEGREES, MOTOR, RATIO, ByFactor
 from runtime.estimation.identify import Identification
 from runtime.estimation.readings import POSITION, TORQUE, Reading, turns
-from runtime.recordings.cures import in_unit, option, turned_round
-from runtime.recordings.units import UNITS, normal
+from runtime.recordings.columns import UNITS, normal_unit
+from runtime.recordings.contents import in_unit, map_option, negated
 from runtime.wording import number
 
 Array = NDArray[np.float64]
@@ -97,14 +97,14 @@ class _Voice:
         """What to type for a joint's position (0-based)."""
         source = f"q{self.reading.positions[joint] + 1}"
         cell = self.motion.cells.get(source, source)
-        return option(f"q{joint + 1}", in_unit(cell, "deg") if joint in self.in_degrees else cell)
+        return map_option(f"q{joint + 1}", in_unit(cell, "deg") if joint in self.in_degrees else cell)
 
     def torque(self, joint: int) -> str:
         """What to type for a joint's torque (0-based)."""
         source = f"tau{self.reading.torques[joint] + 1}"
         cell = self.motion.cells.get(source, source)
         cell = in_unit(cell, self.unit[joint]) if joint in self.unit else cell
-        return option(f"tau{joint + 1}", turned_round(cell) if self.reading.signs[joint] < 0 else cell)
+        return map_option(f"tau{joint + 1}", negated(cell) if self.reading.signs[joint] < 0 else cell)
 
     def sign(self, joint: int) -> Suspicion:
         before, after = self._errors(joint)
@@ -142,7 +142,7 @@ class _Voice:
         if kind == RATIO:
             return f"only the torque is the motor's, multiply tau{k}, or the joint's torque_constant, by {ratio}"
         source = f"q{self.reading.positions[joint] + 1}"
-        return f"it is in degrees, pass {option(f'q{k}', in_unit(self.motion.cells.get(source, source), 'deg'))}"
+        return f"it is in degrees, pass {map_option(f'q{k}', in_unit(self.motion.cells.get(source, source), 'deg'))}"
 
     def _far(self, joint: int) -> str:
         """Over how many turns a joint (0-based) is said to move, and what a fit says of that."""
@@ -182,7 +182,7 @@ class _Voice:
     def _unit(self, joint: int) -> str:
         """In which a joint's torque (0-based) would be right."""
         kinds, stated = self.by_factor[joint].kinds, self.motion.units.get(f"tau{self.reading.torques[joint] + 1}", "")
-        current = "current" in kinds or (bool(stated) and UNITS[normal(stated)][0] == "current")
+        current = "current" in kinds or (bool(stated) and UNITS[normal_unit(stated)][0] == "current")
         if current:
             return "mA" if "milli" in kinds else "A"
         return "mN m" if self.joints[joint].type == "revolute" else "mN"

@@ -25,7 +25,7 @@ from runtime.estimation.settings import LEAST_RECORDED, SUSPICION_SAMPLES
 from runtime.model.catalogue import JointInfo
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
-from runtime.recordings.units import UNITS
+from runtime.recordings.columns import UNITS
 
 Array = NDArray[np.float64]
 

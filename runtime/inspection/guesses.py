@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import RecordedField
-from runtime.recordings.units import UNITS, normal
 
 _WORDS: Mapping[str, str] = {
     "t": r"t|time|times|timestamp|stamp|sec|seconds|zeit",
@@ -100,7 +100,7 @@ def unit_in_name(name: str) -> str | None:
     """The unit that a name ends in, where it states none in brackets."""
     if "[" in name and not re.search(r"\[\d+\]", name):
         return None
-    if (bracket := re.search(r"\(([^()]*)\)\s*$", name)) and normal(bracket[1]) in UNITS:
+    if (bracket := re.search(r"\(([^()]*)\)\s*$", name)) and normal_unit(bracket[1]) in UNITS:
         return None
     ending = "_".join(_parts(name))
     return next((unit for words, unit in _UNITS if re.search(rf"(?:^|_)(?:{words})$", ending)), None)

@@ -22,10 +22,9 @@ from runtime.inspection.signals import clock_json, joints_json, signals_json
 from runtime.inspection.suspected import MISREAD, by_signals, over_turns, rates_in_degrees, without_model
 from runtime.model.loader import Model
 from runtime.motion import repeats
-from runtime.recordings import formats
+from runtime.recordings import recording
 from runtime.recordings.clocks import BroughtClock
-from runtime.recordings.contents import Contents
-from runtime.recordings.errors import RecordingError, Refusal, printable
+from runtime.recordings.contents import Contents, RecordingError, Refusal, printable
 from runtime.recordings.recording import Recording, count_joints, read
 
 
@@ -118,7 +117,7 @@ def inspect(
     Raises RecordingError where it is no recording at all.
     """
     refuse = Refusal(printable(path))
-    contents = formats.opened(path, refuse)
+    contents = recording.opened(path, refuse)
     names = tuple(joint.get("name") for joint in joints["joints"]) if joints else ()
     problem: str | None = None
     try:

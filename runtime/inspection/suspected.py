@@ -19,9 +19,9 @@ from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RET
 from runtime.inspection.shifts import integral, scale
 from runtime.inspection.signals import moves
 from runtime.motion.clock import grid
-from runtime.recordings.cures import in_unit, option, turned_round
+from runtime.recordings.columns import UNITS
+from runtime.recordings.contents import in_unit, map_option, negated
 from runtime.recordings.recording import Recording
-from runtime.recordings.units import UNITS
 from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def of_rates(recording: Recording) -> list[Suspicion]:
         others = {j: scale(q[i], rates[j], t)[1] for j in moved if j != i}
         best = max(others, key=lambda j: others[j], default=None)
         if best is not None and others[best] > FOLLOWS:
-            cure = option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
+            cure = map_option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
             said = f"qd{best + 1} is the derivative of q{i + 1}, and qd{i + 1} is not"
             found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}", (cure,)))
         elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
@@ -114,7 +114,7 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     q, qd = f"q{joint + 1}", f"qd{joint + 1}"
     said = f"{qd} is {factor:.3g} times the derivative of {q}"
     if abs(abs(factor) - 1) < SCALE_OFF:
-        cure, other = (option(name, turned_round(_cell(recording, name))) for name in (qd, q))
+        cure, other = (map_option(name, negated(_cell(recording, name))) for name in (qd, q))
         return [Suspicion(joint + 1, "sign", said, f"expected the same sign: pass {cure}, or {other}", (cure,))]
     units = _units_of(abs(factor))
     if units is None:
@@ -147,7 +147,7 @@ def _cell(recording: Recording, signal: str) -> str:
 
 def _in_unit(recording: Recording, signal: str, unit: str) -> str:
     """The option that reads a signal in a unit."""
-    return option(signal, in_unit(_cell(recording, signal), unit))
+    return map_option(signal, in_unit(_cell(recording, signal), unit))
 
 
 def over_turns(recording: Recording) -> list[Suspicion]:
@@ -171,7 +171,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
     found = []
     for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
         joint, said = int(i) + 1, _BRAKES
-        cure = option(f"tau{joint}", turned_round(_cell(recording, f"tau{joint}")))
+        cure = map_option(f"tau{joint}", negated(_cell(recording, f"tau{joint}")))
         if f"tau{joint}" not in recording.currents:
             said = f"{said} (work of {work[i, i]:.3g} J)"
         if len(recording.q) == 1:
@@ -194,7 +194,7 @@ def _drivers(part: Array, joint: int) -> list[int]:
 def _exchange(recording: Recording, one: int, other: int) -> str:
     """The options that exchange two joints' torques (0-based)."""
     names = f"tau{one + 1}", f"tau{other + 1}"
-    return " ".join(option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
+    return " ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
 
 
 def _work(recording: Recording) -> tuple[Array, Array]:

@@ -1,17 +1,65 @@
-"""The checks that every recording passes, whatever its format: values, runs, time, and that something moves."""
+"""What the columns alone tell of wrong data: a time in another unit, a passive joint, samples given twice."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings import plausible
-from runtime.recordings.contents import Array, Numbers, Samples
-from runtime.recordings.errors import Refusal
-from runtime.recordings.settings import GAP, LARGEST, MIN_SAMPLES, MIN_SEGMENT, MOST_SAMPLES, ROUNDING, SMALLEST
+from runtime.recordings.contents import Array, Numbers, Refusal, Samples
+from runtime.recordings.settings import (
+    FASTEST_STEP,
+    GAP,
+    LARGEST,
+    MIN_SAMPLES,
+    MIN_SEGMENT,
+    MOST_SAMPLES,
+    ROUNDING,
+    SLOWEST_STEP,
+    SMALLEST,
+)
+
+_FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of a clock and their length in s, the coarsest first."""
+
+
+def slow_clock(step: float, cell: str) -> str | None:
+    """What is wrong with a time, read from `cell`, of which the median step is `step` s, and the cure, if any."""
+    if not step > SLOWEST_STEP:
+        return None
+    unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
+    cure = f'if t is in {unit}, pass --map t="{cell} [{unit}]"' if unit else "write t in seconds"
+    return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
+
+
+def fast_clock(step: float, cell: str) -> str | None:
+    """The same of one that is too short to be filtered: its filters would be longer than any recording."""
+    if not step < FASTEST_STEP:
+        return None
+    return (
+        f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
+        f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
+    )
+
+
+def unpowered(tau: Array) -> NDArray[np.bool_]:
+    """(n,) joints whose torque never changes by as much as a sensor tells: passive ones, or those of which no torque is
+    recorded. tau (n, N)."""
+    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
+    return quiet
+
+
+def given_twice(samples: Sequence[tuple[Array, Array]]) -> tuple[int, int] | None:
+    """Indices of the first two of these positions and torques (n, N) each that are the same; None if none are."""
+    for one, other in combinations(range(len(samples)), 2):
+        pairs = list(zip(samples[one], samples[other], strict=True))
+        if all(x.shape == y.shape and np.array_equal(x, y) for x, y in pairs):
+            return one, other
+    return None
 
 
 def finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
@@ -85,7 +133,7 @@ def segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: 
             f"time {how}, {t[k]:.9g} s after {t[k - 1]:.9g} s; number the runs in a column run, or pass --allow-gaps",
             table.at("t", k),
         )
-    if wrong := plausible.slow_clock(step, cell):
+    if wrong := slow_clock(step, cell):
         refuse(wrong)
     gap = same & (steps > GAP * step * (1 + ROUNDING))
     if gap.any() and not allow_gaps:
@@ -114,6 +162,6 @@ def moving(q: Array, tau: Array, refuse: Refusal) -> None:
     if still.all():
         which = "q1 is" if len(q) == 1 else f"q1 to q{len(q)} are"
         refuse(f"{which} constant; nothing moves, so nothing can be learned from this recording")
-    if not (~still & ~plausible.unpowered(tau)).any():
+    if not (~still & ~unpowered(tau)).any():
         i = int(np.flatnonzero(~still)[0])
         refuse(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is the right column recorded?")

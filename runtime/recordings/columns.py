@@ -1,24 +1,131 @@
-"""The header of a recording: which cell is which signal, and in which unit.
-
-Header cells are `name` or `name [unit]`; without a unit, SI. A joint's position is an angle or a length
-and its torque a torque or a force, by the joint's type; a current counts as a torque where the model
-states the joint's torque constant. `--map` may state another unit than the header, and with a minus before the name the
-other sign.
-"""
+"""Units of recorded signals: their dimension, and what one is in SI."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import pi
 from typing import Any, NoReturn
 
-from runtime.recordings import nameless
 from runtime.recordings.contents import Array, some
-from runtime.recordings.nameless import NUMBERED
-from runtime.recordings.units import EXAMPLES, UNITS, hint, normal
 from symbolic.model_file.checks import quote
+
+_DEGREE = pi / 180
+_FACTORS = {
+    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {
+        "rad": 1.0,
+        "radians": 1.0,
+        "mrad": 1e-3,
+        "urad": 1e-6,
+        "rev": 2 * pi,
+        "turn": 2 * pi,
+        "deg": _DEGREE,
+        "degrees": _DEGREE,
+        "Grad": _DEGREE,
+        "°": _DEGREE,
+        "mdeg": _DEGREE / 1e3,
+        "arcmin": _DEGREE / 60,
+        "arcsec": _DEGREE / 3600,
+    },
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "angular rate": {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": _DEGREE,
+        "Grad/s": _DEGREE,
+        "°/s": _DEGREE,
+        "rpm": pi / 30,
+        "U/min": pi / 30,
+        "rev/min": pi / 30,
+        "1/min": pi / 30,
+        "rev/s": 2 * pi,
+        "turn/s": 2 * pi,
+        "rps": 2 * pi,
+    },
+    "speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "m/min": 1 / 60, "mm/min": 1e-3 / 60},
+    "torque": {
+        "N m": 1.0,
+        "mN m": 1e-3,
+        "N cm": 1e-2,
+        "N mm": 1e-3,
+        "kN m": 1e3,
+        "Nm": 1.0,
+        "mNm": 1e-3,
+        "Ncm": 1e-2,
+        "Nmm": 1e-3,
+        "kNm": 1e3,
+        "uNm": 1e-6,
+    },
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "temperature": {"degC": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0, "degF": 5 / 9, "°F": 5 / 9},
+}
+_ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
+UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
+"""unit: (dimension, factor to SI, its zero in SI); temperatures are kept in °C."""
+
+EXAMPLES = {
+    "time": "s or ms",
+    "angle": "rad or deg",
+    "length": "m or mm",
+    "angular rate": "rad/s, deg/s or rpm",
+    "speed": "m/s or mm/s",
+    "torque": "N m or mNm",
+    "force": "N",
+    "current": "A or mA",
+    "temperature": "degC or K",
+}
+
+
+def normal_unit(unit: str) -> str:
+    """A unit as the table has it."""
+    unit = unit.replace("µ", "u").replace("μ", "u")
+    return " ".join(re.sub(r"[·⋅*.]", " ", unit).split())
+
+
+def unit_hint(unit: str) -> str:
+    """What to do about a unit that is not known."""
+    if unit.lower() in ("counts", "count", "cts", "inc", "increments", "ticks", "lsb", "qc"):
+        return "convert it with the encoder's resolution first"
+    by_lower = {known.lower(): known for known in UNITS}
+    close = difflib.get_close_matches(normal_unit(unit).lower()[:40], by_lower, n=1, cutoff=0.5)
+    return f'did you mean "{by_lower[close[0]]}"?' if close else "write it in SI, without a unit"
+
+
+NUMBERED = "#{}"
+"""The name of a column, counted from 1, where the file has none."""
+_LEAST, _MOVING = ("q", "tau"), ("q", "qd", "tau")
+"""Signals that a recording has of every joint."""
+
+
+def in_order(names: str) -> Iterator[str]:
+    """`t,q1 [deg],-,tau1` as entries of `--map`: "t=#1", "q1=#2 [deg]", "tau1=#4"; `-` leaves a column out."""
+    for number, cell in enumerate(names.split(","), 1):
+        name, bracket, unit = cell.partition("[")
+        if name.strip() not in ("", "-"):
+            yield f"{name.strip()}={NUMBERED.format(number)}{' ' * bool(bracket)}{bracket}{unit}"
+
+
+def unnamed(count: int, n: int | None = None) -> str:
+    """That a file begins with so many numbers, and what to type.
+
+    n   joints of the arm, read with rates and without where both may be; None where nobody knows, and whatever number
+        of joints comes out even is said
+    """
+    if n is None:
+        fitting = [(s, (count - 1) // len(s)) for s in (_LEAST, _MOVING) if count > 1 and (count - 1) % len(s) == 0]
+    else:
+        fitting = [(s, n) for s in (_MOVING, _LEAST) if s is _LEAST or count == 1 + len(s) * n]
+    layouts = [["t", *(f"{x}{i}" for x in s for i in range(1, k + 1))] for s, k in fitting or [(_LEAST, 1)]]
+    begins = f"its first line is no header but {count} number{'s' if count > 1 else ''}"
+    if len(layouts[0]) > count:
+        return f"{begins}; expected at least {len(layouts[0])}: {','.join(layouts[0])}"
+    typed = (f"--columns {','.join([*plain, *'-' * (count - len(plain))])}" for plain in layouts)
+    return f"{begins}; name its {count} columns with {' or '.join(typed)}"
+
 
 Fail = Callable[[str], NoReturn]
 
@@ -131,7 +238,7 @@ def _split(cell: str) -> tuple[str, str | None]:
     cell = cell.strip()
     if (match := re.fullmatch(r"(.*?)\[([^\[\]]*)\]", cell)) and not match[2].strip().isdigit():
         return match[1].strip(), match[2].strip()
-    if (match := re.fullmatch(r"(.*)\(([^()]*)\)", cell)) and normal(match[2]) in UNITS:
+    if (match := re.fullmatch(r"(.*)\(([^()]*)\)", cell)) and normal_unit(match[2]) in UNITS:
         return match[1].strip(), match[2].strip()
     return cell, None
 
@@ -203,9 +310,9 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
         return Column(name, index, 1.0, 0.0)
     if unit is None or unit == "":
         return Column(name, index, 1.0, 0.0)
-    if normal(unit) not in UNITS:
-        fail(f"{name} has the unknown unit {quote(unit)}; {hint(unit)}")
-    dimension, factor, offset = UNITS[normal(unit)]
+    if normal_unit(unit) not in UNITS:
+        fail(f"{name} has the unknown unit {quote(unit)}; {unit_hint(unit)}")
+    dimension, factor, offset = UNITS[normal_unit(unit)]
     expected, whose, joint = kind or "", "", None
     if match := _JOINT_COLUMN.fullmatch(name):
         joint = joints[int(match[2]) - 1]
@@ -225,7 +332,7 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
 def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
     """That there is no such column, and what to type. free: the cells that nothing is read from."""
     if header[0] == NUMBERED.format(1):
-        return nameless.unnamed(len(header), n)
+        return unnamed(len(header), n)
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"

@@ -17,8 +17,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.contents import Array, RecordedField, Samples
-from runtime.recordings.errors import Refusal
+from runtime.recordings.contents import Array, RecordedField, Refusal, Samples
 from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS
 
 TYPE = frozenset(("sensor_msgs/msg/JointState", "sensor_msgs/JointState"))

@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from runtime.recordings.columns import Fail, fields_meant
+from runtime.recordings.columns import NUMBERED, Fail, fields_meant, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
-from runtime.recordings.nameless import NUMBERED, unnamed
 
 _FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 _OURS = re.compile(r"(?:q|qd|dq|tau|temperature)\d{1,3}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)

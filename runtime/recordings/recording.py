@@ -1,9 +1,11 @@
-"""Recordings: what a file of any format gives, in arrays in SI, or one line that says why it cannot be used."""
+"""Which format a file has, by its content and not by its name, and the module that reads it."""
 
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterator, Mapping, Sequence
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.recordings import checks, clocks, formats, names
+from runtime.recordings import array_files, checks, clocks, names, ros_logs, text
 from runtime.recordings.clocks import BroughtClock
-from runtime.recordings.columns import IN_PLANE, IN_SPACE, columns
-from runtime.recordings.contents import Array, Samples
-from runtime.recordings.errors import RecordingError as RecordingError
-from runtime.recordings.errors import Refusal, printable
-from runtime.recordings.units import UNITS, normal
+from runtime.recordings.columns import IN_PLANE, IN_SPACE, UNITS, columns, normal_unit
+from runtime.recordings.contents import Array, Contents, Refusal, Samples, printable
+from runtime.recordings.contents import RecordingError as RecordingError
+from runtime.recordings.settings import MAX_BYTES
+from runtime.recordings.text import check_file
+
+EXPECTED = "CSV, plain or gzip, or MCAP, a ROS 2 bag, MATLAB, HDF5, Parquet or NumPy"
+_HEAD = 1024
+
+Reader = Callable[[Path, Refusal], Contents]
+
+_BY_START: Mapping[bytes, Reader] = {
+    ros_logs.MCAP: ros_logs.open_mcap,
+    ros_logs.SQLITE: ros_logs.open_sqlite_bag,
+    array_files.MATLAB_5: array_files.open_matlab,
+    array_files.MATLAB_7_3: array_files.open_hdf5,
+    array_files.HDF5_SIGNATURE: array_files.open_hdf5,
+    array_files.PARQUET: array_files.open_parquet,
+    array_files.NPY: array_files.open_numpy,
+    array_files.ZIP: array_files.open_numpy,
+}
+"""The first bytes of a file -> how its format is read."""
+
+_REFUSED: Mapping[bytes, str] = {
+    b"#ROSBAG V": "is a bag of ROS 1; convert it to MCAP with: mcap convert FILE FILE.mcap",
+    b"\x28\xb5\x2f\xfd": "is packed with zstd; unpack it first, with: zstd -d FILE",
+    b"BZh": "is packed with bzip2; unpack it first",
+    b"\xfd7zXZ": "is packed with xz; unpack it first",
+    b"\xd0\xcf\x11\xe0": "is an old Excel workbook; save the sheet as CSV",
+}
+
+
+def opened(path: Path, refuse: Refusal) -> Contents:
+    """The contents of a recording, its format recognised. Raises RecordingError."""
+    if os.path.isdir(path):
+        return _folder(path, refuse)
+    check_file(path, f"a recording in {EXPECTED}", refuse)
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_HEAD)
+    except (OSError, ValueError) as error:
+        refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
+    for start, why in _REFUSED.items():
+        if head.startswith(start):
+            refuse(why)
+    if head[array_files.HDF5_USER_BLOCK :].startswith(array_files.HDF5_SIGNATURE):
+        return array_files.open_hdf5(path, refuse)
+    reader = next((found for start, found in _BY_START.items() if head.startswith(start)), text.open_text)
+    return reader(path, refuse)
+
+
+def _folder(path: Path, refuse: Refusal) -> Contents:
+    """A bag of ROS 2 or a data set of LeRobot, which are folders."""
+    about = path / "meta" / "info.json"
+    if about.is_file() and about.stat().st_size < MAX_BYTES:
+        try:
+            features = list(json.loads(about.read_text(encoding="utf-8"))["features"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            features = []
+        array_files.refuse_without_torque(features, refuse)
+        refuse("is a folder of a LeRobot data set; name one of the Parquet files in its folder data")
+    bags = sorted([*path.glob("*.mcap"), *path.glob("*.db3")])
+    if not bags:
+        refuse(f"is a directory without a bag of ROS 2; expected a recording in {EXPECTED}")
+    if len(bags) > 1:
+        listed = ", ".join(bag.name for bag in bags[:4])
+        refuse(f"is a bag in {len(bags)} files; name them one by one as recordings: {listed}")
+    return opened(bags[0], refuse)
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,7 +163,7 @@ def read(
     unknown = [{"type": "revolute", "torque_constant": 1.0}] * (model if isinstance(model, int) else 0)
     joints, space = (unknown, True) if isinstance(model, int) else (model["joints"], model["space"])
     refuse = Refusal(printable(path))
-    contents = formats.opened(Path(path), refuse)
+    contents = opened(Path(path), refuse)
     understood = names.understood(contents, joints, mapping or {}, lambda message: refuse(message, contents.header))
     used = columns(
         [f.name for f in contents.fields],
@@ -119,13 +184,13 @@ def read(
 
 def _currents(units: Mapping[str, str]) -> frozenset[str]:
     """Signals that are read in a unit of currents."""
-    return frozenset(name for name, unit in units.items() if UNITS[normal(unit)][0] == "current")
+    return frozenset(name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current")
 
 
 def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> int:
     """How many joints a recording's fields, or the mapping, name: q1, q2, … Raises RecordingError."""
     refuse = Refusal(printable(path))
-    contents = formats.opened(Path(path), refuse)
+    contents = opened(Path(path), refuse)
     return names.count_joints(contents, mapping or {}, lambda message: refuse(message, contents.header))
 
 

@@ -1,27 +1,134 @@
-"""Text with a line a sample: CSV, plain or gzip, also with decimal commas, between blanks, and without a header."""
+"""Lines of a text, plain or gzip, in blocks: never more of it in memory than a block, however long it is."""
 
 from __future__ import annotations
 
+import codecs
 import csv
+import gzip
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+import stat
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
-from runtime.recordings import checks, lines
-from runtime.recordings.contents import Array, Numbers, RecordedField, Samples
-from runtime.recordings.errors import Refusal
-from runtime.recordings.lines import TextBlock
-from runtime.recordings.nameless import NUMBERED
-from runtime.recordings.settings import HEAD, MOST_FIELDS
-from runtime.recordings.units import UNITS, normal
+from runtime.recordings import checks
+from runtime.recordings.columns import NUMBERED, UNITS, normal_unit
+from runtime.recordings.contents import Array, Numbers, RecordedField, RecordingError, Refusal, Samples
+from runtime.recordings.settings import BLOCK, HEAD, LONGEST_LINE, MAX_BYTES, MOST_FIELDS
 from symbolic.model_file.checks import quote
+
+GZIP = b"\x1f\x8b"
+_BOM = codecs.BOM_UTF8
+_WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+@dataclass(frozen=True)
+class TextBlock:
+    """Whole lines, ended by "\\n" alone. line: the number of the first in the file, from 1."""
+
+    text: str
+    line: int
+
+
+def check_file(path: Path, expected: str, refuse: Refusal) -> None:
+    """Refuses what is no regular file: what is read several times, a pipe gives but once. Raises RecordingError."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        refuse(f"no such file; expected {expected}")
+    except (OSError, ValueError) as error:
+        refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
+    if stat.S_ISDIR(mode):
+        refuse(f"is a directory; expected {expected}")
+    if not stat.S_ISREG(mode):
+        refuse("is no file but a pipe or a device; save it to a file first")
+
+
+def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock]:
+    """A text in blocks of some `size` bytes. Raises RecordingError."""
+    with _bytes_of(path, refuse) as file:
+        left, line, total = b"", 1, 0
+        while data := file.read(size):
+            if not total:
+                _check_text(data, file, refuse)
+                data = data.removeprefix(_BOM)
+            total += len(data)
+            if total > MAX_BYTES:
+                refuse(f"is larger than {MAX_BYTES // 10**9} GB; split it into several recordings")
+            data = _unix_ends(left + data, file)
+            end = data.rfind(b"\n") + 1
+            left = data[end:]
+            if len(left) > LONGEST_LINE:
+                line += data.count(b"\n")
+                what = "expected a sample, or the names of columns"
+                refuse(f"is longer than {LONGEST_LINE} bytes; {what}", f"line {line}")
+            if end:
+                yield TextBlock(_decoded(data[:end], line, refuse), line)
+                line += data.count(b"\n", 0, end)
+        if left:
+            yield TextBlock(_decoded(left, line, refuse), line)
+
+
+def _unix_ends(data: bytes, file: IO[bytes]) -> bytes:
+    """Lines of any system, ended by "\\n" alone."""
+    if b"\r" not in data:
+        return data
+    if data.endswith(b"\r"):  # the other half of a line's end may come next
+        data += file.read(1)
+    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
+@contextmanager
+def _bytes_of(path: Path, refuse: Refusal) -> Iterator[IO[bytes]]:
+    """The file's bytes, decompressed as they are read."""
+    try:
+        with open(path, "rb") as file:
+            packed = file.read(len(GZIP)) == GZIP
+            file.seek(0)
+            if not packed:
+                yield _in_utf_8(file)
+                return
+            with gzip.open(file) as unpacked:
+                yield _in_utf_8(unpacked)  # type: ignore[arg-type]
+    except RecordingError:
+        raise
+    except EOFError:
+        refuse("the gzip file is cut off; copy it again")
+    except (zlib.error, gzip.BadGzipFile) as error:
+        refuse(f"the gzip file is damaged ({error}); copy it again")
+    except (OSError, ValueError) as error:
+        refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
+
+
+def _in_utf_8(file: IO[bytes]) -> IO[bytes]:
+    """A text as Windows writes it for itself, in the encoding of all others."""
+    wide = file.read(len(_WIDE[0])) in _WIDE
+    file.seek(0)
+    return codecs.EncodedFile(file, "utf-8", "utf-16") if wide else file
+
+
+def _check_text(data: bytes, file: IO[bytes], refuse: Refusal) -> None:
+    """Refuses what unpacks to something else than text before it is unpacked whole, however large it may become."""
+    if isinstance(file, gzip.GzipFile) and b"\0" in data[:HEAD]:
+        refuse("the gzip file holds no text; expected a recording in CSV, or another format without gzip")
+
+
+def _decoded(data: bytes, line: int, refuse: Refusal) -> str:
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line += data.count(b"\n", 0, error.start)
+        refuse(f"byte 0x{data[error.start]:02x} is not UTF-8; save the recording as UTF-8", f"line {line}")
+
 
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
 _REMARK = re.compile(r"\s*[#%]+\s*")
@@ -55,7 +162,7 @@ class TextContents:
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         tables, numbers, samples = [], [], 0
-        for block in lines.blocks(self.path, self.refuse):
+        for block in blocks(self.path, self.refuse):
             body, line = self._after_header(block)
             if not body or body.isspace():
                 continue
@@ -125,7 +232,7 @@ class TextContents:
             self.refuse(f"{name} is {quote(cell)}; expected a number{hint}", f"line {line}")
 
 
-def opened(path: Path, refuse: Refusal) -> TextContents:
+def open_text(path: Path, refuse: Refusal) -> TextContents:
     """The text at a path, whatever its ending. Raises RecordingError."""
     found = _beginning(path, refuse)
     if found is None:
@@ -143,7 +250,7 @@ def _beginning(path: Path, refuse: Refusal) -> tuple[str, list[tuple[str, int]]]
     """The last remark before the first line that is none, and with their numbers that line and two more that are not
     blank; None where there are remarks alone, and no word in them."""
     remark, at, found = "", 1, list[tuple[str, int]]()
-    for block in lines.blocks(path, refuse, HEAD):
+    for block in blocks(path, refuse, HEAD):
         if block.text.isspace():
             continue
         for number, line in enumerate(block.text.removesuffix("\n").split("\n"), block.line):
@@ -211,7 +318,7 @@ def _between_blanks(line: str) -> bool:
 
 def _units(second: list[str], header: list[str]) -> list[str] | None:
     """The cells of a header with the units that stand in the line below it; None where no units stand there."""
-    units = [normal(cell.strip().strip("[]()")) for cell in second]
+    units = [normal_unit(cell.strip().strip("[]()")) for cell in second]
     if len(units) != len(header) or not any(units) or any(unit not in UNITS for unit in units if unit.strip("-")):
         return None
     return [f"{cell} [{unit}]" if unit.strip("-") else cell for cell, unit in zip(header, units, strict=True)]

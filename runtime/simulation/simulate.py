@@ -26,10 +26,10 @@ from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import BandView, Motion
 from runtime.motion.piece import Piece
-from runtime.recordings.errors import RecordingError, Refusal
-from runtime.recordings.lines import blocks, check_file
+from runtime.recordings.contents import RecordingError, Refusal
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LARGEST, MIN_SAMPLES, MOST_SAMPLES
+from runtime.recordings.text import blocks, check_file
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import (
     AT_REST,

@@ -21,7 +21,7 @@ from runtime.model.loader import Model
 from runtime.planning import trajectory
 from runtime.planning.settings import MOST_PHASES
 from runtime.recordings import recording
-from runtime.recordings.errors import RecordingError
+from runtime.recordings.contents import RecordingError
 from runtime.workspace import ARMS
 from symbolic.model_file import reader, user_file
 from symbolic.model_file.checks import ModelError

@@ -24,7 +24,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
-from runtime.recordings import extras
+from runtime.recordings import contents
 from runtime.recordings.recording import RecordingError, count_joints, read
 from tests.runtime.formats import EPOCH, motion, write_bare_mcap, write_mcap, write_sqlite
 
@@ -449,7 +449,7 @@ def test_variables_with_times_of_their_own(tmp_path):
 
 
 def test_a_package_that_lacks_is_asked_for_by_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(extras, "find_spec", lambda _: None)
+    monkeypatch.setattr(contents, "find_spec", lambda _: None)
     for name, package, extra in (
         ("run.h5", "h5py", "hdf5"),
         ("run.parquet", "pyarrow", "parquet"),

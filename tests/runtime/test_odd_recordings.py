@@ -23,7 +23,7 @@ from runtime.motion import clock, rates, spectrum
 from runtime.motion.inertia import believable
 from runtime.motion.settings import LOWEST_CUTOFF
 from runtime.recordings import recording
-from runtime.recordings.errors import RecordingError
+from runtime.recordings.contents import RecordingError
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LONGEST_LINE, MOST_FIELDS
 
@@ -310,7 +310,7 @@ def test_blocks_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     rows = "\r\n".join(f"{k / 1000!r};{float(np.sin(k / 50))!r};{float(np.cos(k / 20))!r};é" for k in range(260))
     path = tmp_path / "run.csv"
     path.write_bytes(f"# mesuré\r\nt;q1;tau1;naïf\r\n\r\n{rows}\r\n\r\n".encode("utf-8-sig"))
-    monkeypatch.setattr("runtime.recordings.lines.blocks.__defaults__", (size,))
+    monkeypatch.setattr("runtime.recordings.text.blocks.__defaults__", (size,))
     read = recording.read(path, 1)
     k = np.arange(260)
     assert np.array_equal(read.t, k / 1000)

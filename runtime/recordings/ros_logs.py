@@ -6,21 +6,22 @@ Source: the MCAP file format specification, version 0 (mcap.dev/spec).
 from __future__ import annotations
 
 import mmap
+import sqlite3
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recordings.errors import Refusal
-from runtime.recordings.extras import require
+from runtime.recordings.contents import Refusal, require
 from runtime.recordings.joint_state import TYPE, JointStateContents, MessageBatch, collected
 from runtime.recordings.settings import LONGEST_RECORD, MAX_BYTES
 
-MAGIC = b"\x89MCAP0\r\n"
+MCAP = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0F
 _RECORD = struct.Struct("<BQ")
 """Before every record: its kind and its length."""
@@ -56,21 +57,21 @@ class _Log:
         return self.schemas.get(schema) in TYPE and encoding == "cdr"
 
 
-def opened(path: Path, refuse: Refusal) -> JointStateContents:
+def open_mcap(path: Path, refuse: Refusal) -> JointStateContents:
     """The joint states of an MCAP file. Raises RecordingError."""
     log = _Log()
     with refuse.on((struct.error, ValueError), "the MCAP file is damaged", _CURE), open(path, "rb") as file:
         # Not closed by hand: arrays look into it until the last of them is gone.
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-        states = collected(_batches(data, log, refuse), refuse)
+        states = collected(_mcap_batches(data, log, refuse), refuse)
     return states.contents("MCAP", log.types())
 
 
-def _batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
+def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
     """The messages of joint states, a chunk at a time; those that no index names are found by walking through."""
     loose: list[tuple[int, int, int]] = []
     chunk: memoryview | None = None
-    place, indexed = len(MAGIC), False
+    place, indexed = len(MCAP), False
     while True:
         kind, content, place = _record(data, place, refuse)
         if kind == _INDEX and chunk is not None:
@@ -226,3 +227,45 @@ def _of_channel(
 def _gathered(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
     """(N, size) bytes from these places on."""
     return np.lib.stride_tricks.sliding_window_view(buffer, size)[starts]
+
+
+SQLITE = b"SQLite format 3\0"
+_AT_ONCE = 10_000
+"""messages that are held packed at a time."""
+
+
+def open_sqlite_bag(path: Path, refuse: Refusal) -> JointStateContents:
+    """The joint states of a bag. Raises RecordingError."""
+    damage = (sqlite3.Error, ValueError, TypeError, OverflowError, MemoryError)
+    with (
+        refuse.on(damage, "the SQLite file is damaged, or no bag of ROS 2", "copy it again"),
+        closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as bag,
+    ):
+        bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_RECORD)
+        if bag.execute(_TABLES).fetchone() != (2,):
+            refuse("is a SQLite file without the tables of a bag of ROS 2, topics and messages")
+        topics = {int(n): (str(name), str(kind), str(form)) for n, name, kind, form in bag.execute(_TOPICS)}
+        states = collected(_bag_batches(bag, topics, refuse), refuse)
+    return states.contents("ROS 2 bag", {name: kind for name, kind, _ in topics.values()})
+
+
+_TABLES = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+"""Tables, and no views: those may count without an end."""
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics"
+_MESSAGES = "SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY timestamp"
+
+
+def _bag_batches(
+    bag: sqlite3.Connection, topics: dict[int, tuple[str, str, str]], refuse: Refusal
+) -> Iterator[MessageBatch]:
+    for number, (topic, kind, form) in topics.items():
+        if kind not in TYPE or form != "cdr":
+            continue
+        rows = bag.execute(_MESSAGES, (number,))
+        while some := rows.fetchmany(_AT_ONCE):
+            if not all(isinstance(data, bytes) and isinstance(time, int) for time, data in some):
+                refuse("holds messages that are no bytes with a time; expected a bag of ROS 2")
+            lengths = np.array([len(data) for _, data in some])
+            buffer = np.frombuffer(b"".join(data for _, data in some), np.uint8)
+            times = np.array([time for time, _ in some], dtype=np.int64)
+            yield MessageBatch(topic, buffer, np.cumsum(lengths) - lengths, lengths, times)

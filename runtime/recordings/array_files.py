@@ -1,0 +1,421 @@
+"""Files of arrays: variables of one or two dimensions, a column for each joint; HDF5, MATLAB, NumPy and Parquet."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from struct import error as StructError
+from struct import unpack
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from runtime.recordings.contents import Array, RecordedField, Refusal, Samples, require
+from runtime.recordings.settings import LARGEST_MATRIX, LEAST_SIGNAL, MAX_BYTES, MOST_FIELDS
+
+_TIMES = re.compile(r"(t|time|timestamp|stamp)s?(\d?|_.*)", re.IGNORECASE)
+"""The last part of the name of a variable that holds instants."""
+_WHOLE_IN_FLOAT = 2**53
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An array in a file, before it is read.
+
+    name    with the names of what it lies in before it, "." or "/" between
+    shape   as the file states it
+    load    reads it whole
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    load: Callable[[], NDArray[Any]]
+
+    @property
+    def along(self) -> int:
+        """The axis of the samples: the longer one."""
+        return int(np.argmax(self.shape))
+
+    @property
+    def samples(self) -> int:
+        return max(self.shape)
+
+    @property
+    def width(self) -> int:
+        """Its columns."""
+        return min(self.shape) if len(self.shape) == 2 else 1
+
+    @property
+    def is_signal(self) -> bool:
+        """Whether it can hold samples of some joints."""
+        return len(self.shape) in (1, 2) and self.samples >= LEAST_SIGNAL and 0 < self.width <= LARGEST_MATRIX
+
+    @property
+    def place(self) -> str:
+        """What stands before the number of a sample."""
+        return f"{self.name} {'column' if self.along else 'row' if len(self.shape) == 2 else 'sample'}"
+
+    @property
+    def home(self) -> str:
+        """What it lies in."""
+        return re.match(r"(.*?)[^./]*$", self.name, re.DOTALL)[1].rstrip("./")  # type: ignore[index]
+
+
+@dataclass(frozen=True)
+class ArrayContents:
+    """Variables whose columns are fields: q (N, 6) is q1 to q6, and what is called time is the clock beside it."""
+
+    format: str
+    variables: Sequence[Variable]
+    refuse: Refusal
+
+    @property
+    def header(self) -> str:
+        return ""
+
+    @cached_property
+    def _columns(self) -> list[tuple[Variable, int, str]]:
+        """Variable, column and name of every field."""
+        found = []
+        for variable in self.variables:
+            if variable.is_signal:
+                between = "_" if variable.name[-1:].isdigit() else ""
+                many = range(1, variable.width + 1) if variable.width > 1 else ()
+                names = [f"{variable.name}{between}{k}" for k in many] or [variable.name]
+                found += [(variable, k, name) for k, name in enumerate(names)]
+        if len(found) > MOST_FIELDS:
+            self.refuse(f"has {len(found)} columns; expected at most {MOST_FIELDS}")
+        if not found:
+            named = ", ".join(f"{v.name} {v.shape}" for v in self.variables[:8])
+            self.refuse(f"holds no variables with samples of one or two dimensions; it has {named or 'none'}")
+        return found
+
+    @cached_property
+    def _timed(self) -> dict[tuple[str, int], Variable]:
+        """By what variables lie in and their number of samples, the one with the instants."""
+        found: dict[tuple[str, int], Variable] = {}
+        for variable in self.variables:
+            last = variable.name[len(variable.home) :].lstrip("./")
+            if variable.is_signal and variable.width == 1 and _TIMES.fullmatch(last):
+                found.setdefault((variable.home, variable.samples), variable)
+        return found
+
+    def _clock(self, variable: Variable) -> str:
+        """The nearest time around a variable that has as many samples, else its number of samples."""
+        home = variable.home
+        while True:
+            if time := self._timed.get((home, variable.samples)):
+                return time.name
+            if not home:
+                return f"{variable.samples} samples"
+            home = re.sub(r"[./]?[^./]*$", "", home)
+
+    @cached_property
+    def fields(self) -> tuple[RecordedField, ...]:
+        return tuple(RecordedField(name, self._clock(v), v.place) for v, _, name in self._columns)
+
+    @cached_property
+    def times(self) -> Mapping[str, int]:
+        places = {name: index for index, (_, _, name) in enumerate(self._columns)}
+        return {time.name: places[time.name] for time in self._timed.values()}
+
+    def load(self, wanted: Mapping[str, int]) -> Samples:
+        read: dict[str, Array] = {}
+        signals: dict[str, Array] = {}
+        for name, index in wanted.items():
+            variable, column, _ = self._columns[index]
+            if variable.name not in read:
+                read[variable.name] = self._read(variable, sum(x.nbytes for x in read.values()))
+            signals[name] = np.ascontiguousarray(read[variable.name][column])
+        length = max(len(x) for x in signals.values())
+        places = {name: self.fields[index].place for name, index in wanted.items()}
+        return Samples(signals, np.arange(1, length + 1), places)
+
+    def _read(self, variable: Variable, beside: int) -> Array:
+        """(columns, N) of a variable; whole numbers too long for a float less the first."""
+        size = 8 * int(np.prod([float(n) for n in variable.shape])) + beside
+        if size > MAX_BYTES:
+            self.refuse(f"{variable.name} has {variable.shape} numbers; expected at most {MAX_BYTES // 10**9} GB")
+        values = variable.load()
+        if values.shape != variable.shape:
+            self.refuse(f"{variable.name} has {values.shape} numbers where the file states {variable.shape}")
+        if values.dtype.kind in "mM":
+            values = values.astype("datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]")
+            return (values.reshape(1, -1) - values.flat[0]).astype(np.int64) * 1e-9
+        if values.dtype.kind in "iu" and np.abs(values.astype(np.float64)).max() > _WHOLE_IN_FLOAT:
+            values = values - values.flat[0]
+        rows = values.reshape(variable.samples, -1).T if variable.along == 0 else values.reshape(-1, variable.samples)
+        return np.asarray(rows, dtype=np.float64)
+
+
+def is_numeric(dtype: np.dtype[Any]) -> bool:
+    """Whether an array's entries can be readings."""
+    return dtype.kind in "biuf" or dtype.kind in "mM"
+
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+MATLAB_7_3 = b"MATLAB 7.3"
+_HDF5_ERRORS = (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError)
+HDF5_USER_BLOCK = 512
+"""Where the signature stands in a file that begins with something of another program."""
+
+
+def open_hdf5(path: Path, refuse: Refusal) -> ArrayContents:
+    """The datasets of an HDF5 file; links to other files are not followed. Raises RecordingError."""
+    require("h5py", "hdf5", "HDF5, and MATLAB since 7.3,", refuse)
+    import h5py
+
+    variables: list[Variable] = []
+    with open(path, "rb") as begin:
+        matlab = begin.read(len(MATLAB_7_3)) == MATLAB_7_3
+
+    def visit(name: str, node: Any) -> bool | None:
+        if isinstance(node, h5py.Dataset) and _is_plain(node) and not name.startswith("#"):
+            shown = name.replace("/", ".") if matlab else name
+            _add(variables, shown, node, partial(_load_hdf5, path, name, None, refuse), path, name, refuse)
+        return True if len(variables) > MOST_FIELDS else None
+
+    with refuse.on(_HDF5_ERRORS, "the HDF5 file is damaged or cut off", "copy it again"), h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return ArrayContents("MATLAB 7.3" if matlab else "HDF5", variables, refuse)
+
+
+def _add(variables: list[Variable], shown: str, node: Any, load: Any, path: Path, name: str, refuse: Refusal) -> None:
+    shape = tuple(int(n) for n in node.shape or ())
+    if node.dtype.names:
+        variables += [
+            Variable(f"{shown}.{part}", shape, partial(_load_hdf5, path, name, part, refuse))
+            for part in node.dtype.names
+            if is_numeric(node.dtype[part])
+        ]
+    elif is_numeric(node.dtype):
+        variables.append(Variable(shown, shape, load))
+
+
+def _is_plain(node: Any) -> bool:
+    """Whether a dataset's numbers stand in this file and are no text."""
+    return not node.is_virtual and not node.external and node.attrs.get("MATLAB_class") != b"char"
+
+
+def _load_hdf5(path: Path, name: str, part: str | None, refuse: Refusal) -> NDArray[Any]:
+    import h5py
+
+    with refuse.on(_HDF5_ERRORS, f"{name} is damaged or cut off", "copy the file again"), h5py.File(path, "r") as file:
+        values = file[name][()]
+    return np.asarray(values if part is None else values[part])
+
+
+MATLAB_5 = b"MATLAB 5.0"
+_MATLAB_HEADER = 128
+_COMPRESSED = 15
+_DEEPEST = 8
+_PIECE = 1 << 20
+
+
+def open_matlab(path: Path, refuse: Refusal) -> ArrayContents:
+    """The numeric variables of a .mat file. Raises RecordingError."""
+    from scipy.io import loadmat
+
+    _check_lengths(path, refuse)
+    # SciPy meets damaged files with whatever its parts raise.
+    with refuse.on((Exception,), "the MATLAB file is damaged", "save it again"):
+        variables = loadmat(path, struct_as_record=True, squeeze_me=False)
+    found: list[Variable] = []
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            found += _within(name, value, _DEEPEST)
+    if len(found) > MOST_FIELDS:
+        refuse(f"has {len(found)} variables; expected at most {MOST_FIELDS}")
+    return ArrayContents("MATLAB", found, refuse)
+
+
+def _within(name: str, value: Any, depth: int) -> Iterator[Variable]:
+    """The numeric arrays in a value, through structs and arrays of them."""
+    if not isinstance(value, np.ndarray) or depth == 0:
+        return
+    if value.dtype.names:
+        for k, entry in enumerate(value.flat):
+            element = name if value.size == 1 else f"{name}({k + 1})"
+            for part in value.dtype.names:
+                yield from _within(f"{element}.{part}", entry[part], depth - 1)
+    elif is_numeric(value.dtype):
+        shape = tuple(n for n in value.shape if n != 1) or (1,)
+        yield Variable(name, shape, _Kept(value.reshape(shape)))
+
+
+class _Kept:
+    """An array that is read already."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values = values
+
+    def __call__(self) -> NDArray[Any]:
+        return self.values
+
+
+def _check_lengths(path: Path, refuse: Refusal) -> None:
+    """Refuses a file whose elements are cut off, or unpack to more than can be kept, before anything is kept."""
+    size, total = path.stat().st_size, 0
+    damage = (StructError, zlib.error)
+    with refuse.on(damage, "the MATLAB file is damaged or cut off", "copy it again"), open(path, "rb") as file:
+        order = "<" if file.read(_MATLAB_HEADER)[-2:] == b"IM" else ">"
+        while file.tell() < size:
+            kind, length = unpack(f"{order}II", file.read(8))
+            end = file.tell() + length
+            if end > size:
+                refuse("the MATLAB file is cut off; copy it again")
+            total += _unpacked_size(file.read(length)) if kind == _COMPRESSED else length
+            if total > MAX_BYTES:
+                refuse(f"the MATLAB file unpacks to more than {MAX_BYTES // 10**9} GB; save what is needed of it")
+            file.seek(end)
+
+
+def _unpacked_size(data: bytes) -> int:
+    """To how many bytes an element unpacks, counted up to the limit and not kept."""
+    inflate, total, left = zlib.decompressobj(), 0, data
+    while left and total <= MAX_BYTES:
+        total += len(inflate.decompress(left, _PIECE))
+        left = inflate.unconsumed_tail
+    return total
+
+
+NPY = b"\x93NUMPY"
+ZIP = b"PK\x03\x04"
+_NUMPY_ERRORS = (ValueError, EOFError, KeyError, OSError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError)
+_ALONE = "column"
+"""The name of the array in a file that holds one."""
+
+
+def open_numpy(path: Path, refuse: Refusal) -> ArrayContents:
+    """The arrays of a .npy or .npz file. Raises RecordingError."""
+    with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"), open(path, "rb") as file:
+        alone = file.read(len(NPY)) == NPY
+        file.seek(0)
+        again = partial(_open_alone, path)
+        variables = _variables(_ALONE, file, again, refuse) if alone else _of_archive(path, refuse)
+    return ArrayContents("NumPy", variables, refuse)
+
+
+def _of_archive(path: Path, refuse: Refusal) -> list[Variable]:
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if any(m.filename.startswith("xl/") for m in members):
+            refuse("is an Excel workbook; save the sheet as CSV")
+        members = [m for m in members if m.filename.endswith(".npy")]
+        if not members:
+            refuse("is a ZIP archive without NumPy arrays; expected a recording, or unpack it first")
+        if len(members) > MOST_FIELDS:
+            refuse(f"has {len(members)} arrays; expected at most {MOST_FIELDS}")
+        found = []
+        for member in members:
+            name = member.filename.removesuffix(".npy")
+            with archive.open(member) as file:
+                again = partial(_open_member, path, member.filename)
+                found += _variables(name, file, again, refuse, member.file_size)
+        return found
+
+
+def _open_alone(path: Path) -> IO[bytes]:
+    return open(path, "rb")
+
+
+def _open_member(path: Path, name: str) -> IO[bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return archive.open(name)
+
+
+def _variables(
+    name: str, file: IO[bytes], again: Callable[[], IO[bytes]], refuse: Refusal, length: int | None = None
+) -> list[Variable]:
+    """The numeric arrays behind a header. length: in bytes of what follows, as the archive states it."""
+    version = npy.read_magic(file)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = read_header(file)
+    size = int(np.prod([float(n) for n in shape])) * dtype.itemsize
+    if size > MAX_BYTES or (length is not None and size > length):
+        refuse(f"{name} states {shape} numbers; expected what the file holds, {MAX_BYTES // 10**9} GB at most")
+    if dtype.names:
+        return [
+            Variable(f"{name}.{part}", tuple(shape), partial(_load_numpy, again, part, refuse))
+            for part in dtype.names
+            if is_numeric(dtype[part])
+        ]
+    return [Variable(name, tuple(shape), partial(_load_numpy, again, None, refuse))] if is_numeric(dtype) else []
+
+
+def _load_numpy(again: Callable[[], IO[bytes]], part: str | None, refuse: Refusal) -> NDArray[Any]:
+    with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"), again() as file:
+        values = npy.read_array(file, allow_pickle=False)
+    return np.asarray(values if part is None else values[part])
+
+
+PARQUET = b"PAR1"
+_LEROBOT = frozenset(("observation.state", "episode_index", "frame_index"))
+_TORQUE = re.compile(r"torque|effort|current|tau", re.IGNORECASE)
+
+
+def open_parquet(path: Path, refuse: Refusal) -> ArrayContents:
+    """The columns of a Parquet file. Raises RecordingError."""
+    require("pyarrow", "parquet", "Parquet", refuse)
+    from pyarrow import ArrowException, parquet
+
+    damage = (ArrowException, OSError, ValueError, MemoryError)
+    with (
+        refuse.on(damage, "the Parquet file is damaged or cut off", "copy it again"),
+        parquet.ParquetFile(path) as file,
+    ):
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+        refuse_without_torque(schema.names, refuse)
+        if len(schema) > MOST_FIELDS:
+            refuse(f"has {len(schema)} columns; expected at most {MOST_FIELDS}")
+        widths = [_width(file, entry) for entry in schema]
+    variables = [
+        Variable(name, (rows,) if width is None else (rows, width), partial(_load_parquet, path, name, refuse))
+        for name, width in zip(schema.names, widths, strict=True)
+        if width != 0
+    ]
+    return ArrayContents("Parquet", variables, refuse)
+
+
+def refuse_without_torque(names: Sequence[str], refuse: Refusal) -> None:
+    """Refuses a data set for learning to imitate that holds no torque."""
+    if set(names) >= _LEROBOT and not any(_TORQUE.search(name) for name in names):
+        refuse(
+            "is a LeRobot data set: it has positions (observation.state) and actions, but neither torque nor current, "
+            "without which no model can be compared; record the motors' torque or current as well"
+        )
+
+
+def _width(file: Any, entry: Any) -> int | None:
+    """None for a column of numbers, else how many each row lists; 0 for what holds no numbers."""
+    from pyarrow import types
+
+    kind = entry.type
+    if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_temporal(kind):
+        return None
+    if types.is_fixed_size_list(kind) and types.is_floating(kind.value_type):
+        return int(kind.list_size)
+    if types.is_list(kind) and types.is_floating(kind.value_type):
+        first = next(file.iter_batches(batch_size=1, columns=[entry.name]), None)
+        size = 0 if first is None or not len(first) else len(first.column(0)[0] or ())
+        return size if size <= LARGEST_MATRIX else 0
+    return 0
+
+
+def _load_parquet(path: Path, name: str, refuse: Refusal) -> NDArray[Any]:
+    from pyarrow import ArrowException, parquet, types
+
+    damage = (ArrowException, OSError, ValueError, MemoryError)
+    with refuse.on(damage, f"{name} is damaged, or not as long in each row", "write the file again"):
+        column = parquet.read_table(path, columns=[name]).column(0).combine_chunks()
+        if types.is_fixed_size_list(column.type) or types.is_list(column.type):
+            values = column.flatten().to_numpy(zero_copy_only=False)
+            return np.asarray(values).reshape(len(column), -1)
+        return np.asarray(column.to_numpy(zero_copy_only=False))
