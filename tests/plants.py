@@ -13,7 +13,7 @@ from math import cos, exp, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.simulation import demo_plant as plant
+from runtime.simulation import demo as plant
 
 Array = NDArray[np.float64]
 

@@ -29,15 +29,13 @@ ELSEWHERE = {
     "experiments/selection.py: WIDER": "factors that stand in words beside themselves",
     "estimation/covariance.py: estimate": "digits of a number on a page",
     "simulation/simulate.py": "the excitation, a motion written down as numbers",
-    "simulation/demo_plant.py": "the arm and the motion of the demo, which stand for a user's",
-    "simulation/demo.py": "seeds of the demo's two recordings",
-    "simulation/plant_equations.py": "widths of the plant's surrogates, numerics of its integration",
+    "simulation/demo.py": "the arm, the motion and the seeds of the demo, which stand for a user's",
 }
 """Where numbers may stand beside the settings: a file, or a name in it, and what they are."""
 
 UNITS = re.compile(
-    r"(Hz|s|dB|K|degC|rad, m|rad/s, m/s|samples|rows|bins|noise floors|grid steps|smallest pivot|length|power|unit"
-    r"|natural logarithm|parts?|ratios?|standard deviations|numbers?)\b[^;]*;"
+    r"(Hz|s|N m, N|dB|K|degC|rad, m|rad/s, m/s|samples|rows|bins|noise floors|grid steps|smallest pivot|length|power"
+    r"|unit|natural logarithm|parts?|ratios?|standard deviations|numbers?)\b[^;]*;"
 )
 """A setting's text begins with its unit or, without one, with what it is a part or a number of, and a semicolon."""
 

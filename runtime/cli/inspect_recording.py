@@ -49,12 +49,12 @@ def inspect(
             found = with_model(found, loaded)
     emit(json, found.to_json(), inspection_pages.inspection)
     if picture is not None and found.recording is not None:
-        from runtime.inspection.signals import named
+        from runtime.inspection.signals import complete_signals
         from runtime.report.plots.inspection_plots import signals_over_time
         from runtime.report.plots.style import save
 
         read = found.recording
-        save(signals_over_time(read.t, list(named(read)), read.segments, recording.name), picture)
+        save(signals_over_time(read.t, list(complete_signals(read)), read.segments, recording.name), picture)
         if json != "-":
             from runtime.report.terminal.cells import say
 

@@ -23,7 +23,7 @@ def inputs(
     model: Path, recordings: list[Path], effects: Path | None, maps: list[str] | None, allow_gaps: bool
 ) -> tuple[Source, list[Recording], Model]:
     """Everything that a user can have wrong is checked before the first work that takes time."""
-    from runtime.inspection.suspected import by_signals
+    from runtime.inspection.inspection import by_signals
     from runtime.report.terminal.pages import working
 
     columns = mapping(maps)

@@ -32,8 +32,7 @@ from runtime.estimation.covariance import shape_derivative, shape_steps
 from runtime.estimation.problem import Fit, Problem
 from runtime.estimation.regressors import LINK_LOAD, Regressors
 from runtime.estimation.torque_lines import motor_angle
-from runtime.model.signals import reads_arm
-from runtime.model.terms import Term, Values, joints_of
+from runtime.model.terms import Term, Values, joints_of, reads_arm
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,7 @@ from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
 from runtime.model.loader import Model
-from runtime.model.signals import steps
-from runtime.model.terms import Structure, Term
+from runtime.model.terms import Structure, Term, steps
 
 Wider = Callable[[], tuple[Model, Collection[str]]]
 """Opens the same arm with a library that holds guesses, too, and says which of its effects are guesses."""

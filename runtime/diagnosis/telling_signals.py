@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from runtime.model.loader import Model
-from runtime.model.signals import sensors
-from runtime.model.terms import Term, joints_of
+from runtime.model.terms import Term, joints_of, sensors
 from runtime.motion.motion import Motion
 from runtime.recordings.columns import IN_PLANE, IN_SPACE
 

@@ -38,8 +38,7 @@ from runtime.estimation.settings import (
 )
 from runtime.estimation.torque_lines import motor_angle
 from runtime.model.loader import Model
-from runtime.model.signals import IDENTIFIED
-from runtime.model.terms import Prediction, Structure, Term, Values, joints_of
+from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import RecordingError
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from runtime.estimation.settings import SLOPE_STEP
 from runtime.model.loader import Model
-from runtime.model.signals import IDENTIFIED, OF_DRIVE, SignalContext
-from runtime.model.terms import Prediction, Structure, Term, given, joints_of
+from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext, Structure, Term, given, joints_of
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 

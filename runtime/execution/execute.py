@@ -17,8 +17,7 @@ from runtime.execution.options import TRIALS, ExecutionSettings
 from runtime.execution.simulated import SimulatedArm
 from runtime.execution.trial import RUN_IN, Trial, length, recorded, run
 from runtime.hardware.frames import Codec
-from runtime.hardware.host_board import HostBoard
-from runtime.hardware.lockstep import Board, Lockstep
+from runtime.hardware.lockstep import Board, HostBoard, Lockstep
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model
@@ -29,8 +28,7 @@ from runtime.recordings.recording import Recording
 from runtime.recordings.settings import MOST_SAMPLES
 from runtime.simulation.plant import Plant
 from runtime.simulation.settings import RATE
-from runtime.simulation.simulate import Hidden, complete
-from runtime.simulation.true_effects import actual
+from runtime.simulation.simulate import Hidden, complete, true_effects
 
 
 @dataclass(frozen=True)
@@ -133,7 +131,7 @@ def execute(
             f"{trials} trials of {seconds:.6g} s are {periods} control periods; expected at most {MOST_SAMPLES}, as "
             "many as a recording may have; lower --cycles or --trials"
         )
-    values = actual(model, plan.terms, changed, hidden)
+    values = true_effects(model, plan.terms, changed, hidden)
     if hidden or changed:
         # What is moderate for a cycle is so for all of them.
         t = np.arange(round(length(trajectory, 1) * RATE)) / RATE

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from runtime.hardware import can_bus, canopen_link, serial_link
-from runtime.hardware.canopen_link import CanopenLink
-from runtime.hardware.host_board import HostBoard
-from runtime.hardware.link import BoardLink
-from runtime.hardware.lockstep import Board
-from runtime.hardware.qemu_board import QemuBoard
-from runtime.hardware.serial_link import SerialLink
-from runtime.hardware.unicorn_board import UnicornBoard
+from runtime.hardware import can_drive, canopen_arm, link
+from runtime.hardware.canopen_arm import CanopenLink
+from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
+from runtime.hardware.link import BoardLink, SerialLink
+from runtime.hardware.lockstep import Board, HostBoard
 from runtime.model.loader import Model
 
 
@@ -48,10 +45,10 @@ class ArmLine:
 
 
 LINES: dict[str, ArmLine] = {
-    serial_link.SCHEME: ArmLine(
-        serial_link.address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
+    link.SERIAL_SCHEME: ArmLine(
+        link.serial_address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
     ),
-    can_bus.SCHEME: ArmLine(can_bus.parse, canopen_link.check, CanopenLink),
+    can_drive.CAN_SCHEME: ArmLine(can_drive.parse_can_address, canopen_arm.check_link, CanopenLink),
 }
 """By the scheme of their address."""
 

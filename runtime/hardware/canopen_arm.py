@@ -13,21 +13,21 @@ What stops the motors, whatever fails:
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.hardware import can_bus, cia402
-from runtime.hardware.can_bus import Address, faults
-from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, CanDrive
+from runtime.hardware import can_drive, cia402
+from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, CanAddress, CanDrive, bus_faults
 from runtime.hardware.cia402 import POWERLESS, Controlword, DriveState, Scale
 from runtime.hardware.link import LinkError
-from runtime.hardware.lockstep import Fault
-from runtime.hardware.pace import Pace
+from runtime.hardware.lockstep import Fault, HostBoard, Lockstep
+from runtime.hardware.pace import Pace, Precedence
 from runtime.model.loader import Model
 
 Counts = NDArray[np.int32]
@@ -51,13 +51,13 @@ _BUS_OFF = 0x40
 """Of an error frame's identifier under SocketCAN."""
 
 
-def check(model: Model, address: Address, rate: float) -> None:
+def check_arm(model: Model, address: CanAddress, rate: float) -> None:
     """What can be said before the bus is touched. rate: of the control step, Hz. Raises LinkError."""
     without = [str(i) for i, joint in enumerate(model.joints, 1) if joint.drive is None]
     if without:
         where = f'the model file of "{model.name}"'
         raise LinkError(f"{where} names no drive at joint {', '.join(without)}; add [joint.drive] with node")
-    can_bus.check_load(model.n, rate, address)
+    can_drive.check_bus_load(model.n, rate, address)
 
 
 class CanopenArm:
@@ -68,10 +68,10 @@ class CanopenArm:
     Raises LinkError where it cannot be driven as it is, Fault when it no longer can.
     """
 
-    def __init__(self, model: Model, address: Address, pace: Pace, patience: float | None = None) -> None:
-        check(model, address, 1.0 / pace.length)
+    def __init__(self, model: Model, address: CanAddress, pace: Pace, patience: float | None = None) -> None:
+        check_arm(model, address, 1.0 / pace.length)
         self.address, self.model, self.pace = address, model, pace
-        self.load = can_bus.load(model.n, 1.0 / pace.length, address.bitrate)
+        self.load = can_drive.bus_load(model.n, 1.0 / pace.length, address.bitrate)
         self.scales: tuple[Scale, ...] = ()
         self.missed = 0
         self.limited = np.zeros(model.n, dtype=np.int64)
@@ -80,7 +80,7 @@ class CanopenArm:
         self._on, self._bus_off = False, False
         self._beats: int | None = None
         self._fault: str | None = None
-        self._network: Any = can_bus.open_network(address, self._on_error_frame)
+        self._network: Any = can_drive.open_network(address, self._on_error_frame)
         self._drives = [CanDrive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
         self._sent = [Controlword.DISABLE_VOLTAGE] * model.n
 
@@ -96,7 +96,7 @@ class CanopenArm:
         """The drives set up, without power yet. What their encoders count (n,)."""
         # One that has restarted has forgotten everything.
         if not self.scales or any(drive.restarted for drive in self._drives):
-            with faults(self.address):
+            with bus_faults(self.address):
                 self.scales = tuple(drive.set_up(self.pace.length) for drive in self._drives)
                 for drive in self._drives:
                     drive.operational()
@@ -135,7 +135,7 @@ class CanopenArm:
         self._on = False
         try:
             still = self._switch_off() if self._powered else []
-            with suppress(Fault), faults(self.address):
+            with suppress(Fault), bus_faults(self.address):
                 for drive in self._drives:
                     # One that may have power goes on watching: without a heartbeat it switches off by itself.
                     if drive.heard and drive not in still:
@@ -143,7 +143,7 @@ class CanopenArm:
                 self._network.send_message(_NMT, bytes((_PRE_OPERATIONAL, 0)))
         finally:
             network, self._network = self._network, None
-            with suppress(Fault), faults(self.address):
+            with suppress(Fault), bus_faults(self.address):
                 network.disconnect()
         self._confirm(still)
 
@@ -184,7 +184,7 @@ class CanopenArm:
 
     def _exchange(self) -> None:
         """A SYNC, and what the drives say; who says nothing is counted."""
-        with faults(self.address):
+        with bus_faults(self.address):
             for drive in self._drives:
                 drive.heard = False
             self._network.send_message(_SYNC, b"")
@@ -217,7 +217,7 @@ class CanopenArm:
                 self._fail(f'{drive.name} left "{DriveState.ENABLED.value}" for "{state}"', drive)
 
     def _command(self, word: Controlword, torques: Iterable[int]) -> None:
-        with faults(self.address):
+        with bus_faults(self.address):
             for k, (drive, torque) in enumerate(zip(self._drives, torques, strict=True)):
                 drive.command(word, torque)
                 self._sent[k] = word
@@ -243,7 +243,7 @@ class CanopenArm:
             if all(drive.answer.state is DriveState.ENABLED for drive in self._drives):
                 self._on = True
                 return
-            with self._or_stop(), faults(self.address):
+            with self._or_stop(), bus_faults(self.address):
                 for k, drive in enumerate(self._drives):
                     self._sent[k] = cia402.towards_enabled(drive.answer.state, self._sent[k])
                     drive.command(self._sent[k])
@@ -319,3 +319,55 @@ def _not_off(drives: list[CanDrive]) -> str:
         f"{' and '.join(drive.name for drive in drives)} did not confirm to be off; "
         f"without this computer's heartbeat the voltage goes off after {HOST_LOST:g} s"
     )
+
+
+LATE = 0.01
+"""s between two control steps at most. A computer is less punctual than a microcontroller's timer: what stops that
+after half a period would stop this for nothing."""
+
+
+def check_link(url: str, model: Model) -> None:
+    """What can be said of an address before the bus is touched. Raises LinkError."""
+    address = can_drive.parse_can_address(url)
+    # Without a rate there is nothing to say of the load; what a controller lacks is named where its settings are made.
+    if model.controller is not None:
+        check_arm(model, address, model.controller["rate"])
+
+
+class CanopenLink(Lockstep):
+    """A Link to the drives of a model, set up and without power yet.
+
+    url         canopen://CHANNEL?interface=NAME&bitrate=NUMBER
+    directory   of the arm's firmware, built for this computer
+    pace, patience   see CanopenArm; None: real time
+    Raises LinkError, Fault.
+    """
+
+    arm: CanopenArm
+
+    def __init__(
+        self, url: str, model: Model, directory: Path, pace: Pace | None = None, patience: float | None = None
+    ) -> None:
+        assert model.controller is not None
+        period = 1.0 / model.controller["rate"]
+        pace = pace or Pace(period)
+        address = can_drive.parse_can_address(url)
+        with ExitStack() as stack:
+            self._precedence = Precedence()
+            stack.callback(self._precedence.give_up)
+            arm = stack.enter_context(CanopenArm(model, address, pace, patience))
+            super().__init__(HostBoard(directory, model.name, model.n), arm, period, pace)
+            self.late = LATE
+            self.start(np.zeros(model.n), np.random.default_rng(0))
+            self._open = stack.pop_all()
+
+    def figures(self) -> Mapping[str, Any]:
+        return {"drives": {**self.arm.figures(), "real_time": self._precedence.granted}}
+
+    def close(self) -> None:
+        try:
+            with self._open:
+                super().close()
+        except Fault as fault:
+            # What was recorded is kept all the same.
+            self.fault = self.fault or str(fault)

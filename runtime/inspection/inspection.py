@@ -1,31 +1,233 @@
-"""Everything that a file says before anything is concluded from it: its fields, its signals, what looks wrong."""
+"""What signals say of each other without a model: units and signs of rates, joints exchanged, torques that brake.
+
+A rate is the derivative of its position, so that its integral tells its scale with no noise of differentiation. A joint
+that comes back has taken up what its friction dissipates: the work of its torque is positive.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import pi
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import unreliable
 from runtime.estimation.compare import series
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify
 from runtime.estimation.suspicions import Suspicion, doubts, suspicions
-from runtime.inspection import guesses
-from runtime.inspection.settings import WELL_TOLD
-from runtime.inspection.shifts import shifts_json
-from runtime.inspection.signals import clock_json, joints_json, signals_json
-from runtime.inspection.suspected import MISREAD, by_signals, over_turns, rates_in_degrees, without_model
+from runtime.inspection import signals
+from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF, UNRELATED, WELL_TOLD
+from runtime.inspection.signals import (
+    clock_json,
+    integral,
+    joints_json,
+    moves,
+    scale,
+    shifts_json,
+    signals_json,
+    unit_in_name,
+)
 from runtime.model.loader import Model
 from runtime.motion import repeats
+from runtime.motion.clock import grid
 from runtime.recordings import recording
 from runtime.recordings.clocks import BroughtClock
-from runtime.recordings.contents import Contents, RecordingError, Refusal, printable
+from runtime.recordings.columns import UNITS
+from runtime.recordings.contents import Contents, RecordingError, Refusal, in_unit, map_option, negated, printable
 from runtime.recordings.recording import Recording, count_joints, read
+from symbolic.model_file.checks import quote
+
+Array = NDArray[np.float64]
+
+MISREAD = "field"
+"""Kind of a suspicion that a signal is none of what it is read as: then no fit tells anything."""
+_JOINT_SIGNAL = re.compile(r"(q|qd|tau)(\d+)(?:_link|_desired)?", re.ASCII)
+_DIMENSIONS = {"q": ("angle",), "qd": ("angular rate",), "tau": ("torque", "current")}
+"""What a signal of a joint is, so that a word at the end of its name may be its unit."""
+_BRAKES = "its torque brakes the motion on the whole, as friction does and no motor"
+
+
+def by_signals(recording: Recording) -> list[Suspicion]:
+    """What is wrong whatever the arm is: fields whose names say another unit, and rates that are none."""
+    named = _by_names(recording)
+    return [*named, *(s for s in of_rates(recording) if s.joint not in {t.joint for t in named})]
+
+
+def without_model(recording: Recording) -> list[Suspicion]:
+    """What looks wrong with positions and torques where no model tells it better."""
+    return [*over_turns(recording), *_braking(recording)]
+
+
+def _by_names(recording: Recording) -> list[Suspicion]:
+    """Fields that are read in SI although their names end in another unit."""
+    found = []
+    for signal, cell in recording.cells.items():
+        known = _JOINT_SIGNAL.fullmatch(signal)
+        unit = unit_in_name(cell) if known and signal not in recording.units else None
+        if known is None or unit is None:
+            continue
+        rotary = recording.types[int(known[2]) - 1] == "revolute"
+        if rotary and UNITS[unit][0] in _DIMENSIONS[known[1]]:
+            cure = _in_unit(recording, signal, unit)
+            said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
+            kind = "degrees" if unit == "deg" else "unit"
+            found.append(Suspicion(int(known[2]), kind, said, f"if so, pass {cure}", (cure,)))
+    return found
+
+
+def of_rates(recording: Recording) -> list[Suspicion]:
+    """Measured rates that are no derivatives of their positions."""
+    found: list[Suspicion] = []
+    if recording.qd is None:
+        return found
+    samples = max(recording.segments, key=lambda s: s.stop - s.start)
+    t, q = recording.t[samples], recording.q[:, samples]
+    rates = {i: integral(t, qd[samples]) for i, qd in enumerate(recording.qd) if np.isfinite(qd).all() and np.ptp(q[i])}
+    moved = [i for i in rates if np.ptp(rates[i]) > 0]
+    for i in moved:
+        factor, explained = scale(q[i], rates[i], t)
+        if explained > FOLLOWS:
+            found += _scaled(recording, i, factor)
+            continue
+        others = {j: scale(q[i], rates[j], t)[1] for j in moved if j != i}
+        best = max(others, key=lambda j: others[j], default=None)
+        if best is not None and others[best] > FOLLOWS:
+            cure = map_option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
+            said = f"qd{best + 1} is the derivative of q{i + 1}, and qd{i + 1} is not"
+            found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}", (cure,)))
+        elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
+            found.append(_unrelated(i + 1, explained))
+    return found
+
+
+def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspicion]:
+    """Rates that are the derivatives of positions as these stand, of joints (1-based) where they are in degrees."""
+    told = {s.joint for s in of_rates(recording)}
+    found = []
+    for joint in joints if recording.qd is not None else ():
+        if joint not in told:
+            cure = _in_unit(recording, f"qd{joint}", "deg/s")
+            said = f"qd{joint} is read in the unit of q{joint} a second"
+            found.append(Suspicion(joint, "unit", said, f"if that is deg/s, pass {cure}", (cure,)))
+    return found
+
+
+def _unrelated(joint: int, explained: float) -> Suspicion:
+    """A rate and a position that belong to nothing of each other."""
+    q, qd = f"q{joint}", f"qd{joint}"
+    said = f"{qd} is not the derivative of {q}, which explains {100 * explained:.2g} % of its integral"
+    asked = f"are the right fields read as {q} and {qd}? Name them with --map, or leave {qd} out"
+    return Suspicion(joint, MISREAD, said, asked)
+
+
+def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
+    """A rate that is a multiple of its position's derivative."""
+    if abs(abs(factor) - 1) < SCALE_OFF and factor > 0:
+        return []
+    q, qd = f"q{joint + 1}", f"qd{joint + 1}"
+    said = f"{qd} is {factor:.3g} times the derivative of {q}"
+    if abs(abs(factor) - 1) < SCALE_OFF:
+        cure, other = (map_option(name, negated(_cell(recording, name))) for name in (qd, q))
+        return [Suspicion(joint + 1, "sign", said, f"expected the same sign: pass {cure}, or {other}", (cure,))]
+    units = _units_of(abs(factor))
+    if units is None:
+        return [Suspicion(joint + 1, "unit", said, f"is the unit of {qd}, of {q} or of t right? State it with --map")]
+    cures = tuple(_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
+    return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {' '.join(cures)}", cures)]
+
+
+def _units_of(factor: float) -> tuple[str, str] | None:
+    """In which units a position and its rate are, "" for SI, if the rate is `factor` times the derivative.
+
+    Of several that fit, as degrees a second for radians and rpm for turns, the nearest; of equal ones those with SI.
+    None: nobody knows.
+    """
+    positions, rates = ("", "deg", "rev", "mrad"), ("", "deg/s", "rpm", "rev/s", "mrad/s")
+    off = {(q, qd): abs(float(np.log(factor * _size(qd) / _size(q)))) for q in positions for qd in rates if q or qd}
+    q, qd = min(off, key=lambda pair: (round(off[pair], 9), sum(map(bool, pair))))
+    return (q, qd) if off[q, qd] < np.log1p(SCALE_OFF) else None
+
+
+def _size(unit: str) -> float:
+    """Of a unit in SI."""
+    return UNITS[unit][1] if unit else 1.0
+
+
+def _cell(recording: Recording, signal: str) -> str:
+    """What `--map` takes for the field of a signal."""
+    return recording.cells.get(signal, signal)
+
+
+def _in_unit(recording: Recording, signal: str, unit: str) -> str:
+    """The option that reads a signal in a unit."""
+    return map_option(signal, in_unit(_cell(recording, signal), unit))
+
+
+def over_turns(recording: Recording) -> list[Suspicion]:
+    """Positions over many turns that no unit was stated of."""
+    found = []
+    for i, q in enumerate(recording.q):
+        turns = float(np.ptp(q)) / (2 * pi)
+        if recording.types[i] == "revolute" and turns > MANY_TURNS and f"q{i + 1}" not in recording.units:
+            cure, said = _in_unit(recording, f"q{i + 1}", "deg"), f"its position covers {turns:.3g} turns"
+            found.append(Suspicion(i + 1, "degrees", said, f"if it is in degrees, pass {cure}", (cure,)))
+    return found
+
+
+def _braking(recording: Recording) -> list[Suspicion]:
+    """Joints whose torque takes power out of a motion that comes back to where it began.
+
+    A torque of another joint does that too, as often as not, so that of several joints both are said.
+    """
+    work, part = _work(recording)
+    returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= RETURNED * np.ptp(recording.q, axis=1)
+    found = []
+    for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
+        joint, said = int(i) + 1, _BRAKES
+        cure = map_option(f"tau{joint}", negated(_cell(recording, f"tau{joint}")))
+        if f"tau{joint}" not in recording.currents:
+            said = f"{said} (work of {work[i, i]:.3g} J)"
+        if len(recording.q) == 1:
+            expected = f"expected positive where it drives towards positive positions: pass {cure}"
+            found.append(Suspicion(joint, "sign", said, expected, (cure,)))
+            continue
+        others = " or ".join(_exchange(recording, int(i), j) for j in _drivers(part, int(i)))
+        other = others or "name them in the order of the joints"
+        expected = f"if its sign is wrong, pass {cure}; if torques stand in each other's place, {other}"
+        found.append(Suspicion(joint, "sign or order", said, expected))
+    return found
+
+
+def _drivers(part: Array, joint: int) -> list[int]:
+    """Joints (0-based) with which one may have exchanged its torque: each then drives the other's motion."""
+    drives = part > AGAINST_MOTION
+    return [int(j) for j in np.flatnonzero(drives[:, joint] & drives[joint]) if j != joint]
+
+
+def _exchange(recording: Recording, one: int, other: int) -> str:
+    """The options that exchange two joints' torques (0-based)."""
+    names = f"tau{one + 1}", f"tau{other + 1}"
+    return " ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
+
+
+def _work(recording: Recording) -> tuple[Array, Array]:
+    """(n, n) J that the torque of a joint (row) would do on the motion of a joint (column), and the same as part of the
+    largest work that torques and speeds of these sizes can do."""
+    n = len(recording.q)
+    work, effort = np.zeros((n, n)), np.zeros((n, n))
+    for samples in recording.segments:
+        q, tau = recording.q[:, samples], recording.tau[:, samples]
+        travel, middle = np.diff(q, axis=1), (tau[:, 1:] + tau[:, :-1]) / 2
+        work += middle @ travel.T
+        effort += np.outer(np.linalg.norm(middle, axis=1), np.linalg.norm(travel, axis=1))
+    return work, np.divide(work, effort, out=np.zeros((n, n)), where=effort > 0)
 
 
 @dataclass(frozen=True)
@@ -105,7 +307,7 @@ class Inspection:
         """Options that may name what was not found."""
         if self.problem is None or "no column" not in self.problem:
             return []
-        return guesses.options(self.contents.fields)
+        return signals.map_options(self.contents.fields)
 
 
 def inspect(

@@ -1,20 +1,121 @@
-"""Figures of a recording's signals and clock: range, speed, resolution, noise, rate and jitter."""
+"""Signals of a recording: what their names suggest, their figures, and the lag of one behind another."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.inspection.settings import MOVES_FROM, TOP_SPEED
+from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SHIFT_PASSES, SMALLEST_SHIFT, TOP_SPEED
 from runtime.motion.band import resolution
 from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.white_noise import SampleNoise
 from runtime.recordings import recording as recorded
+from runtime.recordings.columns import UNITS, normal_unit
+from runtime.recordings.contents import RecordedField
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP, ROUNDING
+
+_WORDS: Mapping[str, str] = {
+    "t": r"t|time|times|timestamp|stamp|sec|seconds|zeit",
+    "qd": r"qd|dq|vel|velocity|velocities|speed|omega|rpm|geschwindigkeit",
+    "tau": r"tau|torque|torques|effort|efforts|moment|current|currents|iq|nm|strom|drehmoment",
+    "q": r"q|pos|position|positions|angle|angles|theta|phi|encoder|enc|joint|winkel|deg|rad",
+}
+"""Our signal -> words of others for it, the most telling first."""
+_NOT_MEASURED = re.compile(r"ref|des|cmd|command|target|err|error|set|ff|init|goal|action", re.IGNORECASE)
+_MEASURED = re.compile(r"act|actual|meas|measured|mot|motor", re.IGNORECASE)
+_UNIT_WORDS: Sequence[tuple[str, str]] = (
+    (r"deg_per_s|degps|deg_s", "deg/s"),
+    (r"rad_per_s|radps|rad_s", "rad/s"),
+    (r"rpm", "rpm"),
+    (r"deg|degrees", "deg"),
+    (r"ms|msec|milliseconds", "ms"),
+    (r"us|usec", "us"),
+    (r"ns|nsec|nanoseconds", "ns"),
+    (r"m_?a|milliamps", "mA"),
+    (r"m_?nm", "mN m"),
+    (r"amps|current|iq|(?:current|strom|iq?)(?:_\w+)?_a", "A"),
+)
+"""Words at the end of a name, with _ before its capitals -> the unit that they mean. A joint may be called a."""
+_NUMBERED = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
+
+
+def map_options(fields: Sequence[RecordedField]) -> list[str]:
+    """Options for positions, torques and time that no field is called: '--map q="act_pos_mot_deg [deg]"'.
+
+    One family of fields for all joints where there is one.
+    """
+    found, home = [], None
+    for signal in ("q", "tau", "t"):
+        if any(re.fullmatch(rf"{signal}1?", _without_unit(f.name)) for f in fields):
+            continue
+        candidates = [f for f in fields if _signal_in_name(f.name) == signal and (home is None or f.clock == home)]
+        if not candidates:
+            continue
+        best = max(candidates, key=lambda f: _score(f.name))
+        home = home or best.clock
+        stem, several = _family(best, fields)
+        unit = unit_in_name(best.name)
+        if several or signal == "t":
+            named = {signal: stem if several else _without_unit(best.name)}
+        else:
+            named = {f"{signal}{k}": _without_unit(name) for k, name in enumerate(_alike(best.name, fields), 1)}
+        found += [f'--map {name}="{field}{f" [{unit}]" if unit else ""}"' for name, field in named.items()]
+    return found
+
+
+def _parts(name: str) -> list[str]:
+    spread = re.sub(r"([a-z])([A-Z])", r"\1 \2", _without_unit(name))
+    return [word for word in re.split(r"[^a-zA-Z]+", spread.lower()) if word]
+
+
+def _without_unit(name: str) -> str:
+    return re.sub(r"\s*\[\D[^\[\]]*\]\s*$", "", name.strip())
+
+
+def _signal_in_name(name: str) -> str | None:
+    parts = _parts(name)
+    return next((s for s, words in _WORDS.items() if any(re.fullmatch(words, part) for part in parts)), None)
+
+
+def _score(name: str) -> int:
+    return 2 * len(_MEASURED.findall(name)) - 3 * len(_NOT_MEASURED.findall(name))
+
+
+def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, bool]:
+    """The name of a field without its joint, and whether other joints have the like."""
+    if best.joint is not None:
+        return best.name.removesuffix(f".{best.joint}"), True
+    match = _NUMBERED.fullmatch(_without_unit(best.name))
+    if match is None:
+        return best.name, False
+    like = [f for f in fields if (m := _NUMBERED.fullmatch(_without_unit(f.name))) and m[1] == match[1]]
+    return match[1], len(like) > 1
+
+
+def _alike(best: str, fields: Sequence[RecordedField]) -> list[str]:
+    """The names that differ from one in one number alone, in the order of that number; itself alone if none do."""
+    for number in re.finditer(r"\d+", best):
+        like = re.compile(re.escape(best[: number.start()]) + r"(\d{1,3})" + re.escape(best[number.end() :]))
+        found = {int(m[1]): f.name for f in fields if (m := like.fullmatch(f.name))}
+        if len(found) > 1:
+            return [found[k] for k in sorted(found)]
+    return [best]
+
+
+def unit_in_name(name: str) -> str | None:
+    """The unit that a name ends in, where it states none in brackets."""
+    if "[" in name and not re.search(r"\[\d+\]", name):
+        return None
+    if (bracket := re.search(r"\(([^()]*)\)\s*$", name)) and normal_unit(bracket[1]) in UNITS:
+        return None
+    ending = "_".join(_parts(name))
+    return next((unit for words, unit in _UNIT_WORDS if re.search(rf"(?:^|_)(?:{words})$", ending)), None)
+
 
 Array = NDArray[np.float64]
 
@@ -40,7 +141,7 @@ def signals_json(recording: Recording) -> list[dict[str, Any]]:
     """Of each signal its field, unit, range, resolution and the standard deviation of its white noise."""
     even = grid(recording)
     found = []
-    for name, unit, values in named(recording):
+    for name, unit, values in complete_signals(recording):
         low, high = float(values.min()), float(values.max())
         found.append(
             {
@@ -82,7 +183,7 @@ def moves(q: Array, even: EvenGrid) -> bool:
     return far > 0 and far > MOVES_FROM * max(resolution(q), _noise(q, even))
 
 
-def named(recording: Recording) -> Iterator[tuple[str, str, Array]]:
+def complete_signals(recording: Recording) -> Iterator[tuple[str, str, Array]]:
     """Name, unit and values (N,) of every signal that was measured throughout."""
     return (found for found in recorded.measured(recording) if np.isfinite(found[2]).all())
 
@@ -91,3 +192,67 @@ def _noise(values: Array, even: EvenGrid) -> float:
     """Standard deviation of white noise."""
     rate = 1 / even.period
     return float(np.sqrt(SampleNoise.on(even.longest, rate).density(values) * rate / 2))
+
+
+def shifts_json(recording: Recording) -> list[dict[str, Any]]:
+    """Of each signal the s by which it is later than its joint's position at the motor; of those that can be told."""
+    samples = max(recording.segments, key=lambda s: s.stop - s.start)
+    t = recording.t[samples]
+    found = []
+    for name, joint, values in followers(recording):
+        q, other = recording.q[joint, samples], values[samples]
+        if name.startswith("qd"):
+            q, other = q - q.mean(), integral(t, other)
+        late = _lag(t, q, other)
+        if late is not None and abs(late) > SMALLEST_SHIFT * recording.dt:
+            found.append({"signal": name, "value": late, "unit": "s"})
+    return found
+
+
+def followers(recording: Recording) -> Iterator[tuple[str, int, Array]]:
+    """Signals that follow a joint's position or its rate: name, joint (0-based) and values (N,)."""
+    groups = {"qd{}": recording.qd, "q{}_link": recording.q_link, "q{}_desired": recording.q_desired}
+    for pattern, rows in groups.items():
+        for joint, values in enumerate(rows if rows is not None else ()):
+            if np.isfinite(values).all() and np.ptp(recording.q[joint]) > 0:
+                yield pattern.format(joint + 1), joint, values
+
+
+def integral(t: Array, x: Array) -> Array:
+    """Of x (N,) over t (N,), from 0; trapezia."""
+    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2 * np.diff(t))])
+
+
+def scale(q: Array, x: Array, t: Array) -> tuple[float, float]:
+    """a of x = a q + b + c t, and what part of x's variance is explained so.
+
+    b and c: where an integral begins, and the offset of a rate.
+    """
+    slow = np.vander((t - t[0]) / (t[-1] - t[0]), 2)
+    clean = [y - slow @ np.linalg.lstsq(slow, y, rcond=None)[0] for y in (q, x)]
+    power = float(clean[1] @ clean[1])
+    a = float(clean[0] @ clean[1]) / max(float(clean[0] @ clean[0]), 1e-300)
+    return a, 1 - float(np.sum((clean[1] - a * clean[0]) ** 2)) / max(power, 1e-300)
+
+
+def _lag(t: Array, q: Array, other: Array) -> float | None:
+    """s by which `other` lags behind q; None where it does not follow it.
+
+    other(t) = a q(t − s) + b + c t, linearised in s about the shift found so far. Source: Gauss and Newton's method on
+    separable least squares; Ljung, System Identification, 1999.
+    """
+    late = 0.0
+    rate = np.gradient(q, t)
+    for _ in range(SHIFT_PASSES):
+        inside = (t - late >= t[0]) & (t - late <= t[-1])
+        at = t[inside] - late
+        columns = [np.interp(at, t, q), np.interp(at, t, rate), np.ones(len(at)), at - at[0]]
+        x = np.array(columns).T / (sizes := np.array([np.linalg.norm(c) or 1.0 for c in columns]))
+        theta = np.linalg.lstsq(x, other[inside], rcond=None)[0] / sizes
+        left = other[inside] - np.array(columns).T @ theta
+        if theta[0] == 0 or left @ left > (1 - FOLLOWS) * np.sum((other[inside] - other[inside].mean()) ** 2):
+            return None
+        late -= float(theta[1] / theta[0])
+        if abs(late) > LATEST_SHIFT:
+            return None
+    return late

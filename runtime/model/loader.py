@@ -53,15 +53,15 @@ def load_model(directory: Path, effects: Library) -> Model:
     return Model(Path(directory), effects)
 
 
-def _open(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:
+def _load_page(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:
     try:
         data = json.loads((directory / page).read_text(encoding="utf-8"))
     except OSError as error:
         raise _not_there(directory, error) from error
-    return data, _library(directory, "lib.so")
+    return data, _load_compiled(directory, "lib.so")
 
 
-def _library(directory: Path, name: str) -> ctypes.CDLL:
+def _load_compiled(directory: Path, name: str) -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(directory / name))
     except OSError as error:
@@ -87,7 +87,7 @@ class Model:
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
-        self.metadata, self._lib = _open(directory, "metadata.json")
+        self.metadata, self._lib = _load_page(directory, "metadata.json")
         self.name: str = self.metadata["name"]
         self.n: int = self.metadata["n"]
         self.spatial: bool = self.metadata["space"]
@@ -236,7 +236,7 @@ class Library:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        self.metadata, self._lib = _open(directory, "effects.json")
+        self.metadata, self._lib = _load_page(directory, "effects.json")
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
         self._place = {name: place for place, name in enumerate(self.signals)}
@@ -250,7 +250,7 @@ class Library:
     @cached_property
     def machine(self) -> ctypes.CDLL:
         """What runs CasADi functions at many places at once: codegen/casadi/machine.py."""
-        return _library(self.directory, "machine.so")
+        return _load_compiled(self.directory, "machine.so")
 
     def __getitem__(self, effect: str) -> EffectInfo:
         if effect not in self.effects:
@@ -424,3 +424,44 @@ class Library:
                 raise LoaderError(f'signal "{name}" has shape {array.shape}, expected a number or (N,)')
             arrays[name] = np.full(count, float(array)) if array.ndim == 0 else np.ascontiguousarray(array)
         return arrays, count
+
+
+def joint_places(model: Model, q: Array) -> list[tuple[Array, Array]]:
+    """Of every joint, (3, N) m each: where it is, and where what it moves begins, elsewhere for a slide alone.
+
+    q   (n, N)
+    """
+    found = []
+    for j, (joint, home) in enumerate(zip(model.joints, model.places, strict=True)):
+        base = carried(model, q, j, home)
+        found.append((base, carried(model, q, j + 1, home) if joint.type == "prismatic" else base))
+    return found
+
+
+def carried(model: Model, q: Array, link: int, place: ArrayLike) -> Array:
+    """(3, N) m, base axes: where a link (0: the base) carries a point; of a planar arm z is 0.
+
+    place   (2,) or (3,) m, where the point is when all positions are 0
+    """
+    still = np.ascontiguousarray(q, dtype=np.float64).copy()
+    still[link:] = 0.0
+    p, R = _pose(model, still)
+    p0, R0 = (part[..., 0] for part in _pose(model, np.zeros((model.n, 1))))
+    x = np.zeros(3)
+    x[: np.size(place)] = place
+    return p + np.einsum("ijn,kj,k->in", R, R0, x - p0)
+
+
+def tip_place(model: Model, q: Array) -> Array:
+    """(3, N) m, base axes; of a planar arm z is 0."""
+    return _pose(model, np.ascontiguousarray(q, dtype=np.float64))[0]
+
+
+def _pose(model: Model, q: Array) -> tuple[Array, Array]:
+    """The tip's place (3, N) and its frame's axes in base axes (3, 3, N)."""
+    tip = model.tip(q)
+    if model.spatial:
+        return tip, model.call("tip_rotation", {"q": q})
+    c, s, zero = np.cos(tip[2]), np.sin(tip[2]), np.zeros(q.shape[1])
+    R = np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1.0]])
+    return np.array([tip[0], tip[1], zero]), R

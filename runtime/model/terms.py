@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,3 +130,182 @@ class Prediction:
 def at(term: Term) -> str:
     """Where a term acts, after its name."""
     return at_joint(term.joint)
+
+
+class UnknownHere(LookupError):
+    """A signal was asked for where nobody knows it."""
+
+
+class SignalContext(ABC):
+    """What surrounds the place where an effect reads: numbers (N,) along samples, or expressions of one instant.
+
+    What a context does not know, it leaves out: nothing that reads it may be evaluated there.
+    """
+
+    model: Model
+
+    @abstractmethod
+    def coordinate(self, name: str) -> Any:
+        """q, qd or qdd of the joints, indexed by the joint (0-based)."""
+
+    @abstractmethod
+    def evaluate(self, function: str) -> Any:
+        """The output of one of the arm's generated functions at this motion."""
+
+    @abstractmethod
+    def given(self, name: str) -> Any | None:
+        """The signal of this name that a parameter of an active effect is; None where there is none."""
+
+    def growth(self, function: str, by: str, own: int) -> Any:
+        """How the entries of the output of one of the arm's functions, one a joint, grow with q or qd of a joint."""
+        raise UnknownHere(f"how {function} grows with {by} of joint {own + 1}")
+
+    def time(self) -> Any:
+        """s since the run began."""
+        raise UnknownHere("the time")
+
+    def elapsed(self) -> Any:
+        """s since the recording began, its runs one after another; where there is one run, its time."""
+        return self.time()
+
+    def terms(self) -> Collection[Term]:
+        """The effects that act."""
+        raise UnknownHere("the effects that act")
+
+    def torque(self, term: Term, joint: int) -> Any:
+        """Of one of them at a joint (0-based)."""
+        raise UnknownHere(f"the torque of {term} at joint {joint + 1}")
+
+    def predicted(self, joint: int) -> Any:
+        """Torque of the motor at a joint (0-based)."""
+        raise UnknownHere(f"the predicted torque of joint {joint + 1}")
+
+    def predicted_rate(self, joint: int) -> Any:
+        """Its derivative by the time."""
+        raise UnknownHere(f"the rate of joint {joint + 1}'s predicted torque")
+
+    def warmth(self, joint: int) -> Any | None:  # noqa: ARG002
+        """K by which the measured temperature has risen; None where none is measured."""
+        return None
+
+    @cached_property
+    def _outputs(self) -> dict[str, Any]:
+        return {}
+
+    def arm(self, function: str) -> Any:
+        """As `evaluate`, computed once."""
+        if function not in self._outputs:
+            self._outputs[function] = self.evaluate(function)
+        return self._outputs[function]
+
+    def signal(self, name: str, joint: int, own: int | None) -> Any:
+        """A signal at a joint (0-based), for an effect that sits at the joint `own`; None: one of arm or contact."""
+        source = self.model.library.signal[name].source
+        if source is None:
+            return _ROWS[name](self, joint, own)
+        if source["kind"] == "Given":
+            value = self.given(name)
+            return source["absent"] if value is None else value
+        return _SOURCES[source["kind"]](self, source, joint, own)
+
+    def reader(self, term: Term, joint: int) -> Callable[[str], Any]:
+        """Signals by name as a term reads them for its torque at a joint (0-based)."""
+        library = self.model.library
+        own = None if term.joint is None else term.joint - 1
+        elsewhere = own is not None and library[term.effect].gives_way
+
+        def read(name: str) -> Any:
+            # What an effect does at its own joint is felt at another in proportion to what stands between the two.
+            at = own if elsewhere and own is not None and not library.signal[name].between else joint
+            return self.signal(name, at, own)
+
+        return read
+
+
+def _coordinate(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
+    there = joint + source["step"]
+    return at.coordinate(source["name"])[there] if 0 <= there < at.model.n else 0.0
+
+
+def _output(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
+    joints = {"joint": joint, "own": joint if own is None else own}
+    shape = at.model.metadata["functions"][source["function"]]["outputs"][0][1]
+    index = tuple(joints.get(i, i) for i in source["index"][: len(shape)])
+    return at.arm(source["function"])[index if len(index) > 1 else index[0]]
+
+
+def _slope(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
+    return at.growth(source["function"], source["by"], joint if own is None else own)[joint]
+
+
+def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
+    return getattr(at.model.joints[joint], source["name"])
+
+
+_SOURCES: dict[str, Callable[[SignalContext, Mapping[str, Any], int, int | None], Any]] = {
+    "Coordinate": _coordinate,
+    "ArmOutput": _output,
+    "ArmSlope": _slope,
+    "JointConstant": _constant,
+}
+
+
+def _level(at: SignalContext, joint: int, _: int | None) -> Any:
+    terms = (Term(name, joint + 1) for name, info in at.model.library.effects.items() if info.dry)
+    return abs(sum(at.torque(term, joint) for term in terms if term in at.terms()))
+
+
+def _load(at: SignalContext, joint: int, _: int | None) -> Any:
+    model = at.model
+    carried = (t for t in at.terms() if model.library[t.effect].carried and joint in joints_of(model, t))
+    return at.arm("link_load")[joint] + sum(at.torque(term, joint) for term in carried)
+
+
+def _warmth(at: SignalContext, joint: int, _: int | None) -> Any:
+    warmth = at.warmth(joint)
+    return 0.0 if warmth is None else warmth
+
+
+_ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
+    "t": lambda at, _, __: at.time(),
+    "elapsed": lambda at, _, __: at.elapsed(),
+    "level": _level,
+    "load": _load,
+    "predicted": lambda at, joint, _: at.predicted(joint),
+    "predicted_rate": lambda at, joint, _: at.predicted_rate(joint),
+    "warmth": _warmth,
+    "unmeasured": lambda at, joint, _: 1.0 if at.warmth(joint) is None else 0.0,
+    "has_next": lambda _, joint, own: 1.0 if joint == own else 0.0,
+}
+"""Signals without a source, at a joint, for an effect that sits at another or the same."""
+
+
+IDENTIFIED = frozenset({"arm", "friction", "effect", "torque", "torque_rate"})
+"""Needs that only an identified model meets; all others are met by the motion alone."""
+OF_OTHERS = frozenset({"friction", "effect", "torque", "torque_rate"})
+"""Those that hang on other effects."""
+OF_DRIVE = frozenset({"torque", "torque_rate"})
+"""Those of what turns a commanded torque into another."""
+
+
+def unknown_to_plan(library: Library, effect: str) -> list[str]:
+    """Signals that the effect reads and a plan does not know, in alphabetical order."""
+    return sorted(name for name in library[effect].signals if library.signal[name].known_to == "recording")
+
+
+def steps(library: Library, effect: str) -> list[int]:
+    """By how many joints further out are those whose motion the effect reads."""
+    sources = (library.signal[name].source for name in library[effect].signals)
+    return [source["step"] for source in sources if source is not None and "step" in source]
+
+
+def sensors(library: Library, effect: str) -> frozenset[str]:
+    """Further sensors that show what the effect reads: "link", "temperature", "force"."""
+    found = (library.signal[name].sensor for name in library[effect].signals)
+    return frozenset(sensor for sensor in found if sensor is not None)
+
+
+def reads_arm(library: Library, effect: str, known: str) -> bool:
+    """Whether the effect reads a function of the arm's geometry and masses other than the one that is `known`."""
+    sources = (library.signal[name].source for name in library[effect].signals)
+    return any(source is not None and source.get("function", known) != known for source in sources)

@@ -10,8 +10,18 @@ import casadi as ca
 
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
-from runtime.model.signals import OF_DRIVE, SignalContext, unknown_to_plan
-from runtime.model.terms import SURFACE, Structure, Term, check_complete, giver, joints_of, structure
+from runtime.model.terms import (
+    OF_DRIVE,
+    SURFACE,
+    SignalContext,
+    Structure,
+    Term,
+    check_complete,
+    giver,
+    joints_of,
+    structure,
+    unknown_to_plan,
+)
 from runtime.planning.scenario import Scenario
 from runtime.planning.springs import is_spring
 

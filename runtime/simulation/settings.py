@@ -74,3 +74,31 @@ construction."""
 WEIGHTLESS: Final = 1e-6
 """part of a joint's inertia; a motor in front of a spring that moves with less has none: what is left is rounding;
 double precision."""
+
+RATE_WIDTH: Final = 1e-3
+"""rad/s, m/s; half width of the band around rest in which dry friction rises to its full value, so that a joint at rest
+creeps more slowly than that; a choice."""
+
+POSITION_WIDTH: Final = 1e-5
+"""rad, m; half width of the smoothed edge of a plate, an end stop or a spring; a choice."""
+
+FORCE_WIDTH: Final = 1e-3
+"""N m, N; half width of the smoothed sign of a load; a choice."""
+
+TIME_WIDTH: Final = 1e-6
+"""s; half width of the smoothed instant at which a payload is picked up; a choice."""
+
+SHARP_WIDTH: Final = 1e-12
+"""unit of the switch; used for effects with a memory and what they act on, whose law has a finite slope by itself; by
+construction."""
+
+INSTANT: Final = 1e-8
+"""s; a step so short that states which follow the signals without delay take their value of this instant; by
+construction."""
+
+NEWTON_STEPS: Final = 3
+"""number of Newton steps for accelerations on which an effect depends; quadratic convergence reaches rounding; by
+construction."""
+
+DRIVE_STEPS: Final = 6
+"""number of Newton steps for the torque behind a saturating drive, whose curve is convex; by construction; a choice."""

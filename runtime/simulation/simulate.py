@@ -20,8 +20,7 @@ from scipy.interpolate import make_interp_spline
 from runtime.estimation.grids import points
 from runtime.estimation.regressors import Regressors, Signals
 from runtime.model.loader import EffectInfo, JointInfo, Library, Model
-from runtime.model.signals import OF_OTHERS
-from runtime.model.terms import Prediction, Structure, Term, Values, joints_of, structure
+from runtime.model.terms import OF_OTHERS, Prediction, Structure, Term, Values, check_complete, joints_of, structure
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import BandView, Motion
@@ -31,6 +30,7 @@ from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LARGEST, MIN_SAMPLES, MOST_SAMPLES
 from runtime.recordings.text import blocks, check_file
 from runtime.simulation.options import SimulationSettings
+from runtime.simulation.plant import PlantError
 from runtime.simulation.settings import (
     AT_REST,
     COUNT,
@@ -471,3 +471,24 @@ def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
         segments=(slice(0, samples),),
         types=tuple(joint.type for joint in model.joints),
     )
+
+
+def true_effects(model: Model, terms: Structure, changed: Sequence[Hidden], hidden: Sequence[Hidden]) -> Structure:
+    """`terms` with other values, and with effects that the model has not; these may lack values yet.
+
+    Raises PlantError: nothing to change, something there already; ModelError: a value of the model's own that nobody
+    knows.
+    """
+    found = {term: dict(values) for term, values in terms.items()}
+    for item in changed:
+        if item.term not in found:
+            raise PlantError(f"--set {item.term}: {model.name} does not have this effect here; --hide puts it in")
+        if not item.values:
+            raise PlantError(f"--set {item.term}: sets nothing; write --set {item.term}:KEY=VALUE,...")
+        found[item.term] |= item.values
+    check_complete(model, found)
+    for item in hidden:
+        if item.term in found:
+            raise PlantError(f"--hide {item.term}: {model.name} has this effect already; --set changes its values")
+        found[item.term] = dict(item.values)
+    return found

@@ -14,9 +14,8 @@ from scipy.signal import lfilter
 from runtime.execution.simulated import SimulatedArm
 from runtime.execution.trial import Trial, run
 from runtime.hardware.frames import Codec
-from runtime.hardware.host_board import HostBoard
 from runtime.hardware.link import BoardLink
-from runtime.hardware.lockstep import Board, Clock, Counts, Lockstep, SteppedArm
+from runtime.hardware.lockstep import Board, Clock, Counts, HostBoard, Lockstep, SteppedArm
 from runtime.hardware.session import Session
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.hardware.frames import Codec, Decoder, ReceivedMessage
-from runtime.hardware.host_board import HostBoard
-from runtime.hardware.lockstep import Board
+from runtime.hardware.lockstep import Board, HostBoard
 
 N = 2
 """Joints of the arm that is spoken to."""

@@ -18,8 +18,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.hardware import can_bus, cia402
-from runtime.hardware.can_bus import Address
+from runtime.hardware import can_drive, cia402
+from runtime.hardware.can_drive import CanAddress
 from runtime.hardware.canopen_arm import MISSED, CanopenArm
 from runtime.hardware.cia402 import Controlword, Scale
 from runtime.hardware.link import LinkError
@@ -133,11 +133,11 @@ def test_errors_in_words(code: int, text: str) -> None:
 
 
 def test_addresses() -> None:
-    assert can_bus.parse("canopen://can0") == Address("can0", "socketcan", 1_000_000)
-    assert can_bus.parse("canopen://PCAN_USBBUS1?interface=pcan&bitrate=500000") == Address(
+    assert can_drive.parse_can_address("canopen://can0") == CanAddress("can0", "socketcan", 1_000_000)
+    assert can_drive.parse_can_address("canopen://PCAN_USBBUS1?interface=pcan&bitrate=500000") == CanAddress(
         "PCAN_USBBUS1", "pcan", 500_000
     )
-    assert can_bus.parse("canopen:///dev/ttyACM0?interface=slcan").channel == "/dev/ttyACM0"
+    assert can_drive.parse_can_address("canopen:///dev/ttyACM0?interface=slcan").channel == "/dev/ttyACM0"
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_addresses() -> None:
 )
 def test_addresses_that_are_none(text: str, expected: str) -> None:
     with pytest.raises(LinkError) as caught:
-        can_bus.parse(text)
+        can_drive.parse_can_address(text)
     assert expected in str(caught.value)
     assert str(caught.value).startswith(f"--on {text}: ")
 
@@ -177,20 +177,20 @@ def stuffed(data: bytes, identifier: int = 0x201) -> int:
 
 @given(st.binary(max_size=8), st.integers(0, 0x7FF))
 def test_no_frame_is_longer_than_it_is_counted(data: bytes, identifier: int) -> None:
-    assert stuffed(data, identifier) <= can_bus.frame_bits(len(data))
+    assert stuffed(data, identifier) <= can_drive.frame_bits(len(data))
 
 
 def test_what_four_joints_fill_of_a_bus() -> None:
-    assert can_bus.frame_bits(8) == 135
-    assert can_bus.load(4, 1000.0, 1_000_000) == pytest.approx(0.895)
-    can_bus.check_load(4, 500.0, Address("can0"))
+    assert can_drive.frame_bits(8) == 135
+    assert can_drive.bus_load(4, 1000.0, 1_000_000) == pytest.approx(0.895)
+    can_drive.check_bus_load(4, 500.0, CanAddress("can0"))
     with pytest.raises(LinkError) as caught:
-        can_bus.check_load(4, 1000.0, Address("can0"))
+        can_drive.check_bus_load(4, 1000.0, CanAddress("can0"))
     assert str(caught.value) == (
         "canopen://can0: 4 drives at 1000 Hz fill 89.5% of a bus of 1 Mbit/s, over 80%; "
         "set rate in [controller] to at most 890 Hz, or drive the joints from a board"
     )
-    can_bus.check_load(4, 890.0, Address("can0"))
+    can_drive.check_bus_load(4, 890.0, CanAddress("can0"))
 
 
 # --- drives ---
@@ -262,7 +262,7 @@ def bench(
     made = model(*joints)
     there = [(drives or {}).get(k) or Drive(k + 10) for k in range(1, made.n + 1)]
     with Drives(channel, there, Inertias(made.n)) as behind:
-        arm = CanopenArm(made, Address(channel, "virtual"), pace(), patience)
+        arm = CanopenArm(made, CanAddress(channel, "virtual"), pace(), patience)
         try:
             yield arm, behind
         finally:
@@ -615,14 +615,14 @@ def test_a_node_that_is_not_there() -> None:
 
 def test_joints_without_drives_are_named() -> None:
     with pytest.raises(LinkError) as caught:
-        CanopenArm(model({"drive": None}, {}, {"drive": None}), Address("x", "virtual"), pace())
+        CanopenArm(model({"drive": None}, {}, {"drive": None}), CanAddress("x", "virtual"), pace())
     assert str(caught.value) == ('the model file of "bench" names no drive at joint 1, 3; add [joint.drive] with node')
 
 
 def test_without_the_packages_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "canopen", None)
     with pytest.raises(LinkError) as caught:
-        can_bus.open_network(Address("can0"), print)
+        can_drive.open_network(CanAddress("can0"), print)
     assert str(caught.value) == (
         'canopen://can0: canopen is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
     )
@@ -643,7 +643,7 @@ def test_a_channel_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error:
 
     monkeypatch.setattr(can, "Bus", fail)
     with pytest.raises(LinkError) as caught:
-        can_bus.open_network(Address("can0"), print)
+        can_drive.open_network(CanAddress("can0"), print)
     assert str(caught.value).startswith(f"canopen://can0: {expected}")
 
 

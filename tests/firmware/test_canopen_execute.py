@@ -19,8 +19,8 @@ from runtime.cli.main import app
 from runtime.execution import targets
 from runtime.execution.demand import PlannedCycle
 from runtime.execution.simulated import SimulatedArm
-from runtime.hardware import can_bus, canopen_link
-from runtime.hardware.canopen_link import CanopenLink
+from runtime.hardware import can_drive, canopen_arm
+from runtime.hardware.canopen_arm import CanopenLink
 from runtime.hardware.cia402 import Controlword
 from runtime.hardware.pace import Pace
 from runtime.hardware.settings import Settings
@@ -115,7 +115,9 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         time = time or Time()
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(PERIOD, time.now, time.sleep), patience=PATIENT)
-        monkeypatch.setitem(targets.LINES, "canopen", targets.ArmLine(can_bus.parse, canopen_link.check, link))
+        monkeypatch.setitem(
+            targets.LINES, "canopen", targets.ArmLine(can_drive.parse_can_address, canopen_arm.check_link, link)
+        )
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
         status = output.run(app, [*arguments, *more])

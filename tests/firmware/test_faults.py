@@ -19,11 +19,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from runtime.execution.trial import Trial
-from runtime.hardware.host_board import HostBoard
-from runtime.hardware.lockstep import Counted, Fault
-from runtime.hardware.qemu_board import QemuBoard
+from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
+from runtime.hardware.lockstep import Counted, Fault, HostBoard
 from runtime.hardware.session import Refused
-from runtime.hardware.unicorn_board import UnicornBoard
 from runtime.model.loader import Model
 from runtime.workspace import Source
 

@@ -25,13 +25,10 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.execution.real import decimation
 from runtime.execution.simulated import SimulatedArm
-from runtime.hardware.host_board import HostBoard
-from runtime.hardware.link import LinkError, LinkLost
-from runtime.hardware.lockstep import Board
-from runtime.hardware.qemu_board import QemuBoard
-from runtime.hardware.serial_link import SerialLink
+from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
+from runtime.hardware.link import LinkError, LinkLost, SerialLink
+from runtime.hardware.lockstep import Board, HostBoard
 from runtime.hardware.settings import Settings
-from runtime.hardware.unicorn_board import UnicornBoard
 from runtime.model.loader import Library, Model, load_model
 from runtime.planning.evaluate import mounted
 from runtime.recordings import recording

@@ -15,7 +15,7 @@ from jinja2 import Environment, FileSystemLoader
 
 from codegen import prepare
 from runtime.model import loader
-from runtime.model.posture import carried, joint_places, tip_place
+from runtime.model.loader import carried, joint_places, tip_place
 from runtime.report.page import arm_motion, html_page
 from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks, SpringTorque
 from symbolic.model_file import reader

@@ -12,9 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime.cli import main, output
-from runtime.inspection.guesses import options
-from runtime.inspection.shifts import shifts_json
-from runtime.inspection.suspected import of_rates, without_model
+from runtime.inspection.inspection import of_rates, without_model
+from runtime.inspection.signals import map_options, shifts_json
 from runtime.recordings.contents import RecordedField
 from runtime.recordings.recording import Recording, read
 from tests.runtime.formats import write_mcap
@@ -266,7 +265,7 @@ def test_other_names_are_guessed_and_not_believed(tmp_path, capsys):
 def test_families_are_guessed_whole():
     names = [f"{name}{k}" for name in ("ref_pos", "act_pos_deg", "act_torque_nm") for k in (1, 2)]
     fields = [RecordedField(f"rec.{name}", "rec.time") for name in [*names, "time"]]
-    assert options(fields) == [
+    assert map_options(fields) == [
         '--map q="rec.act_pos_deg [deg]"',
         '--map tau="rec.act_torque_nm"',
         '--map t="rec.time"',

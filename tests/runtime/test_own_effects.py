@@ -21,8 +21,7 @@ from runtime.model.terms import Prediction, Term, structure
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
-from runtime.simulation.plant import Plant
-from runtime.simulation.plant_equations import PlantError
+from runtime.simulation.plant import Plant, PlantError
 from runtime.workspace import Source
 from tests import one_joint
 from tests.bench_arm import PLAIN, THERE_AND_BACK

@@ -11,8 +11,7 @@ from scipy.integrate import solve_ivp
 from codegen.prepare import prepare_arm
 from runtime.model.loader import Library, Model, load_model
 from runtime.model.terms import Structure, Term, structure
-from runtime.simulation.plant import Plant
-from runtime.simulation.plant_equations import RATE_WIDTH, PlantError
+from runtime.simulation.plant import RATE_WIDTH, Plant, PlantError
 from runtime.simulation.simulate import complete, torque_along
 from symbolic.effects import LIBRARY
 from symbolic.model_file import reader

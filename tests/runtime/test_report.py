@@ -41,7 +41,7 @@ from runtime.report.page import html_page, page_figures, page_findings
 from runtime.report.plots import joint_plots, style, time_plots
 from runtime.report.summary import ResultSummary
 from runtime.report.terminal import loop_pages
-from runtime.simulation import demo_plant
+from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
 from tests.runtime import planning_cases
@@ -74,7 +74,7 @@ def drive():
 @pytest.fixture(scope="module")
 def one() -> Recording:
     """A drive with extra friction at creep."""
-    t, q, tau = demo_plant.record(3, repeats=1)
+    t, q, tau = demo.record(3, repeats=1)
     run, whole = np.zeros(len(t), int), (slice(0, len(t)),)
     return Recording(
         Path("run.csv"), t, run, q[None], tau[None], types=("revolute",), segments=whole, temperature=(None,)

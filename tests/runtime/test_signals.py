@@ -12,12 +12,12 @@ import pytest
 
 from codegen.prepare import prepare_arm
 from runtime.estimation.regressors import Signals
-from runtime.model import signals
+from runtime.model import terms
 from runtime.model.loader import Library, Model, load_model
 from runtime.model.terms import Prediction, Structure, Term
 from runtime.motion.piece import Piece
 from runtime.planning import physics
-from runtime.simulation import plant_equations, simulate
+from runtime.simulation import plant, simulate
 from symbolic.controller_law import Site
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Signal, parameter
@@ -66,20 +66,20 @@ def there(model: Model) -> list[Signal]:
 
 
 def test_a_signal_has_a_source_or_a_row() -> None:
-    assert {s.name for s in SIGNALS if s.source is None} == set(signals._ROWS)
+    assert {s.name for s in SIGNALS if s.source is None} == set(terms._ROWS)
 
 
 def test_numbers_and_expressions_are_the_same(arm: Model) -> None:
     """Of all signals at all joints; the plant's torques are the prediction's when all is known."""
     seen = along(arm)
-    equations = plant_equations.PlantEquations(arm, acting(arm), np.full(arm.n, SHARP))
+    equations = plant.PlantEquations(arm, acting(arm), np.full(arm.n, SHARP))
     q, qd, qdd = (ca.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
     t = ca.SX.sym("t")
-    at = plant_equations.PlantInstant(q, qd, qdd, t)
+    at = plant.PlantInstant(q, qd, qdd, t)
     torque = equations.torque(at, ca.SX(0, 1))
     slope = ca.SX.sym("slope")
     for joint, own in places(arm):
-        here = plant_equations._Driven(plant_equations._Signals(equations, at), torque[joint], slope)
+        here = plant._Driven(plant._Signals(equations, at), torque[joint], slope)
         read = [here.signal(s.name, joint, own) for s in there(arm)]
         whole = ca.Function("read", [q, qd, qdd, t, slope], [ca.vertcat(*read)])
         p = seen.piece
@@ -115,7 +115,7 @@ def test_what_a_plan_does_not_know_it_does_not_make_up(arm: Model) -> None:
     still = ca.SX.zeros(arm.n)
     instant = physics.PlanInstant(plan, still, still, still, {}, lambda _: ca.SX(0), apart=False)
     for name in ("t", "predicted_rate"):
-        with pytest.raises(signals.UnknownHere):
+        with pytest.raises(terms.UnknownHere):
             instant._signals.signal(name, 0, 0)
 
 
@@ -131,7 +131,7 @@ def test_without_a_model_only_the_motion_is_known(arm: Model) -> None:
     after = along(arm)
     before = Signals(arm, after.piece, None)
     for s in there(arm):
-        if s.needs in signals.IDENTIFIED:
+        if s.needs in terms.IDENTIFIED:
             with pytest.raises(RuntimeError, match=f"{s.name} needs an identified model"):
                 before.at(s.name, 0)
         else:
@@ -177,7 +177,7 @@ COORDINATES = frozenset({"q", "qd", "qdd", "t"})
 PLACES = (
     "symbolic/effects/",
     "symbolic/described.py",
-    "runtime/model/signals.py",
+    "runtime/model/terms.py",
     "symbolic/grammar/",
     "codegen/verify/proof.py",
 )

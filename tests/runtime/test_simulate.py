@@ -15,7 +15,7 @@ from runtime.cli.main import app
 from runtime.model.loader import Model, load_library, load_model
 from runtime.model.terms import Term
 from runtime.recordings import recording
-from runtime.simulation import demo_plant
+from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import NOISE
 from runtime.simulation.simulate import SimulationError, parse_hidden, read_motion, simulate
@@ -281,13 +281,13 @@ def _friction_over_rate(q: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.
     """Rate and torque without the known inertia's, as means over 50 ms."""
     smooth = np.convolve(q, np.hanning(41) / np.hanning(41).sum(), "same")
     rate = np.gradient(smooth, 1e-3)
-    rest = tau - demo_plant.INERTIA * np.gradient(rate, 1e-3)
+    rest = tau - demo.INERTIA * np.gradient(rate, 1e-3)
     cut = len(q) // 50 * 50
     return rate[:cut].reshape(-1, 50).mean(axis=1), rest[:cut].reshape(-1, 50).mean(axis=1)
 
 
 def test_demo_plant_shows_its_friction_and_hides_the_rise_at_creep() -> None:
-    t, q, tau = demo_plant.record(seed=4)
+    t, q, tau = demo.record(seed=4)
     assert t[-1] < 80
     rate, rest = _friction_over_rate(q, tau)
     for low, high, creep in ((0.03, 0.06, 0.55), (1.0, 3.0, 0.0)):

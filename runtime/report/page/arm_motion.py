@@ -15,8 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from runtime.model.loader import Model
-from runtime.model.posture import carried, joint_places, tip_place
+from runtime.model.loader import Model, carried, joint_places, tip_place
 from runtime.report.page.drawing_board import IN_THE_PLANE, WIDTH, DrawingBoard, Whole, fitted, in_space
 from runtime.wording import MORE_THAN_NOISE, numbered, quantity
 
