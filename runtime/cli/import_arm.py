@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -11,24 +12,50 @@ import typer
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
+from runtime.cli.setting_options import with_settings
+from runtime.setting import Checked, Setting
 from runtime.workspace import UsageError, effects_described
 
 app = typer.Typer()
 
-Base = Annotated[str | None, typer.Option(metavar="LINK", help="Where the arm begins; default: the root.")]
-Tip = Annotated[str | None, typer.Option(metavar="LINK", help="Where it ends; default: the only end.")]
-Lock = Annotated[
-    list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that is held, at rad or m; repeatable.")
-]
+
+@dataclass(frozen=True)
+class ChainOptions(Checked):
+    """Which links of a URDF or MJCF the arm consists of."""
+
+    base: Annotated[str | None, Setting("Where the arm begins; default: the root.", metavar="LINK")] = None
+    tip: Annotated[str | None, Setting("Where it ends; default: the only end.", metavar="LINK")] = None
+    lock: Annotated[
+        list[str] | None, Setting("A joint that is held, at rad or m; repeatable.", metavar="JOINT=VALUE")
+    ] = None
+
+    def locked(self) -> dict[str, float]:
+        """Position by joint. Raises UsageError."""
+        found: dict[str, float] = {}
+        for entry in self.lock or ():
+            name, equals, value = entry.rpartition("=")
+            try:
+                position = float(value)
+            except ValueError:
+                position = math.nan
+            if not equals or not name or not math.isfinite(position):
+                expected = "expected JOINT=VALUE with a number in rad or m, for example finger=0.02"
+                raise UsageError(f"--lock {entry}: {expected}")
+            if name in found:
+                raise UsageError(f"--lock {name}: given twice")
+            found[name] = position
+        return found
+
+
+ROOT_TO_END = ChainOptions()
 
 
 @app.command("import", epilog="Example: tendon import ur10.urdf --out ur10.toml")
+@with_settings
 def import_arm(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (with the package mujoco)."), READ],
     out: Annotated[Path, typer.Option(metavar="MODEL", help="The new model file."), WRITTEN],
-    base: Base = None,
-    tip: Tip = None,
-    lock: Lock = None,
+    chain: ChainOptions = ROOT_TO_END,
     friction: Annotated[
         bool,
         typer.Option(
@@ -46,23 +73,6 @@ def import_arm(
 
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
-    made = imported(file, effects_described(effects, space=True), base, tip, locked(lock or []), friction)
+    made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
     files.replace(out, made.text.encode())
     emit(json, {"out": str(out), **made.document()}, exchange_pages.imported)
-
-
-def locked(entries: list[str]) -> dict[str, float]:
-    """`--lock joint=value`, several times, as a dictionary."""
-    found: dict[str, float] = {}
-    for entry in entries:
-        name, equals, value = entry.rpartition("=")
-        try:
-            place = float(value)
-        except ValueError:
-            place = math.nan
-        if not equals or not name or not math.isfinite(place):
-            raise UsageError(f"--lock {entry}: expected JOINT=VALUE with a number in rad or m, for example finger=0.02")
-        if name in found:
-            raise UsageError(f"--lock {name}: given twice")
-        found[name] = place
-    return found

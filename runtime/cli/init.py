@@ -1,37 +1,70 @@
-"""The verb that begins a model file: init."""
+"""The verb that begins a model file: init. Options and answers are texts of one form, each checked when it is given."""
 
 from __future__ import annotations
 
+import re
 import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from runtime.cli import schemas
-from runtime.cli.import_arm import Base, Lock, Tip, locked
-from runtime.cli.interview import Answered, motors, new_arm
+from runtime.cli.import_arm import ROOT_TO_END, ChainOptions
 from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN, check_writable
-from runtime.cli.questions import Questions
+from runtime.cli.setting_options import with_settings
+from runtime.setting import Checked, Setting
 from runtime.workspace import UsageError, effects_described
+from symbolic.model_file.beginning import Motor, NewJoint, text, with_motors
+from symbolic.model_file.fields import JointType
+from symbolic.model_file.keys import MAX_JOINTS
 
 if TYPE_CHECKING:
+    from symbolic.described import AnyEffect
     from symbolic.model_file.exchange.importing import ImportedArm
 
 app = typer.Typer()
 
-_HELP = """Begin a model file for an arm of your own: asked for, out of a URDF, or like one that ships.
+_HELP = """Begin a model file for your own arm, from options and at most six questions, from a URDF, or as a copy.
 
-What the options do not say is asked for on the terminal, or read line by line from standard input; an empty line takes
-what stands in brackets, and what is not known (?) is left out of the file. Motors are asked for on their own side of
-the gear."""
+What no option states is asked for on the terminal, or read line by line from standard input. Enter takes the value in
+brackets, ? means unknown. Keys that remain unknown are in the file as comments, to be filled in."""
 _EACH = "one for all joints or one each, ? if unknown"
+_MOTOR: tuple[str, ...] = ("gear_ratio", "torque_constant", "rotor_inertia")
+_QUESTIONS = {
+    "joints": ("Joints from the base outwards, r for revolute and p for prismatic, such as r,r,p", "r"),
+    "name": ("Name of the arm, a C identifier", "arm"),
+    "space": ("Do all joints move in one plane, or in space", "space"),
+    "length": ("Lengths of the links, m", "1"),
+    "gear_ratio": ("Gear ratios, motor turns per turn of the joint or rad per metre", "?"),
+    "torque_constant": ("Torque constants of the motors, N m/A", "?"),
+    "rotor_inertia": ("Inertias of the motors' rotors, kg m^2", "?"),
+}
+
+
+@dataclass(frozen=True)
+class ArmOptions(Checked):
+    """What the command line states of a new arm, as text; motors on their own side of the gear."""
+
+    name: Annotated[str | None, Setting("A C identifier.")] = None
+    joints: Annotated[str | None, Setting("Revolute, prismatic, from the base.", metavar="r,p,...")] = None
+    gravity: Annotated[str | None, Setting("m/s^2.", metavar="X,Y[,Z]")] = None
+    gear_ratio: Annotated[str | None, Setting(f"{_EACH.capitalize()}.", metavar="N,...")] = None
+    torque_constant: Annotated[str | None, Setting(f"N m/A of the motors; {_EACH}.", metavar="KT,...")] = None
+    rotor_inertia: Annotated[str | None, Setting(f"kg m^2 of the motors; {_EACH}.", metavar="J,...")] = None
+    length: Annotated[str | None, Setting("m, of the links of a planar arm.", metavar="L,...")] = None
+    mass: Annotated[str | None, Setting(f"kg, of the links; {_EACH}.", metavar="M,...")] = None
 
 
 @app.command(help=_HELP, epilog="Example: tendon init --joints r,r,p --gear-ratio 100 --out my_arm.toml")
+@with_settings
 def init(
     out: Annotated[Path | None, typer.Option(metavar="MODEL", help="Default: NAME.toml."), WRITTEN] = None,
     like: Annotated[
@@ -44,53 +77,45 @@ def init(
         typer.Option(metavar="FILE", help="Geometry and bodies from a URDF or MJCF; asks for motors."),
         READ,
     ] = None,
-    base: Base = None,
-    tip: Tip = None,
-    lock: Lock = None,
-    name: Annotated[str | None, typer.Option(help="A C identifier.")] = None,
-    joints: Annotated[str | None, typer.Option(metavar="r,p,...", help="Revolute, prismatic, from the base.")] = None,
+    chain: ChainOptions = ROOT_TO_END,
+    options: ArmOptions = ArmOptions(),
     space: Annotated[bool | None, typer.Option("--space/--plane", help="Where it moves.", show_default=False)] = None,
-    gravity: Annotated[str | None, typer.Option(metavar="X,Y[,Z]", help="m/s^2.")] = None,
-    gear_ratio: Annotated[str | None, typer.Option(metavar="N,...", help=_EACH)] = None,
-    torque_constant: Annotated[
-        str | None, typer.Option(metavar="KT,...", help=f"N m/A of the motors; {_EACH}.")
-    ] = None,
-    rotor_inertia: Annotated[str | None, typer.Option(metavar="J,...", help=f"kg m^2 of the motors; {_EACH}.")] = None,
-    length: Annotated[str | None, typer.Option(metavar="L,...", help="m, of the links of a planar arm.")] = None,
-    mass: Annotated[str | None, typer.Option(metavar="M,...", help=f"kg, of the links; {_EACH}.")] = None,
     friction: Annotated[
         bool, typer.Option("--friction/--no-friction", help="Dry and viscous friction at every joint, values unknown.")
     ] = True,
-    schema: Annotated[
-        bool, typer.Option("--schema", help="Put the JSON schemas beside it, by which editors check such files.")
-    ] = False,
+    schema: Annotated[bool, typer.Option("--schema", help="Put the JSON schemas for editors beside it.")] = False,
     questions: Annotated[
-        bool, typer.Option("--questions/--no-questions", help="Ask for what the options leave open, or leave it out.")
+        bool, typer.Option("--questions/--no-questions", help="Ask for what no option states.")
     ] = True,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    asked = Questions(sys.stdin if questions else None)
-    said = Answered(name, joints, space, gravity, gear_ratio, torque_constant, rotor_inertia, length, mass, asked)
-    if like is not None and (urdf is not None or said.stated):
+    stated = {key: value for key, value in asdict(options).items() if value is not None}
+    stated |= {} if space is None else {"space": "space" if space else "plane"}
+    if like is not None and (urdf is not None or stated):
         raise UsageError("--like is a copy as it stands; leave the other options out, or --like")
-    if urdf is None and any((base, tip, lock)):
+    if urdf is None and chain != ROOT_TO_END:
         raise UsageError("--base, --tip and --lock are of a --urdf")
-    if urdf is not None and any((said.name, said.joints, said.space, said.gravity, said.length, said.mass)):
-        raise UsageError("--urdf says what joints and links there are; only motors can be given beside it")
+    if urdf is not None and stated.keys() - set(_MOTOR):
+        raise UsageError("--urdf states joints and links; only motors can be given beside it")
     if out is not None:
         _check_new(out)
     if like is not None:
-        text = opened(like, effects).text
-    elif urdf is not None:
-        from symbolic.model_file.exchange.importing import imported
+        made = opened(like, effects).text
+    else:
+        from symbolic.model_file.exchange import importing
 
         library = effects_described(effects, space=True)
-        made = imported(urdf, library, base, tip, locked(lock or []), friction)
-        text = _with_motors(made, said, schema)
-    else:
-        text = _asked(said, "arm" if out is None else out.stem, effects, friction, schema)
-    _write(text, out, effects, schema, like, json)
+        called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
+        if urdf is not None:
+            arm = importing.imported(urdf, library, chain.base, chain.tip, chain.locked(), friction)
+            keys, write = _MOTOR, partial(_with_motors, arm)
+        else:
+            assumed = [effect.name for effect in library.values() if effect.assumed and friction]
+            keys, write = tuple(_QUESTIONS)[:-1], partial(_new_arm, called, assumed)
+        made = _interview(keys, stated, write, library, called) if questions else write(stated)
+        made = f"#:schema ./{schemas.MODEL}\n{made}" if schema else made
+    _write(made, out, effects, schema, like, json)
 
 
 def _check_new(path: Path) -> None:
@@ -98,31 +123,120 @@ def _check_new(path: Path) -> None:
         raise UsageError(f"{path}: is there already; choose another name")
 
 
-def _with_motors(made: ImportedArm, said: Answered, schema: bool) -> str:
-    from symbolic.model_file.beginning import with_motors
+def _interview(
+    keys: Sequence[str],
+    stated: dict[str, str],
+    write: Callable[[Mapping[str, str]], str],
+    library: Mapping[str, AnyEffect],
+    called: str,
+) -> str:
+    """The model file, after asking for what no option states. Raises UsageError, ModelError.
 
-    return with_motors(made.text, made.arm, motors(said, made.arm), f"./{schemas.MODEL}" if schema else None)
+    called  the name unless another is given
+    write   the model file by texts; an answer whose file the reader refuses is refused
+    """
+    from symbolic.model_file import reader
+
+    for key in keys:
+        if key not in stated and (key != "length" or _is_planar(stated)):
+            trial = {"length": "1", **stated}
+
+            def accept(answer: str, key: str = key, trial: Mapping[str, str] = trial) -> None:
+                reader.parse(write({**trial, key: answer}), "the new model file", library)
+
+            question, default = _QUESTIONS[key]
+            answer = _ask(question, called if key == "name" else default, accept)
+            if answer is None:
+                break
+            stated[key] = answer
+    return write(stated)
 
 
-def _asked(said: Answered, called: str, effects: Path | None, friction: bool, schema: bool) -> str:
-    from symbolic.model_file.beginning import text
-    from symbolic.model_file.exchange.importing import arm_name
+def _ask(question: str, default: str, accept: Callable[[str], None]) -> str | None:
+    """An answer that `accept` does not refuse with a ValueError; None at the end of the input.
 
-    library = effects_described(effects, space=True)
-    assumed = tuple(effect.name for effect in library.values() if effect.assumed and friction)
-    called = arm_name(called, Path("arm"))
-    return text(new_arm(said, called, assumed, f"./{schemas.MODEL}" if schema else None))
+    A refused answer is asked for again on a terminal, and is an error elsewhere.
+    """
+    interactive = sys.stdin.isatty()
+    while True:
+        if interactive:
+            print(f"{question} [{default}]: ", end="", file=sys.stderr, flush=True)
+        line = sys.stdin.readline()
+        answer = line.strip() or default
+        try:
+            if line:
+                accept(answer)
+            return answer if line else None
+        except ValueError as error:
+            if not interactive:
+                raise
+            print(error, file=sys.stderr)
+
+
+def _is_planar(stated: Mapping[str, str]) -> bool:
+    where = stated.get("space", "space").lower()
+    if not where or not any(word.startswith(where) for word in ("plane", "space")):
+        raise UsageError(f"{where}: expected plane or space")
+    return where.startswith("p")
+
+
+def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> str:
+    """The model file of a new arm; called: its name if none is stated. Raises UsageError."""
+    if "joints" not in stated:
+        raise UsageError(f"{_QUESTIONS['joints'][0]}: an answer is needed, or --joints")
+    letters = re.sub(r"[,\s]", "", stated["joints"].lower())
+    if not 1 <= len(letters) <= MAX_JOINTS or letters.strip("rp"):
+        raise UsageError(f"--joints {stated['joints']}: expected 1 to {MAX_JOINTS} letters r or p")
+    planar, count = _is_planar(stated), len(letters)
+    gravity = _numbers("gravity", stated.get("gravity", "0,0" if planar else "0,0,-9.81"), 2 if planar else 3)
+    lengths = _each("length", stated, count)
+    if planar and None in lengths[:-1]:
+        at = f"Joint {lengths.index(None) + 1}"
+        raise UsageError(f"{at}: the length of a planar link cannot be left out; expected --length, m")
+    kinds: list[JointType] = ["revolute" if letter == "r" else "prismatic" for letter in letters]
+    joints = list(map(NewJoint, kinds, _motors(stated, count), lengths, _each("mass", stated, count)))
+    return text(stated.get("name", called), [g or 0.0 for g in gravity], joints, assumed)
+
+
+def _with_motors(arm: ImportedArm, stated: Mapping[str, str]) -> str:
+    return with_motors(arm.text, arm.arm, _motors(stated, len(arm.arm.joints)))
+
+
+def _motors(stated: Mapping[str, str], count: int) -> list[Motor]:
+    return list(map(Motor, *(_each(key, stated, count) for key in _MOTOR)))
+
+
+def _each(key: str, stated: Mapping[str, str], count: int) -> list[float | None]:
+    """A value of each joint, None where it is unknown. Raises UsageError."""
+    return _numbers(key, stated.get(key, "?"), 1, count) * (1 if stated.get(key, "?").count(",") else count)
+
+
+def _numbers(key: str, stated: str, *counts: int) -> list[float | None]:
+    """Numbers with commas between them; None for ?. Raises UsageError."""
+    option, values = f"--{key.replace('_', '-')}", list[float | None]()
+    for part in stated.strip("[]() ").split(","):
+        try:
+            value = None if part.strip() == "?" else float(part)
+        except ValueError:
+            value = nan
+        if value is not None and not isfinite(value):
+            raise UsageError(f"{option} {stated}: expected a number, or ? where it is unknown")
+        values.append(value)
+    if len(values) not in counts:
+        one_each = f"one for all joints, or {counts[-1]}, one each"
+        expected = one_each if len(counts) > 1 else f"{counts[0]} numbers with commas between"
+        raise UsageError(f"{option} {stated}: {len(values)} numbers; expected {expected}")
+    return values
 
 
 def _write(
     text: str, out: Path | None, effects: Path | None, schema: bool, like: Path | None, json: str | None
 ) -> None:
-    """The file, if it is one that can be read, and the schemas beside it if they are wanted."""
+    """Write the file, once the reader accepts it, and the schemas beside it if wanted."""
     from runtime import files
     from symbolic.model_file import reader
 
-    library = effects_described(effects, reader.is_spatial(text))
-    arm = reader.parse(text, str(out or "the new model file"), library)
+    arm = reader.parse(text, str(out or "the new model file"), effects_described(effects, reader.is_spatial(text)))
     path = out or Path(f"{arm.name}.toml")
     if out is None:
         check_writable(path)
@@ -139,17 +253,16 @@ def _write(
         "like": None if like is None else str(like),
         "name": arm.name,
         "joints": len(arm.joints),
+        "unknown": unknown,
+        "schemas": [str(place) for place in beside],
     }
 
-    def show(_: Any) -> None:
+    def show(_: Mapping[str, Any]) -> None:
         from runtime.report.terminal.pages import say
 
-        count = "1 joint" if len(arm.joints) == 1 else f"{len(arm.joints)} joints"
-        if like is not None:
-            say(f"{path}: {arm.name}, {count}, as in {like}; change in it what is different at your arm")
-            return
-        say(f"{path}: {arm.name}, {count}")
-        say(*(f"joint {k}: {', '.join(keys)} unknown" for k, keys in enumerate(unknown, 1) if keys))
+        copy = f", as in {like}; change what differs on your arm" if like else ""
+        say(f"{path}: {arm.name}, {len(unknown)} joint{'s' * (len(unknown) > 1)}{copy}")
+        say(*(f"joint {k}: {', '.join(keys)} unknown" for k, keys in enumerate(unknown, 1) if keys and not like))
         say(*(f"{place}: for editors" for place in beside))
 
-    emit(json, {**document, "unknown": unknown, "schemas": [str(place) for place in beside]}, show)
+    emit(json, document, show)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -35,39 +36,79 @@ def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
 
 def test_answers_make_a_planar_arm(init: Init) -> None:
-    """Every question in its order; the motor's numbers are carried to the joint's output."""
-    turning = ["100", "0.05", "2e-5", "2.0", "0.1, 0.02", "0.03", "-1.5, 1.5", "3", "40"]
-    sliding = ["500", "", "?", "", "", "", "", "", ""]
-    answers = ("bench", "r,p", "plane", "0, -9.81", "0.3", *turning, "0.25", *sliding)
-    status, out, err = init("--out", "bench.toml", answers=answers)
+    """Six questions in their order; the motors' values are carried to the joints' output."""
+    answers = ("r,p", "bench", "plane", "0.3, 0.25", "100, 500", "0.05, ?")
+    status, out, err = init("--out", "bench.toml", "--mass", "2,?", answers=(*answers, "more", "than six"))
     assert (status, err) == (0, "")
     assert out.splitlines() == [
         "bench.toml: bench, 2 joints",
+        "joint 1: com, inertia, rotor_inertia unknown",
         "joint 2: mass, com, inertia, rotor_inertia unknown",
     ]
     arm = reader.load(Path("bench.toml"))
     assert isinstance(arm, Arm)
     one, two = arm.joints
-    assert (arm.name, arm.gravity, one.type, two.type) == ("bench", (0.0, -9.81), "revolute", "prismatic")
-    assert (one.gear_ratio, one.torque_constant, one.rotor_inertia) == (100.0, 5.0, 0.2)
-    assert (one.link.length, one.link.mass, one.link.com, one.link.inertia) == (0.3, 2.0, (0.1, 0.02), 0.03)
-    assert (one.limits.position, one.limits.speed, one.limits.torque) == ((-1.5, 1.5), 3.0, 40.0)
+    assert (arm.name, arm.gravity, one.type, two.type) == ("bench", (0.0, 0.0), "revolute", "prismatic")
+    assert (one.gear_ratio, one.torque_constant, one.rotor_inertia) == (100.0, 5.0, None)
+    assert (one.link.length, one.link.mass, two.link.length) == (0.3, 2.0, 0.25)
     assert (two.gear_ratio, two.torque_constant, two.rotor_inertia, two.link.mass) == (500.0, None, None, None)
     assert all(set(j.effects) == {"coulomb_asymmetric", "viscous"} and not any(j.effects.values()) for j in arm.joints)
 
 
-def test_answers_make_an_arm_in_space(init: Init) -> None:
-    place = ["0, 0, 0.2", "1.5707963267948966, 0, 0", "0, 1, 0"]
-    rest = ["", "", "", "", "", "", "", "", ""]
-    answers = ("", "rr", "s", "", "", "", "", *rest, *place, "50", *rest[1:], "0, 0, 0.1")
-    assert init("--out", "wrist.toml", "--json", "said.json", answers=answers)[0] == 0
+def test_every_question_can_be_skipped(init: Init) -> None:
+    assert init("--out", "wrist.toml", "--json", "said.json", answers=("",) * 6)[0] == 0
     arm = reader.load(Path("wrist.toml"))
     assert isinstance(arm, SpatialArm)
-    assert (arm.name, arm.gravity, arm.tip.xyz) == ("wrist", (0.0, 0.0, -9.81), (0.0, 0.0, 0.1))
-    assert arm.joints[1].origin.xyz == (0.0, 0.0, 0.2)
-    assert (arm.joints[1].axis, arm.joints[1].gear_ratio) == ((0.0, 1.0, 0.0), 50.0)
+    assert (arm.name, arm.gravity, len(arm.joints)) == ("wrist", (0.0, 0.0, -9.81), 1)
     said = json.loads(Path("said.json").read_text())
-    assert said["unknown"] == [["mass", "com", "inertia", "rotor_inertia"]] * 2
+    assert said["unknown"] == [["mass", "com", "inertia", "rotor_inertia"]]
+    assert init("--joints", "r,r", "--plane", "--out", "arm.toml", answers=("",) * 6)[0] == 0
+    assert [joint.link.length for joint in reader.load(Path("arm.toml")).joints] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("options", [("--joints", "r,p", "--space"), ("--joints", "p,r", "--plane", "--length", "0.2")])
+def test_commented_keys_are_keys_of_the_model_file(init: Init, options: tuple[str, ...]) -> None:
+    """Each can be filled in where it stands."""
+    assert init(*options, "--no-questions", "--out", "new.toml")[0] == 0
+    text = Path("new.toml").read_text()
+    values = {
+        **dict.fromkeys(("mass", "rotor_inertia", "torque_constant", "speed", "torque"), "2.0"),
+        "position": "[-1.0, 1.0]",
+        "com": "[0.0, 0.0, 0.1]" if "--space" in options else "[0.1, 0.0]",
+        "inertia": "[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]" if "--space" in options else "1.0",
+    }
+    text = re.sub(r"^# (\w+) = *#", lambda key: f"{key[1]} = {values[key[1]]}   #", text, flags=re.MULTILINE)
+    Path("new.toml").write_text(text.replace("# [joint.limits]", "[joint.limits]"))
+    joints = reader.load(Path("new.toml")).joints
+    assert not any(joint.unknown for joint in joints)
+    assert all((j.torque_constant, j.limits.position, j.limits.torque) == (2.0, (-1.0, 1.0), 2.0) for j in joints)
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_on_a_terminal_a_refused_answer_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At once, also where it is the reader of model files that refuses it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin", Terminal("r,x\nr,r\ntwo words\ntwo\nmoon\nplane\n?,0.2\n0.3,0.2\n-1\n100\n\n"))
+    assert output.run(app, ["init"]) == 0
+    asked = capsys.readouterr().err
+    for question, times in {
+        "Name": 2,
+        "Joints from": 2,
+        "in one plane": 2,
+        "Lengths": 2,
+        "Gear": 2,
+        "Torque": 1,
+    }.items():
+        assert asked.count(question) == times
+    assert "gear_ratio is -1" in asked
+    arm = reader.load(Path("two.toml"))
+    assert [(joint.link.length, joint.gear_ratio) for joint in arm.joints] == [(0.3, 100.0), (0.2, 100.0)]
 
 
 def test_options_ask_nothing_that_they_say(init: Init) -> None:
@@ -101,8 +142,8 @@ def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> No
 
 
 def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
-    motor = ("101", "0.1", "6e-5")
-    status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motor * 2)
+    motors = ("101,101,?,?,?,?", "0.1", "6e-5,6e-5,?,?,?,?")
+    status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motors)
     assert status == 0
     assert out.startswith("mine.toml: ur10, 6 joints")
     arm = reader.load(Path("mine.toml"))
@@ -130,13 +171,14 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
 @pytest.mark.parametrize(
     ("options", "answers", "expected"),
     [
-        ((), (), "Joints from the base outwards"),
+        ((), (), "--joints x: expected 1 to 7 letters r or p"),
         (("--joints", "r,x"), (), "expected 1 to 7 letters r or p"),
-        (("--joints", "r,r", "--plane"), (), "length of its link, m: nothing: an answer is needed"),
+        (("--joints", "r,r", "--plane"), (), "the length of a planar link cannot be left out"),
         (("--joints", "rr", "--gear-ratio", "1,2,3"), (), "3 numbers; expected one for all joints, or 2, one each"),
         (("--joints", "r", "--gear-ratio", "fast"), (), "--gear-ratio fast: expected a number"),
-        (("--joints", "r", "--space", "--gravity", "0,0"), (), "--gravity 0,0: expected 3 numbers"),
-        (("--joints", "r", "--space"), ("", "", "0,0"), "0,0: expected 3 numbers with commas between, or ?"),
+        (("--joints", "r", "--space", "--gravity", "0,0"), (), "--gravity 0,0: 2 numbers; expected 3 numbers"),
+        (("--joints", "r", "--space"), ("fast",), "--gear-ratio fast: expected a number, or ? where it is unknown"),
+        (("--joints", "r", "--name", "for", "--no-questions"), (), "is a word of C, C++ or Python"),
         (("--joints", "r", "--space", "--mass", "-1"), (), "mass is -1; expected a number in kg >= 0"),
         (("--tip", "hand", "--joints", "r"), (), "--base, --tip and --lock are of a --urdf"),
         (("--like", "drive", "--joints", "r"), (), "--like is a copy as it stands"),
@@ -147,7 +189,7 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
 def test_what_is_no_answer_is_refused_in_one_line(
     init: Init, tmp_path: Path, options: tuple[str, ...], answers: tuple[str, ...], expected: str
 ) -> None:
-    status, out, err = init(*options, answers=("x", *answers))
+    status, out, err = init(*options, answers=("x", *answers))  # "x" is the name of the arm where that is asked
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert expected in err
     assert list(tmp_path.iterdir()) == []
