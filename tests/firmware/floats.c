@@ -29,11 +29,11 @@ static bool holds_limited(float x, float limit)
 static bool holds_damping(tendon_machine *m, float rate, float gain, float limit)
 {
     float given;
-    m->config.kd[0] = gain;
-    m->config.torque_limit[0] = limit;
-    m->controller.qd[0] = rate;
+    m->config.controller.kd[0] = gain;
+    m->config.controller.torque_limit[0] = limit;
+    m->state.controller.qd[0] = rate;
     oppose(m);
-    given = m->now->output.torque[0];
+    given = m->state.record->output.torque[0];
     /* Against the motion or none, within the limit; none of a rate that is no number. */
     return (fabsf(given) <= limit) && (isnan(rate) ? (given == 0.0f) : ((given == 0.0f) || (signbit(given) != signbit(rate))));
 }
@@ -44,7 +44,7 @@ int main(void)
     static tendon_record record;
     uint64_t wrong = 0U;
     uint64_t tried = 0U;
-    m.now = &record;
+    m.state.record = &record;
     for (uint64_t bits = 0U; bits < (1ULL << 32); bits += STRIDE) {
         const float x = number((uint32_t)bits);
         const uint32_t k = (uint32_t)(bits % CASES);

@@ -33,6 +33,12 @@ static uint32_t below(uint32_t end)
     return (uint32_t)(((uint64_t)chance() * end) >> 32);
 }
 
+static uint32_t rejected(void)
+{
+    const tendon_counters_message *c = &machine.link.counters;
+    return c->bad_crc + c->bad_frame + c->bad_header;
+}
+
 /* What the payload of a message takes, as protocol.json says; given on the command line of the compiler. */
 static const struct {
     uint8_t type;
@@ -102,11 +108,11 @@ static void step(int32_t counts, uint32_t time_us, uint32_t fault)
 static bool taken(const uint8_t *wire, uint32_t count)
 {
     static const uint8_t delimiter = 0U;
-    const uint32_t before = machine.ack_head;
-    machine.ack_tail = machine.ack_head;
+    const uint32_t before = machine.link.ack_head;
+    machine.link.ack_tail = machine.link.ack_head;
     tendon_machine_receive(&machine, wire, count);
     tendon_machine_receive(&machine, &delimiter, 1U);
-    return machine.ack_head != before;
+    return machine.link.ack_head != before;
 }
 
 static int flips(uint32_t pairs)
@@ -170,7 +176,7 @@ static int by_chance(uint32_t count)
 static void say(uint32_t type, const uint8_t *payload, uint32_t size)
 {
     uint8_t wire[WIRE];
-    const uint32_t count = frame(type, (machine.sequence + 1U) & 0xffffU, payload, size, wire);
+    const uint32_t count = frame(type, (machine.link.sequence + 1U) & 0xffffU, payload, size, wire);
     tendon_machine_receive(&machine, wire, count);
     drain();
 }
@@ -261,7 +267,7 @@ static int frames(uint32_t count)
             const uint32_t kind = below(KINDS);
             const bool next = below(8U) != 0U;
             fill(payload, kinds[kind].size);
-            sequence = next ? ((machine.sequence + 1U) & 0xffffU) : below(0x10000U);
+            sequence = next ? ((machine.link.sequence + 1U) & 0xffffU) : below(0x10000U);
             size = frame(kinds[kind].type, sequence, payload, kinds[kind].size, wire);
             for (uint32_t cuts = below(6U); cuts > 3U; --cuts) {
                 const uint32_t at = below(size);
@@ -276,15 +282,15 @@ static int frames(uint32_t count)
                 }
             }
         }
-        before = machine.counters.bad_crc + machine.counters.bad_frame + machine.counters.bad_header;
+        before = rejected();
         for (uint32_t at = 0U; at < size;) {
             uint32_t piece = 1U + below(40U);
             piece = (piece < size - at) ? piece : size - at;
             tendon_machine_receive(&machine, &wire[at], piece);
             at += piece;
         }
-        states |= 1U << machine.state;
-        bad += (machine.counters.bad_crc + machine.counters.bad_frame + machine.counters.bad_header > before) ? 1U : 0U;
+        states |= 1U << machine.state.mode;
+        bad += (rejected() > before) ? 1U : 0U;
         if (below(4U) == 0U) {
             step((int32_t)(below(3U) ? below(5U) : chance()), chance(), below(50U) ? 0U : chance());
         }
@@ -312,11 +318,11 @@ static int script(void)
         say(TENDON_COMMAND_RUN, p, 8U);
         for (uint32_t k = 0U; k < 150U; ++k) {
             const int32_t counts = (int32_t)below(round % 3U) + (below(400U) ? 0 : (int32_t)below(200U));
-            ran += machine.state == TENDON_STATE_RUNNING ? 1U : 0U;
+            ran += machine.state.mode == TENDON_STATE_RUNNING ? 1U : 0U;
             step(counts, now += 1000U + (below(300U) ? 0U : below(3000U)), below(300U) ? 0U : 7U);
             if (below(20U) == 0U) {
                 if (below(40U) == 0U) {
-                    machine.sequence = (machine.sequence + 7U) & 0xffffU;
+                    machine.link.sequence = (machine.link.sequence + 7U) & 0xffffU;
                 } else if (below(40U) == 0U) {
                     tendon_machine_receive(&machine, noise, sizeof noise);
                 } else {
@@ -327,12 +333,12 @@ static int script(void)
             drain();
         }
         say(TENDON_COMMAND_STOP, p, 0U);
-        reasons |= 1U << machine.report.reason;
+        reasons |= 1U << machine.state.report.reason;
         for (uint32_t k = 0U; k < 25U; ++k) {
             step(0, now += 1000U, 0U);
         }
         say(TENDON_COMMAND_RESET, p, 0U);
-        if (machine.state != TENDON_STATE_IDLE) {
+        if (machine.state.mode != TENDON_STATE_IDLE) {
             puts("no reset");
             return 1;
         }

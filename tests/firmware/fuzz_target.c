@@ -71,7 +71,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             settle(3U + (take(1U) % 27U));
             break;
         case 1U:
-            take_frame((machine.sequence + 1U) & 0xffffU);
+            take_frame((machine.link.sequence + 1U) & 0xffffU);
             break;
         case 2U:
             take_frame(take(2U));
@@ -147,7 +147,7 @@ int main(int count, char **arguments)
     uint32_t states = 0U;
     for (uint32_t k = 0U; k < files; ++k) {
         (void)LLVMFuzzerTestOneInput(bytes, read_file(arguments[3U + k], bytes));
-        states |= 1U << machine.state;
+        states |= 1U << machine.state.mode;
     }
     for (uint32_t k = 0U; (k < runs) && (files > 0U); ++k) {
         uint32_t size = read_file(arguments[3U + (k % files)], bytes);
@@ -156,7 +156,7 @@ int main(int count, char **arguments)
         state = seed;
         size = change(bytes, size, other, others, &state);
         (void)LLVMFuzzerTestOneInput(bytes, size);
-        states |= 1U << machine.state;
+        states |= 1U << machine.state.mode;
     }
     printf("files=%u runs=%u states=0x%x\n", (unsigned)files, (unsigned)runs, (unsigned)states);
     return 0;

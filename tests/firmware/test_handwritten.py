@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,15 @@ def test_a_plain_file_of_one_purpose(path: str) -> None:
     assert not any(hole in text for hole in ("{{", "{%", "vishard4", "VISHARD4"))
     assert len(text.splitlines()) <= LINES
     assert max(map(len, text.splitlines())) <= 120
+
+
+def test_calls_between_files_go_one_way() -> None:
+    """No file of the machine calls another one that calls it back, directly or through others."""
+    files = {path: text for path, text in handwritten_files().items() if re.match(r"src/.*\.c$", path)}
+    defined = {name: path for path in files for name in re.findall(r"^\w[\w ]* \**(tendon_\w+)\(", files[path], re.M)}
+    calls = {path: {defined.get(name, path) for name in re.findall(r"\w+", files[path])} - {path} for path in files}
+    order = list(TopologicalSorter(calls).static_order())
+    assert order.index("src/tendon_guard.c") < order.index("src/tendon_hold.c") < order.index("src/tendon_step.c")
 
 
 def test_it_is_copied_as_it_stands(vishard4: Arm) -> None:

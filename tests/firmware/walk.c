@@ -91,7 +91,7 @@ static void say(uint32_t type, uint32_t size, uint32_t ahead)
     static uint8_t wire[TENDON_FRAME_BYTES + 8U];
     tendon_put_u8(&plain[0], TENDON_PROTOCOL_VERSION);
     tendon_put_u8(&plain[1], type);
-    tendon_put_u16(&plain[2], (machine.sequence + ahead) & 0xffffU);
+    tendon_put_u16(&plain[2], (machine.link.sequence + ahead) & 0xffffU);
     tendon_put_u16(&plain[4], size);
     memcpy(&plain[6], payload, size);
     tendon_put_u32(&plain[6U + size], tendon_crc32(0U, plain, 6U + size));
@@ -224,21 +224,29 @@ static uint32_t if_so(bool so, uint32_t word)
 static key key_of(void)
 {
     const tendon_machine *m = &machine;
-    const bool idle = m->state == TENDON_STATE_IDLE;
-    const bool running = m->state == TENDON_STATE_RUNNING;
-    const bool damped = (m->state == TENDON_STATE_STOPPED) && (m->damping != 0U);
-    const bool powered = (m->state == TENDON_STATE_ARMED) || running;
-    const uint32_t more = m->last - m->period;
+    const tendon_machine_state *s = &m->state;
+    const tendon_link *l = &m->link;
+    const tendon_config *c = &m->config.controller;
+    const bool idle = s->mode == TENDON_STATE_IDLE;
+    const bool running = s->mode == TENDON_STATE_RUNNING;
+    const bool damped = (s->mode == TENDON_STATE_STOPPED) && (s->damping_left_periods != 0U);
+    const bool powered = (s->mode == TENDON_STATE_ARMED) || running;
+    const uint32_t more = s->end_period - s->period;
     const key k = {{
-        m->state | (m->steady << 2) | (m->first << 3) | (m->unready << 4) | (m->enabled << 5)
-            | ((m->stopper != TENDON_NOBODY ? 1U : 0U) << 6) | ((m->stopper == m->sequence ? 1U : 0U) << 7)
-            | (if_so(damped, m->untimely) << 8) | (m->upload.open << 9) | ((m->type == TENDON_COMMAND_STOP ? 1U : 0U) << 10),
-        m->missing, bits_of(m->config.torque_limit[0]), bits_of(m->config.kd[0]), m->safety.damping,
-        m->bounds[0].speed, m->damping, m->report.reason,
-        if_so(powered, m->left), if_so(powered, m->corrupted), if_so(powered, m->disordered),
-        if_so(running, m->tolerance), if_so(running, (m->last == TENDON_ENDLESS) ? 9U : more),
-        if_so(running, bits_of(m->bounds[0].mark)), if_so(damped || powered, bits_of(m->controller.qd[0])),
-        if_so(damped, m->bounds[0].outrun), if_so(idle, m->upload.phases), if_so(idle, m->upload.rows), 0U, 0U}};
+        s->mode | (s->following << 2) | (s->awaits_first_step << 3)
+            | (s->drives_not_ready << 4) | (s->drives_enabled << 5)
+            | ((l->stop_sequence != TENDON_NO_STOP ? 1U : 0U) << 6) | ((l->stop_sequence == l->sequence ? 1U : 0U) << 7)
+            | (if_so(damped, s->damped_untimely) << 8) | (s->upload.open << 9)
+            | ((l->type == TENDON_COMMAND_STOP ? 1U : 0U)
+            << 10),
+        s->missing_uploads, bits_of(c->torque_limit[0]), bits_of(c->kd[0]),
+        m->config.safety.damping,
+        m->config.limits[0].speed_magnitude, s->damping_left_periods, s->report.reason,
+        if_so(powered, s->until_check_periods), if_so(powered, l->corrupted_frames),
+        if_so(powered, l->disordered_commands),
+        if_so(running, s->saturated_left_periods), if_so(running, (s->end_period == TENDON_ENDLESS) ? 9U : more),
+        if_so(running, bits_of(s->watch[0].q_desired_at_change)), if_so(damped || powered, bits_of(s->controller.qd[0])),
+        if_so(damped, s->watch[0].damping_speed_magnitude), if_so(idle, s->upload.phases), if_so(idle, s->upload.rows), 0U, 0U}};
     return k;
 }
 
@@ -272,8 +280,8 @@ static void visit(void)
 static void demand(bool holds, const char *what)
 {
     if (!holds) {
-        printf("%s: state %u, reason %u, rate %g, outcome %u\n", what, (unsigned)machine.state,
-            (unsigned)machine.report.reason, (double)rates[rate], (unsigned)outcome);
+        printf("%s: state %u, reason %u, rate %g, outcome %u\n", what, (unsigned)machine.state.mode,
+            (unsigned)machine.state.report.reason, (double)rates[rate], (unsigned)outcome);
         exit(1);
     }
 }
@@ -282,48 +290,50 @@ static void demand(bool holds, const char *what)
 static void check_state(void)
 {
     const tendon_machine *m = &machine;
-    const bool powered = (m->state == TENDON_STATE_ARMED) || (m->state == TENDON_STATE_RUNNING);
-    demand(m->state <= TENDON_STATE_STOPPED, "a state that there is none of");
-    demand((m->state == TENDON_STATE_STOPPED) == (m->report.reason != TENDON_REASON_NONE), "a stop without a reason");
-    demand((m->enabled == 1U) || !powered, "powered without drives");
-    demand((m->enabled == 0U) || (m->state != TENDON_STATE_IDLE), "drives on in idle");
-    demand(m->config.torque_limit[0] <= TENDON_MOST_TORQUE, "a limit over the ceiling");
-    demand((m->state == TENDON_STATE_IDLE) || (m->missing == 0U), "more than idle without settings");
-    demand(m->damping <= m->safety.damping, "a damping that is longer than was asked for");
+    const bool powered = (m->state.mode == TENDON_STATE_ARMED) || (m->state.mode == TENDON_STATE_RUNNING);
+    demand(m->state.mode <= TENDON_STATE_STOPPED, "a state that there is none of");
+    demand((m->state.mode == TENDON_STATE_STOPPED) == (m->state.report.reason != TENDON_REASON_NONE), "a stop without a reason");
+    demand((m->state.drives_enabled == 1U) || !powered, "powered without drives");
+    demand((m->state.drives_enabled == 0U) || (m->state.mode != TENDON_STATE_IDLE), "drives on in idle");
+    demand(m->config.controller.torque_limit[0] <= TENDON_MOST_TORQUE, "a limit over the ceiling");
+    demand((m->state.mode == TENDON_STATE_IDLE) || (m->state.missing_uploads == 0U), "more than idle without settings");
+    demand(m->state.damping_left_periods <= m->config.safety.damping, "a damping that is longer than was asked for");
 }
 
 /* Of a step: before is how the machine stood. */
 static void check_step(const tendon_machine *before, float torque)
 {
     const tendon_machine *m = &machine;
-    const float qd = m->controller.qd[0];
-    const bool without = ((TENDON_REASONS_WITHOUT_TORQUE >> m->report.reason) & 1U) != 0U;
+    const float qd = m->state.controller.qd[0];
+    const bool without = ((TENDON_REASONS_WITHOUT_TORQUE >> m->state.report.reason) & 1U) != 0U;
     check_state();
     demand(isfinite(torque), "a torque that is no finite number");
-    demand(fabsf(torque) <= m->config.torque_limit[0], "a torque over its limit");
+    demand(fabsf(torque) <= m->config.controller.torque_limit[0], "a torque over its limit");
     demand((torque == 0.0f) || tendon_machine_enabled(m), "a torque while the drives are off");
-    demand((torque == 0.0f) || (m->state >= TENDON_STATE_RUNNING), "a torque in idle or armed");
-    if (m->state == TENDON_STATE_STOPPED) {
+    demand((torque == 0.0f) || (m->state.mode >= TENDON_STATE_RUNNING), "a torque in idle or armed");
+    if (m->state.mode == TENDON_STATE_STOPPED) {
         demand((torque == 0.0f) || ((qd != 0.0f) && (signbit(torque) != signbit(qd))), "a torque after a stop that does not damp");
-        demand((torque == 0.0f) || (fabsf(torque) <= fabsf(m->config.kd[0] * qd)), "more than damping after a stop");
+        demand((torque == 0.0f) || (fabsf(torque) <= fabsf(m->config.controller.kd[0] * qd)), "more than damping after a stop");
         demand((torque == 0.0f) || !without, "a torque after a reason that leaves none");
-        stops |= 1U << m->report.reason;
+        stops |= 1U << m->state.report.reason;
     }
-    if (before->state == TENDON_STATE_STOPPED) {
-        demand(m->state == TENDON_STATE_STOPPED, "a step out of a stop");
-        demand((before->damping == 0U) ? (m->enabled == 0U) : (m->damping < before->damping), "a damping without end");
-        demand((before->enabled == 1U) || (m->enabled == 0U), "drives that come on after a stop");
+    if (before->state.mode == TENDON_STATE_STOPPED) {
+        demand(m->state.mode == TENDON_STATE_STOPPED, "a step out of a stop");
+        const uint32_t left = before->state.damping_left_periods;
+        const bool off = m->state.drives_enabled == 0U;
+        demand((left == 0U) ? off : (m->state.damping_left_periods < left), "a damping without end");
+        demand((before->state.drives_enabled == 1U) || (m->state.drives_enabled == 0U), "drives that come on after a stop");
     }
 }
 
 static void step(const tendon_machine *before, uint32_t us, uint32_t fault, int32_t travel)
 {
-    const int32_t counts = before->controller.counts[0] + travel;
+    const int32_t counts = before->state.controller.counts[0] + travel;
     float torque = NAN;
     /* Nothing that stood there may be given: every step gives its own. */
-    machine.now->output.torque[0] = NAN;
-    machine.before->output.torque[0] = NAN;
-    tendon_machine_step(&machine, &counts, before->time_us + us, fault, &torque);
+    machine.state.record->output.torque[0] = NAN;
+    machine.state.last_record->output.torque[0] = NAN;
+    tendon_machine_step(&machine, &counts, before->state.step_time_us + us, fault, &torque);
     drain();
     check_step(before, torque);
     visit();

@@ -1,69 +1,73 @@
 /* Part of Tendon; do not edit a copy. Active damping after a stop. */
 #include "tendon_machine_private.h"
 
-/* Torque against the motion, within its limits; none for what is no number. */
+/* Torque against the motion, within the limits; zero if the rate is not finite. */
 TENDON_SMALL static void oppose(tendon_machine *m)
 {
     for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        const float limit = m->config.torque_limit[j];
-        const float against = -(m->config.kd[j] * m->controller.qd[j]);
-        float given = 0.0f;
-        if (against > limit) {
-            given = limit;
-        } else if (against < -limit) {
-            given = -limit;
-        } else if (tendon_magnitude(against) < TENDON_INFINITY) {
-            given = against;
+        const float limit = m->config.controller.torque_limit[j];
+        const float damping = -(m->config.controller.kd[j] * m->state.controller.qd[j]);
+        float torque = 0.0f;
+        if (damping > limit) {
+            torque = limit;
+        } else if (damping < -limit) {
+            torque = -limit;
+        } else if (tendon_magnitude(damping) < TENDON_INFINITY) {
+            torque = damping;
         } else {
-            /* No number, no torque. */
+            /* NaN. */
         }
-        m->now->output.torque[j] = given;
+        m->state.record->output.torque[j] = torque;
     }
 }
 
-/* Whether a joint has got faster than the arm was when it was stopped, beyond its limit and a margin: what should damp
- * drives it then, because the sign of its motor or of its encoder is wrong. What is no number is faster than all. */
-TENDON_SMALL static bool outruns(const tendon_machine *m)
+/* Whether a joint has become faster than at the stop, and than its limit, by a margin: the torque that should damp it
+ * then drives it, because the sign of a motor or an encoder is wrong. NaN counts as faster. */
+TENDON_SMALL static bool is_driven(const tendon_machine *m)
 {
     bool found = false;
     for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        found = found || (tendon_magnitude(m->controller.qd[j]) > m->bounds[j].outrun);
+        const uint32_t limit = m->state.watch[j].damping_speed_magnitude;
+        found = found || (tendon_magnitude(m->state.controller.qd[j]) > limit);
     }
     return found;
 }
 
-void tendon_watch(tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool untimely, uint32_t fault)
+void tendon_damping_update(tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool untimely, uint32_t fault)
 {
+    bool ends = fault != 0U;
     if (untimely) {
-        /* What was counted in another time than a period is no rate: this step damps by that of the last one; but only
-         * one step does, for no torque may be held. */
-        m->damping = (m->untimely != 0U) ? 0U : m->damping;
+        /* Counts over another time than a period give no rate: this step damps by the last one's. A second such step in
+         * a row ends the damping, as no torque may be held. */
+        ends = ends || (m->state.damped_untimely != 0U);
     } else if (tendon_jumping_joint(m, counts) != TENDON_NO_JOINT) {
-        m->damping = 0U;
+        ends = true;
     } else {
-        tendon_controller_measure(&m->config, &m->controller, counts);
-        m->damping = outruns(m) ? 0U : m->damping;
+        tendon_controller_measure(&m->config.controller, &m->state.controller, counts);
+        ends = ends || is_driven(m);
     }
-    m->damping = (fault != 0U) ? 0U : m->damping;
-    m->untimely = untimely ? 1U : 0U;
+    if (ends) {
+        m->state.damping_left_periods = 0U;
+    }
+    m->state.damped_untimely = untimely ? 1U : 0U;
 }
 
-void tendon_coast(tendon_machine *m)
+void tendon_damping_apply(tendon_machine *m)
 {
     for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        m->now->output.torque[j] = 0.0f;
+        m->state.record->output.torque[j] = 0.0f;
     }
-    if (m->state == TENDON_STATE_STOPPED) {
-        if (m->damping != 0U) {
-            --m->damping;
+    if (m->state.mode == TENDON_STATE_STOPPED) {
+        if (m->state.damping_left_periods != 0U) {
+            --m->state.damping_left_periods;
             oppose(m);
-        } else if (m->enabled != 0U) {
-            m->enabled = 0U;
-            m->every = TENDON_ENDLESS;
-            m->resume = 0U;
-            m->pending |= TENDON_PENDING_STATE;
+        } else if (m->state.drives_enabled != 0U) {
+            m->state.drives_enabled = 0U;
+            m->state.every_record_periods = TENDON_ENDLESS;
+            m->state.resume_record_periods = 0U;
+            m->link.pending_reports |= TENDON_PENDING_STATE;
         } else {
-            /* At rest. */
+            /* The drives are off already. */
         }
     }
 }

@@ -1,100 +1,124 @@
-/* Part of Tendon; do not edit a copy. Whether the arm has to be stopped, and why. */
+/* Part of Tendon; do not edit a copy. Checks whether the arm has to be stopped, and why. */
 #include "tendon_machine_private.h"
 
 uint32_t tendon_jumping_joint(const tendon_machine *m, const int32_t counts[TENDON_JOINTS])
 {
     uint32_t joint = TENDON_NO_JOINT;
     for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        if (tendon_jumps(&m->bounds[j - 1U], m->controller.counts[j - 1U], counts[j - 1U])) {
+        if (tendon_has_jumped(&m->config.limits[j - 1U], m->state.controller.counts[j - 1U], counts[j - 1U])) {
             joint = j;
         }
     }
     return joint;
 }
 
-/* Why a joint is out of its bounds; none if it is not. closely: as `look` does. */
-TENDON_SMALL static uint32_t reason_of(const tendon_machine *m, uint32_t j, int32_t counts, bool closely)
+tendon_finding tendon_check_before_step(
+    const tendon_machine *m,
+    const int32_t counts[TENDON_JOINTS],
+    bool untimely,
+    uint32_t fault)
 {
-    const tendon_bounds *b = &m->bounds[j];
+    tendon_finding found = {TENDON_REASON_NONE, TENDON_NO_JOINT, 0U};
+    const uint32_t jumping = tendon_jumping_joint(m, counts);
+    const bool waits = (fault == TENDON_NOT_READY) && (m->state.mode == TENDON_STATE_ARMED);
+    if ((fault != 0U) && !waits) {
+        found.reason = TENDON_REASON_DRIVE;
+        found.code = fault;
+    } else if (untimely) {
+        found.reason = TENDON_REASON_WATCHDOG;
+    } else if (jumping != TENDON_NO_JOINT) {
+        found.reason = TENDON_REASON_ENCODER_JUMP;
+        found.joint = jumping;
+    } else if (m->state.until_check_periods != 0U) {
+        /* Nothing found. */
+    } else if ((m->state.mode == TENDON_STATE_RUNNING) && (m->state.period >= m->state.end_period)) {
+        found.reason = TENDON_REASON_DONE;
+    } else {
+        found.reason = TENDON_REASON_LINK_LOST;
+    }
+    return found;
+}
+
+/* Why a joint has to be stopped. inspected: it is its turn to be inspected, as in tendon_step.c. */
+TENDON_SMALL static uint32_t reason_of_joint(const tendon_machine *m, uint32_t j, int32_t count, bool inspected)
+{
+    const tendon_joint_limits *limits = &m->config.limits[j];
+    const float commanded = m->state.record->output.q_desired[j] - m->state.watch[j].q_desired_at_change;
     uint32_t reason = TENDON_REASON_NONE;
-    if (tendon_errs(m, m->now, j)) {
+    if (tendon_is_off_track(m, m->state.record, j)) {
         reason = TENDON_REASON_TRACKING;
-    } else if (!closely) {
+    } else if (!inspected) {
         /* Its turn will come. */
-    } else if (tendon_magnitude(m->controller.qd[j]) > b->speed) {
+    } else if (tendon_magnitude(m->state.controller.qd[j]) > limits->speed_magnitude) {
         reason = TENDON_REASON_SPEED;
-    } else if (tendon_strays(b, counts)) {
+    } else if (tendon_is_out_of_range(limits, count)) {
         reason = TENDON_REASON_POSITION;
-    } else if (tendon_magnitude(m->now->output.q_desired[j] - b->mark) > b->frozen) {
+    } else if (tendon_magnitude(commanded) > limits->frozen_magnitude) {
         reason = TENDON_REASON_ENCODER_FROZEN;
     } else {
-        /* Within all bounds. */
+        /* Within all limits. */
     }
     return reason;
 }
 
-/* The first joint whose torque has reached its limit. */
-TENDON_SMALL static uint32_t limited_joint(const tendon_machine *m)
+/* The first joint whose torque is at its limit. */
+TENDON_SMALL static uint32_t saturated_joint(const tendon_machine *m)
 {
     uint32_t joint = TENDON_NO_JOINT;
     for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        if (tendon_magnitude(m->now->output.torque[j - 1U]) >= tendon_magnitude(m->config.torque_limit[j - 1U])) {
+        const float torque = m->state.record->output.torque[j - 1U];
+        if (tendon_magnitude(torque) >= tendon_magnitude(m->config.controller.torque_limit[j - 1U])) {
             joint = j;
         }
     }
     return joint;
 }
 
-/* The first joint whose desired position is no finite number. */
-TENDON_SMALL static uint32_t unknown_joint(const tendon_machine *m)
+/* The first joint whose desired position is not finite. */
+TENDON_SMALL static uint32_t invalid_joint(const tendon_machine *m)
 {
     uint32_t joint = TENDON_NO_JOINT;
     for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        if (tendon_magnitude(m->now->output.q_desired[j - 1U]) >= TENDON_INFINITY) {
+        if (tendon_magnitude(m->state.record->output.q_desired[j - 1U]) >= TENDON_INFINITY) {
             joint = j;
         }
     }
     return joint;
 }
 
-void tendon_judge(tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool first)
+/* The first joint that is not where the trajectory starts. */
+TENDON_SMALL static uint32_t displaced_joint(const tendon_machine *m)
 {
-    if ((m->now->output.status & TENDON_STATUS_INVALID) != 0U) {
-        tendon_stop(m, TENDON_REASON_NOT_FINITE, unknown_joint(m), 0U);
-    } else {
-        uint32_t reason = TENDON_REASON_NONE;
-        uint32_t joint = TENDON_NO_JOINT;
-        for (uint32_t j = 0U; (j < TENDON_JOINTS) && (reason == TENDON_REASON_NONE); ++j) {
-            const bool closely = first || (((m->looked + TENDON_JOINTS - j) % TENDON_JOINTS) < TENDON_LOOKS);
-            reason = reason_of(m, j, counts[j], closely);
-            joint = j + 1U;
-        }
-        if (reason != TENDON_REASON_NONE) {
-            tendon_stop(m, reason, joint, 0U);
-        } else if (m->tolerance == TENDON_ENDLESS) {
-            tendon_stop(m, TENDON_REASON_TORQUE_LIMIT, limited_joint(m), 0U);
-        } else {
-            /* Nothing is wrong. */
+    uint32_t joint = TENDON_NO_JOINT;
+    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
+        const float error = m->state.record->output.q_desired[j - 1U] - m->state.controller.q[j - 1U];
+        if (tendon_magnitude(error) > tendon_magnitude(m->config.safety.start[j - 1U])) {
+            joint = j;
         }
     }
+    return joint;
 }
 
-bool tendon_allowed(tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool untimely, uint32_t fault)
+tendon_finding tendon_check_after_step(const tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool first)
 {
-    const uint32_t jumping = tendon_jumping_joint(m, counts);
-    const bool waits = (fault == TENDON_NOT_READY) && (m->state == TENDON_STATE_ARMED);
-    if ((fault != 0U) && !waits) {
-        tendon_stop(m, TENDON_REASON_DRIVE, TENDON_NO_JOINT, fault);
-    } else if (untimely) {
-        tendon_stop(m, TENDON_REASON_WATCHDOG, TENDON_NO_JOINT, 0U);
-    } else if (jumping != TENDON_NO_JOINT) {
-        tendon_stop(m, TENDON_REASON_ENCODER_JUMP, jumping, 0U);
-    } else if (m->left != 0U) {
-        /* Go on. */
-    } else if ((m->state == TENDON_STATE_RUNNING) && (m->period >= m->last)) {
-        tendon_stop(m, TENDON_REASON_DONE, TENDON_NO_JOINT, 0U);
+    tendon_finding found = {TENDON_REASON_NONE, TENDON_NO_JOINT, 0U};
+    const uint32_t displaced = first ? displaced_joint(m) : TENDON_NO_JOINT;
+    if ((m->state.record->output.status & TENDON_STATUS_INVALID) != 0U) {
+        found.reason = TENDON_REASON_NOT_FINITE;
+        found.joint = invalid_joint(m);
+    } else if (displaced != TENDON_NO_JOINT) {
+        found.reason = TENDON_REASON_START_POSITION;
+        found.joint = displaced;
     } else {
-        tendon_stop(m, TENDON_REASON_LINK_LOST, TENDON_NO_JOINT, 0U);
+        for (uint32_t j = 0U; (j < TENDON_JOINTS) && (found.reason == TENDON_REASON_NONE); ++j) {
+            const uint32_t age = (m->state.inspected_joint + TENDON_JOINTS - j) % TENDON_JOINTS;
+            found.reason = reason_of_joint(m, j, counts[j], first || (age < TENDON_LOOKS));
+            found.joint = j + 1U;
+        }
+        if ((found.reason == TENDON_REASON_NONE) && (m->state.saturated_left_periods == TENDON_ENDLESS)) {
+            found.reason = TENDON_REASON_TORQUE_LIMIT;
+            found.joint = saturated_joint(m);
+        }
     }
-    return tendon_is_powered(m);
+    return found;
 }

@@ -14,7 +14,7 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0xf03b4646U
+#define TENDON_BUILD 0xec81465fU
 
 /* What is held of a trajectory, and how many of its control points come in a message. */
 #define TENDON_MAX_PHASES 16U

@@ -1,222 +1,162 @@
-/* Part of Tendon; do not edit a copy. The states, and the steps that are not in the middle of a run. */
+/* Part of Tendon; do not edit a copy. The machine's start, and its changes of mode. */
 #include "tendon_machine_private.h"
 
-/* Of two floats that are meant to be one period, the product may be less by two roundings. */
+/* A phase of one period may be shorter than that by two roundings of its product with the rate. */
 #define ONE_PERIOD 0.999999f
 
-void tendon_stop(tendon_machine *m, uint32_t reason, uint32_t joint, uint32_t code)
+void tendon_stop(tendon_machine *m, const tendon_finding *finding)
 {
-    const bool without_torque = ((TENDON_REASONS_WITHOUT_TORQUE >> reason) & 1U) != 0U;
-    m->state = TENDON_STATE_STOPPED;
-    m->steady = 0U;
-    m->untimely = 0U;
-    m->stopper = TENDON_NOBODY;
-    m->damping = without_torque ? 0U : m->safety.damping;
-    m->until = 1U;
-    m->resume = 0U;
-    m->every = (m->every == TENDON_ENDLESS) ? 1U : m->every;
+    tendon_machine_state *s = &m->state;
+    const bool without_torque = ((TENDON_REASONS_WITHOUT_TORQUE >> finding->reason) & 1U) != 0U;
+    s->mode = TENDON_STATE_STOPPED;
+    s->following = 0U;
+    s->damped_untimely = 0U;
+    s->damping_left_periods = without_torque ? 0U : m->config.safety.damping;
+    s->until_record_periods = 1U;
+    s->resume_record_periods = 0U;
+    s->every_record_periods = (s->every_record_periods == TENDON_ENDLESS) ? 1U : s->every_record_periods;
     for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        const uint32_t more = tendon_magnitude(TENDON_OUTRUN * m->controller.qd[j]);
-        m->bounds[j].outrun = (more > m->bounds[j].speed) ? more : m->bounds[j].speed;
+        const uint32_t margin = tendon_magnitude(TENDON_OUTRUN * s->controller.qd[j]);
+        const uint32_t limit = m->config.limits[j].speed_magnitude;
+        s->watch[j].damping_speed_magnitude = (margin > limit) ? margin : limit;
     }
-    if (m->first != 0U) {
+    if (s->awaits_first_step != 0U) {
         /* No step since `arm`: the drives have not come on, and stay off. */
-        m->enabled = 0U;
-        m->damping = 0U;
-        m->every = TENDON_ENDLESS;
+        s->drives_enabled = 0U;
+        s->damping_left_periods = 0U;
+        s->every_record_periods = TENDON_ENDLESS;
     }
-    m->report.reason = (uint8_t)reason;
-    m->report.joint = (uint8_t)joint;
-    m->report.code = code;
-    m->report.period = m->period;
-    m->pending |= TENDON_PENDING_STATE | TENDON_PENDING_COUNTERS;
-    m->turn = 0U;
+    s->report.reason = (uint8_t)finding->reason;
+    s->report.joint = (uint8_t)finding->joint;
+    s->report.code = finding->code;
+    s->report.period = s->period;
+    m->link.stop_sequence = TENDON_NO_STOP;
+    m->link.pending_reports |= TENDON_PENDING_STATE | TENDON_PENDING_COUNTERS;
+    m->link.sent_telemetry = 0U;
 }
 
-void tendon_be_patient(tendon_machine *m)
+void tendon_host_heard(tendon_machine *m)
 {
-    const uint32_t more = m->last - m->period;
-    m->left = (more < m->safety.silence) ? more : m->safety.silence;
+    const uint32_t run_periods = m->state.end_period - m->state.period;
+    const uint32_t silence_periods = m->config.safety.silence;
+    m->state.until_check_periods = (run_periods < silence_periods) ? run_periods : silence_periods;
 }
 
-/* The first step of a run: does the arm stand where the trajectory starts? */
-TENDON_SMALL static void begin(tendon_machine *m, const int32_t counts[TENDON_JOINTS])
+/* A position in whole counts from zero, rounded up or down, within what 32 bits hold. */
+TENDON_SMALL static int32_t count_of(float position, float position_per_count, bool up)
 {
-    tendon_controller_step(&m->config, &m->trajectory, &m->controller, counts, &m->now->output);
-    const bool known = (m->now->output.status & TENDON_STATUS_INVALID) == 0U;
-    (void)tendon_tires(m, m->now->output.status);
-    m->steady = 1U;
-    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        const float away = m->now->output.q_desired[j - 1U] - m->controller.q[j - 1U];
-        m->bounds[j - 1U].seen = counts[j - 1U];
-        m->bounds[j - 1U].mark = m->now->output.q_desired[j - 1U];
-        if (known && (tendon_magnitude(away) > tendon_magnitude(m->safety.start[j - 1U]))) {
-            tendon_stop(m, TENDON_REASON_START_POSITION, j, 0U);
-        }
-    }
-    if (m->steady != 0U) {
-        tendon_judge(m, counts, true);
-    }
-}
-
-/* Armed: no torque, but an eye on the arm. */
-TENDON_SMALL static void wait(tendon_machine *m, const int32_t counts[TENDON_JOINTS])
-{
-    tendon_controller_measure(&m->config, &m->controller, counts);
-    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        if (tendon_magnitude(m->controller.qd[j - 1U]) > m->bounds[j - 1U].speed) {
-            tendon_stop(m, TENDON_REASON_SPEED, j, 0U);
-        }
-    }
-}
-
-/* What is not measured or computed anew stays as it was in the period before. */
-TENDON_SMALL static void carry(tendon_machine *m)
-{
-    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        m->now->output.q_desired[j] = m->before->output.q_desired[j];
-    }
-    m->now->output.phase = m->before->output.phase;
-    m->now->output.status = m->before->output.status;
-}
-
-void tendon_hold(tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool untimely, uint32_t fault)
-{
-    const bool first = (m->first != 0U) && (m->state != TENDON_STATE_IDLE);
-    /* Before the first step there was no period. */
-    const bool wrong = untimely && !first;
-    bool measured = false;
-    m->unready = (fault == TENDON_NOT_READY) ? 1U : 0U;
-    if (m->now != m->before) {
-        carry(m);
-    }
-    if (first) {
-        tendon_controller_reset(&m->controller, counts);
-        m->first = 0U;
-    }
-    if (tendon_is_powered(m) && tendon_allowed(m, counts, wrong, fault)) {
-        if (m->state == TENDON_STATE_RUNNING) {
-            begin(m, counts);
-        } else {
-            wait(m, counts);
-        }
-        --m->left;
-        measured = true;
-    }
-    if (m->state != TENDON_STATE_RUNNING) {
-        if ((m->damping != 0U) && !measured) {
-            tendon_watch(m, counts, wrong, fault);
-        }
-        tendon_coast(m);
-    }
-    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        m->controller.counts[j] = counts[j];
-    }
-}
-
-/* A position in whole counts from zero, rounded up or down; the last one that there is for what lies beyond. */
-TENDON_SMALL static int32_t count_of(float position, float per_count, bool up)
-{
-    const float exact = position / per_count;
-    int32_t counts;
+    const float exact = position / position_per_count;
+    int32_t count;
     if (exact >= 2147483648.0f) {
-        counts = INT32_MAX;
+        count = INT32_MAX;
     } else if (exact <= -2147483648.0f) {
-        counts = INT32_MIN;
+        count = INT32_MIN;
     } else {
-        counts = (int32_t)exact;
-        if (up && ((float)counts < exact)) {
-            ++counts;
+        count = (int32_t)exact;
+        if (up && ((float)count < exact)) {
+            ++count;
         }
-        if (!up && ((float)counts > exact)) {
-            --counts;
+        if (!up && ((float)count > exact)) {
+            --count;
         }
     }
-    return counts;
+    return count;
 }
 
-/* The ranges of position in counts. One that holds no count at all leaves one, at its low end. */
-TENDON_SMALL static void set_ranges(tendon_machine *m)
+/* The ranges of position in counts. A range without any whole count becomes the one count at its low end. */
+TENDON_SMALL static void set_ranges(tendon_machine_config *config)
 {
     for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        const int32_t low = count_of(m->safety.low[j], m->config.position_per_count[j], true);
-        const int32_t high = count_of(m->safety.high[j], m->config.position_per_count[j], false);
-        m->bounds[j].lowest = (uint32_t)m->config.zero[j] + (uint32_t)low;
-        m->bounds[j].range = (high > low) ? ((uint32_t)high - (uint32_t)low) : 0U;
+        const int32_t low = count_of(config->safety.low[j], config->controller.position_per_count[j], true);
+        const int32_t high = count_of(config->safety.high[j], config->controller.position_per_count[j], false);
+        config->limits[j].lowest_count = (uint32_t)config->controller.zero[j] + (uint32_t)low;
+        config->limits[j].range_counts = (high > low) ? ((uint32_t)high - (uint32_t)low) : 0U;
     }
 }
 
-uint32_t tendon_obey_arm(tendon_machine *m, uint32_t *detail)
+/* No telemetry is due, and the present record is empty. */
+TENDON_SMALL static void clear_records(tendon_machine_state *s)
+{
+    s->until_record_periods = TENDON_ENDLESS;
+    s->resume_record_periods = 0U;
+    s->every_record_periods = TENDON_ENDLESS;
+    s->last_record = s->record;
+    s->record->output.phase = 0U;
+    s->record->output.status = 0U;
+    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
+        s->record->output.q_desired[j] = 0.0f;
+    }
+}
+
+uint32_t tendon_command_arm(tendon_machine *m, uint32_t *detail)
 {
     uint32_t result = TENDON_RESULT_DONE;
-    if (m->missing != 0U) {
+    if (m->state.missing_uploads != 0U) {
         result = TENDON_RESULT_INCOMPLETE;
-        *detail = m->missing;
+        *detail = m->state.missing_uploads;
     } else {
-        for (uint32_t k = m->trajectory.count; k > 0U; --k) {
-            if ((m->phases[k - 1U].duration * m->config.rate) < ONE_PERIOD) {
+        for (uint32_t k = m->config.trajectory.count; k > 0U; --k) {
+            if ((m->config.phases[k - 1U].duration * m->config.controller.rate) < ONE_PERIOD) {
                 result = TENDON_RESULT_OUT_OF_RANGE;
                 *detail = k - 1U;
             }
         }
     }
     if (result == TENDON_RESULT_DONE) {
-        set_ranges(m);
-        m->state = TENDON_STATE_ARMED;
-        m->first = 1U;
-        m->enabled = 1U;
-        m->last = TENDON_ENDLESS;
-        tendon_be_patient(m);
-        m->corrupted = 0U;
-        m->disordered = 0U;
-        m->until = TENDON_ENDLESS;
-        m->resume = 0U;
-        m->every = TENDON_ENDLESS;
-        m->before = m->now;
-        m->now->output.phase = 0U;
-        m->now->output.status = 0U;
-        for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-            m->now->output.q_desired[j] = 0.0f;
-        }
-        m->pending |= TENDON_PENDING_STATE;
+        set_ranges(&m->config);
+        m->state.mode = TENDON_STATE_ARMED;
+        m->state.awaits_first_step = 1U;
+        m->state.drives_enabled = 1U;
+        m->state.end_period = TENDON_ENDLESS;
+        tendon_host_heard(m);
+        m->link.corrupted_frames = 0U;
+        m->link.disordered_commands = 0U;
+        clear_records(&m->state);
+        m->link.pending_reports |= TENDON_PENDING_STATE;
     }
     return result;
 }
 
-uint32_t tendon_obey_run(tendon_machine *m, const uint8_t *payload)
+uint32_t tendon_command_run(tendon_machine *m, const uint8_t *payload)
 {
     uint32_t result = TENDON_RESULT_DONE;
     tendon_run_message message;
     tendon_unpack_run(payload, &message);
-    if (m->unready != 0U) {
+    if (m->state.drives_not_ready != 0U) {
         result = TENDON_RESULT_NOT_READY;
     } else {
-        m->state = TENDON_STATE_RUNNING;
-        m->period = 0U;
-        m->last = (message.periods != 0U) ? message.periods : TENDON_ENDLESS;
-        m->every = message.every;
-        m->until = 1U;
-        m->resume = 0U;
-        m->tolerance = m->safety.saturated;
-        m->looked = 0U;
-        tendon_be_patient(m);
-        m->pending |= TENDON_PENDING_STATE;
+        m->state.mode = TENDON_STATE_RUNNING;
+        m->state.period = 0U;
+        m->state.end_period = (message.periods != 0U) ? message.periods : TENDON_ENDLESS;
+        m->state.every_record_periods = message.every;
+        m->state.until_record_periods = 1U;
+        m->state.resume_record_periods = 0U;
+        m->state.saturated_left_periods = m->config.safety.saturated;
+        m->state.inspected_joint = 0U;
+        tendon_host_heard(m);
+        m->link.pending_reports |= TENDON_PENDING_STATE;
     }
     return result;
 }
 
-uint32_t tendon_obey_reset(tendon_machine *m, uint32_t *detail)
+/* Forgets the reason of the last stop. */
+TENDON_SMALL static void enter_idle(tendon_machine *m)
+{
+    m->state.mode = TENDON_STATE_IDLE;
+    m->state.report.reason = (uint8_t)TENDON_REASON_NONE;
+    m->state.report.joint = 0U;
+    m->state.report.code = 0U;
+    m->link.pending_reports |= TENDON_PENDING_STATE;
+}
+
+uint32_t tendon_command_reset(tendon_machine *m, uint32_t *detail)
 {
     uint32_t result = TENDON_RESULT_DONE;
-    if (m->enabled != 0U) {
+    if (m->state.drives_enabled != 0U) {
         result = TENDON_RESULT_STATE;
-        *detail = m->state;
+        *detail = m->state.mode;
     } else {
-        m->state = TENDON_STATE_IDLE;
-        m->report.reason = (uint8_t)TENDON_REASON_NONE;
-        m->report.joint = 0U;
-        m->report.code = 0U;
-        m->pending |= TENDON_PENDING_STATE;
+        enter_idle(m);
     }
     return result;
 }
@@ -226,67 +166,68 @@ uint32_t tendon_machine_size(void)
     return (uint32_t)sizeof(tendon_machine);
 }
 
-void tendon_machine_start(tendon_machine *m)
+TENDON_SMALL static void start_state(tendon_machine_state *s)
+{
+    s->awaits_first_step = 1U;
+    s->period = 0U;
+    s->step_time_us = 0U;
+    s->end_period = TENDON_ENDLESS;
+    s->following = 0U;
+    s->until_check_periods = 0U;
+    s->saturated_left_periods = 0U;
+    s->inspected_joint = 0U;
+    s->damping_left_periods = 0U;
+    s->drives_enabled = 0U;
+    s->drives_not_ready = 0U;
+    s->damped_untimely = 0U;
+    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
+        s->record->output.torque[j] = 0.0f;
+        s->controller.qd[j] = 0.0f;
+    }
+    s->missing_uploads = TENDON_MISSING_EVERYTHING;
+    s->upload.open = 0U;
+    s->upload.phases = 0U;
+    s->upload.rows = 0U;
+    s->upload.expected_rows = 0U;
+    s->report.period = 0U;
+}
+
+TENDON_SMALL static void start_link(tendon_link *link)
 {
     static const tendon_counters_message none = {0U};
-    m->state = TENDON_STATE_IDLE;
-    m->now = &m->records[0];
-    m->before = m->now;
-    m->room = TENDON_TELEMETRY_RECORDS;
-    m->first = 1U;
-    m->period = 0U;
-    m->time_us = 0U;
-    m->last = TENDON_ENDLESS;
-    m->steady = 0U;
-    m->left = 0U;
-    m->tolerance = 0U;
-    m->looked = 0U;
-    m->damping = 0U;
-    m->enabled = 0U;
-    m->until = TENDON_ENDLESS;
-    m->resume = 0U;
-    m->every = TENDON_ENDLESS;
-    m->now->output.phase = 0U;
-    m->now->output.status = 0U;
-    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        m->now->output.q_desired[j] = 0.0f;
-        m->now->output.torque[j] = 0.0f;
-        m->controller.qd[j] = 0.0f;
-    }
-    m->safety.errors = 0U;
-    m->safety.damping = 0U;
-    m->safety.silence = 0U;
-    m->safety.early = 0U;
-    m->margin = 0U;
-    m->unready = 0U;
-    m->untimely = 0U;
-    m->trajectory.count = 0U;
-    m->upload.open = 0U;
-    m->upload.phases = 0U;
-    m->upload.rows = 0U;
-    m->upload.expected = 0U;
-    m->missing = TENDON_MISSING_EVERYTHING;
-    m->report.reason = (uint8_t)TENDON_REASON_NONE;
-    m->report.joint = 0U;
-    m->report.period = 0U;
-    m->report.code = 0U;
-    tendon_decoder_start(&m->decoder);
-    m->sequence = 0U;
-    m->type = 0U;
-    m->stopper = TENDON_NOBODY;
-    m->answer.type = 0U;
-    m->answer.result = (uint8_t)TENDON_RESULT_UNKNOWN;
-    m->answer.sequence = 0U;
-    m->answer.detail = 0U;
-    m->corrupted = 0U;
-    m->disordered = 0U;
-    m->counters = none;
-    m->pending = TENDON_PENDING_STATE;
-    m->turn = 0U;
-    m->ack_head = 0U;
-    m->ack_tail = 0U;
-    m->record_tail = 0U;
-    m->sent_frames = 0U;
-    m->ready = 0U;
-    m->sent = 0U;
+    tendon_decoder_start(&link->decoder);
+    link->sequence = 0U;
+    link->type = 0U;
+    link->stop_sequence = TENDON_NO_STOP;
+    link->answer.type = 0U;
+    link->answer.result = (uint8_t)TENDON_RESULT_UNKNOWN;
+    link->answer.sequence = 0U;
+    link->answer.detail = 0U;
+    link->corrupted_frames = 0U;
+    link->disordered_commands = 0U;
+    link->counters = none;
+    link->pending_reports = 0U;
+    link->sent_telemetry = 0U;
+    link->ack_head = 0U;
+    link->ack_tail = 0U;
+    link->record_tail = 0U;
+    link->free_records = TENDON_TELEMETRY_RECORDS;
+    link->report_sequence = 0U;
+    link->wire_bytes = 0U;
+    link->wire_sent_bytes = 0U;
+}
+
+void tendon_machine_start(tendon_machine *m)
+{
+    m->state.record = &m->link.records[0];
+    start_state(&m->state);
+    clear_records(&m->state);
+    m->config.safety.errors = 0U;
+    m->config.safety.damping = 0U;
+    m->config.safety.silence = 0U;
+    m->config.safety.early = 0U;
+    m->config.step_window_us = 0U;
+    m->config.trajectory.count = 0U;
+    start_link(&m->link);
+    enter_idle(m);
 }
