@@ -13,7 +13,7 @@ from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json
 from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
-from symbolic.model_file.arm import DescribedJoint, Joint, SpatialArm, SpatialJoint
+from symbolic.model_file.arm import DescribedJoint, Joint
 from symbolic.rigid_body.lumps import Lump
 from symbolic.rigid_body.places import places
 
@@ -29,8 +29,8 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     struct = model.struct
     return {
         "name": file.name,
-        "gravity": list(file.gravity),
-        "space": isinstance(file, SpatialArm),
+        "gravity": list(file.stated_gravity),
+        "space": file.space,
         "n": len(file.joints),
         "joints": [_joint(joint) for joint in file.joints],
         "places": [list(place) for place in places(file)],
@@ -48,7 +48,7 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     }
 
 
-def _joint(joint: Joint | SpatialJoint) -> dict[str, Any]:
+def _joint(joint: Joint) -> dict[str, Any]:
     units = {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)}
     document = {**to_json(joint, DescribedJoint), "units": units}
     return {**document, "unknown": list(joint.unknown)} if joint.unknown else document

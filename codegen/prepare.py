@@ -21,7 +21,7 @@ from symbolic.described import declared
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
-    from symbolic.model_file.arm import Arm, SpatialArm
+    from symbolic.model_file.arm import Arm
 
 _F64 = ("_f64.c", "_f64.h")
 _ROOT = Path(__file__).resolve().parent.parent
@@ -73,7 +73,7 @@ def _put(directory: Path, files: Mapping[str, str]) -> None:
         (directory / path).write_text(text, encoding="utf-8")
 
 
-def prepare_arm(arm: Arm | SpatialArm) -> Path:
+def prepare_arm(arm: Arm) -> Path:
     """The directory that holds render.arm_files(derive(arm)) and `lib.so` of the double-precision code."""
 
     def fill(directory: Path) -> None:
@@ -85,7 +85,7 @@ def prepare_arm(arm: Arm | SpatialArm) -> Path:
     return cache.entry(f"arm-{arm.name}-{build.key(_digest(UNUSED_BY_ARMS), repr(arm))}", fill)
 
 
-def _active(arm: Arm | SpatialArm, library: Mapping[str, Effect]) -> list[str]:
+def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
     """What the declarations of the effects that an arm activates say."""
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
@@ -106,9 +106,7 @@ def said_of(effect: Effect) -> str:
     return repr(said(effect))
 
 
-def prepare_firmware(
-    arm: Arm | SpatialArm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None
-) -> Path:
+def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
     """The directory that holds the firmware's tree, controller.json, image.json (facts on what was compiled), and
 
     lib.so                 of the machine, for the target "host"

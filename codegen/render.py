@@ -18,7 +18,6 @@ from codegen.tape.balanced import balanced
 from codegen.tape.tape import Tape
 from symbolic.effects.declaration import Effect
 from symbolic.functions import SymbolicFunction
-from symbolic.model_file.arm import SpatialArm
 
 if TYPE_CHECKING:
     from symbolic.model import ArmModel
@@ -67,7 +66,7 @@ def arm_files(model: ArmModel) -> dict[str, str]:
         raise ValueError(f'the arm\'s name "{name}" cannot be used in C; use letters, digits and _')
     origin = f"Arm {name}."
     tapes = {f.name: Tape.of(f) for f in model.functions}
-    wide = {n: balanced(t) for n, t in tapes.items()} if isinstance(model.arm, SpatialArm) else tapes
+    wide = {n: balanced(t) for n, t in tapes.items()} if model.arm.space else tapes
     begun = {f.continues.function for f in model.functions if f.continues is not None}
     files: dict[str, str] = {}
     for precision in (F32, F64):

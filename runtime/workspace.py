@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from runtime.recordings.recording import Recording
     from symbolic.described import AnyEffect
     from symbolic.effects.declaration import Effect
-    from symbolic.model_file.arm import Arm, SpatialArm, Values
+    from symbolic.model_file.arm import Arm, Values
     from symbolic.model_file.exchange.bodies import StatedBody
     from symbolic.model_file.exchange.exporting import ExportedArm, Language
 
@@ -104,7 +104,7 @@ class Source:
         """The same without equations where the library is the one that ships: no SymPy is loaded for it."""
         return effects_described(None, self.space) if self.own is None else self.own
 
-    def arm(self, text: str | None = None) -> Arm | SpatialArm:
+    def arm(self, text: str | None = None) -> Arm:
         """The arm of the file, or of other text in its place. Raises ModelError."""
         from symbolic.model_file import reader
 
@@ -229,11 +229,10 @@ class Source:
 
     def described_joints(self) -> dict[str, Any]:
         """What is to be known of the arm to read a recording of it: its joints, and whether it is one in space."""
-        from symbolic.model_file.arm import SpatialArm
 
         arm = self.arm()
         joints = [{"type": j.type, "torque_constant": j.torque_constant, "name": j.name} for j in arm.joints]
-        return {"joints": joints, "space": isinstance(arm, SpatialArm)}
+        return {"joints": joints, "space": arm.space}
 
     def exported(self, language: Language, onto: Path | None = None) -> tuple[bytes, dict[str, Any]]:
         """A file of the arm for simulators, and what is in it as JSON; onto: a URDF of which it is a copy with the
@@ -260,7 +259,7 @@ class Source:
         from symbolic.model_file.exchange import exporting
 
         arm = self.arm()
-        bodies, rotors = exporting.reference(exporting.in_space(arm))
+        bodies, rotors = exporting.reference(arm)
         stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
         missing = 0.0
         if not stated or not all(is_possible(np.array(exporting.parameters(body))) for body in bodies):
@@ -277,7 +276,7 @@ class Source:
         from symbolic.model_file.exchange import exporting
         from symbolic.model_file.frames import rotation
 
-        model, arm = self.model(), exporting.in_space(self.arm())
+        model, arm = self.model(), self.arm()
         axes = np.array([joint.axis for joint in arm.joints])
         chain = ChainGeometry(
             np.array([rotation(joint.origin.rpy) for joint in arm.joints]),

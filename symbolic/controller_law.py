@@ -17,7 +17,6 @@ from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
 from symbolic.effects.signals import ArmOutput, ArmSlope, Coordinate, Given, JointConstant
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
-from symbolic.model_file.arm import SpatialArm
 from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import Coordinates
 from symbolic.straightline import Recorder
@@ -259,7 +258,7 @@ def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: S
 
 def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> list[Reading]:
     """What every joint's effects read, in the positions and rates."""
-    there = [s for s in SIGNALS if isinstance(model.arm, SpatialArm) or not s.space]
+    there = [s for s in SIGNALS if model.arm.space or not s.space]
     read = [(s, s.source) for s in there if s.known_to == "controller"]
     signals = [(s, source) for s, source in read if source is not None and not isinstance(source, ArmSlope)]
     named = {source.function for _, source in signals if isinstance(source, ArmOutput)}

@@ -9,7 +9,7 @@ import sympy as sp
 
 from symbolic import contact
 from symbolic.functions import Struct, SymbolicFunction
-from symbolic.model_file.arm import Arm, Joint, SpatialArm, SpatialJoint
+from symbolic.model_file.arm import Arm, Joint
 from symbolic.rigid_body import dynamics, kinematics
 from symbolic.rigid_body.base_parameters import base_parameters
 from symbolic.rigid_body.exact_rank import BaseParameters, Column
@@ -34,7 +34,7 @@ ASSUMED_SHARE = sp.Rational(1, 2)
 class ArmModel:
     """lumps: base inertial parameters, in which tau is linear; struct "parameters": these first, then geometry."""
 
-    arm: Arm | SpatialArm
+    arm: Arm
     lumps: tuple[Lump, ...]
     struct: Struct
     functions: tuple[SymbolicFunction, ...]
@@ -44,12 +44,12 @@ class ArmModel:
         return next(f for f in self.functions if f.name == name)
 
 
-def derive(arm: Arm | SpatialArm) -> ArmModel:
+def derive(arm: Arm) -> ArmModel:
     """The model of an arm with everything that is generated from it.
 
     Raises ModelError if the arm's file holds a value for a base parameter that this arm does not have.
     """
-    return _in_space(arm) if isinstance(arm, SpatialArm) else _in_the_plane(arm)
+    return _in_space(arm) if arm.space else _in_the_plane(arm)
 
 
 def _in_the_plane(arm: Arm) -> ArmModel:
@@ -67,7 +67,7 @@ def _in_the_plane(arm: Arm) -> ArmModel:
     return _model(arm, lumps, layout.fields, functions)
 
 
-def _in_space(arm: SpatialArm) -> ArmModel:
+def _in_space(arm: Arm) -> ArmModel:
     g = spatial_geometry.geometry(arm)
     layout = spatial_layout.choose_layout(g)
     base = spatial_base.base_parameters(arm, g, layout.merged)
@@ -92,7 +92,7 @@ def _symbols(base: BaseParameters, lumps: Sequence[Lump]) -> dict[Column, sp.Sym
 
 
 def _model(
-    arm: Arm | SpatialArm,
+    arm: Arm,
     lumps: tuple[Lump, ...],
     fields: tuple[LayoutConstant, ...],
     functions: Sequence[SymbolicFunction],
@@ -106,7 +106,7 @@ def _model(
     return ArmModel(arm, lumps, struct, tuple(replace(f, struct=struct) for f in functions))
 
 
-def _rotor(joint: Joint | SpatialJoint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
+def _rotor(joint: Joint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
     """What the link side of a joint does without: the rotor's inertia as the file has it. Where it is not known, the
     base parameter that is nothing else, as joints further out have it; where none is, no rigid motion tells the rotor
     from its link, and half of what both are in is taken for it: the gear that accelerates its load best makes them

@@ -6,7 +6,7 @@ import random
 from dataclasses import replace
 
 from symbolic.effects import LIBRARY
-from symbolic.model_file.arm import Arm, Joint, Link
+from symbolic.model_file.arm import Arm, Joint, planar, planar_link
 
 
 def arm(types: str, gravity: tuple[float, float], seed: int = 1) -> Arm:
@@ -16,14 +16,14 @@ def arm(types: str, gravity: tuple[float, float], seed: int = 1) -> Arm:
     def decimal(low: float, high: float) -> float:
         return round(rng.uniform(low, high), 3)
 
-    def joint(kind: str) -> Joint:
+    def joint(kind: str) -> tuple[Joint, float]:
         com = (decimal(-0.1, 0.4), decimal(-0.05, 0.05))
-        link = Link(decimal(0.1, 0.5), decimal(0.2, 4.0), com, decimal(0.01, 0.1))
-        return Joint(
-            "revolute" if kind == "r" else "prismatic", decimal(0.01, 0.3), float(rng.randint(1, 160)), link=link
-        )
+        length, link = decimal(0.1, 0.5), planar_link(decimal(0.2, 4.0), com, decimal(0.01, 0.1))
+        rotor, ratio = decimal(0.01, 0.3), float(rng.randint(1, 160))
+        return Joint("revolute" if kind == "r" else "prismatic", rotor, ratio, link=link), length
 
-    return Arm(f"arm_{types}", gravity, tuple(joint(kind) for kind in types))
+    joints, lengths = zip(*(joint(kind) for kind in types), strict=True)
+    return planar(Arm(f"arm_{types}", (*gravity, 0.0), joints), lengths)
 
 
 MIXED = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from symbolic.model_file.arm import Control, Gains, Limits, SpatialArm
+from symbolic.model_file.arm import Arm, Control, Gains, Limits
 from tests.spatial_arms import known
 
 _GAINS = ((9000.0, 900.0), (9000.0, 900.0), (6000.0, 500.0), (900.0, 60.0), (900.0, 60.0), (600.0, 40.0))
@@ -13,7 +13,7 @@ START = {f"q{i}": q for i, q in enumerate((0.0, -1.4, 1.6, -0.2, 1.2, 0.0), 1)}
 """A posture away from all limits and singularities."""
 
 
-def six_joints() -> SpatialArm:
+def six_joints() -> Arm:
     """With dry and viscous friction, encoders, limits and controllers."""
     arm = known("ur10e")
     joints = tuple(

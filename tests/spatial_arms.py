@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from symbolic.model_file.arm import Frame, SpatialArm, SpatialJoint, SpatialLink
+from symbolic.model_file.arm import Arm, Frame, Joint, Link
 from symbolic.rigid_body.spatial.frames import rotation
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -26,7 +26,7 @@ TABLES = {
 """Twist in quarter turns, a, d in m; all joints revolute, gravity along −z of the base."""
 
 
-def link(rng: random.Random) -> SpatialLink:
+def link(rng: random.Random) -> Link:
     """A body that can be: inertias of a box about its centre, turned a little."""
     mass, com = rng.uniform(0.5, 8.0), [rng.uniform(-0.15, 0.15) for _ in range(3)]
     a, b, c = (mass / 12 * rng.uniform(0.05, 0.4) ** 2 for _ in range(3))
@@ -34,10 +34,10 @@ def link(rng: random.Random) -> SpatialLink:
     inertia = (b + c, off[0], off[1], a + c, off[2], a + b)
     x, y, z = (round(e, 4) for e in com)
     xx, xy, xz, yy, yz, zz = (round(e, 6) for e in inertia)
-    return SpatialLink(round(mass, 3), (x, y, z), (xx, xy, xz, yy, yz, zz))
+    return Link(round(mass, 3), (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
-def known(name: str, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> SpatialArm:
+def known(name: str, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Arm:
     """An arm of TABLES with invented bodies and rotors; the axes are the z axes of its frames."""
     rng, joints = random.Random(name), []
     for quarters, a, d in TABLES[name]:
@@ -45,11 +45,11 @@ def known(name: str, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) ->
         at = (a, -round(math.sin(twist)) * d, round(math.cos(twist)) * d)
         origin = Frame((at[0] + 0.0, at[1] + 0.0, at[2] + 0.0), (twist, 0.0, 0.0))
         rotor = round(rng.uniform(0.1, 2.0), 3)
-        joints.append(SpatialJoint("revolute", rotor, 100.0, origin=origin, link=link(rng)))
-    return SpatialArm(name, gravity, tuple(joints), tip=Frame((0.0, 0.0, 0.1)))
+        joints.append(Joint("revolute", rotor, 100.0, origin=origin, link=link(rng)))
+    return Arm(name, gravity, tuple(joints), tip=Frame((0.0, 0.0, 0.1)))
 
 
-def drawn(types: str, seed: int, general: float = 0.3, gravity: tuple[float, float, float] | None = None) -> SpatialArm:
+def drawn(types: str, seed: int, general: float = 0.3, gravity: tuple[float, float, float] | None = None) -> Arm:
     """A random chain. `types`: "r" or "p" a joint; general: the share of angles that are no quarter turns."""
     rng = random.Random(f"{types}{seed}")
 
@@ -67,16 +67,14 @@ def drawn(types: str, seed: int, general: float = 0.3, gravity: tuple[float, flo
         origin = Frame((length(), length(), length()), (angle(), angle(), angle()))
         rotor = round(rng.uniform(0.05, 1.0), 3)
         joints.append(
-            SpatialJoint(
-                "revolute" if kind == "r" else "prismatic", rotor, 50.0, axis=axis, origin=origin, link=link(rng)
-            )
+            Joint("revolute" if kind == "r" else "prismatic", rotor, 50.0, axis=axis, origin=origin, link=link(rng))
         )
     pull = gravity or rng.choice([(0.0, 0.0, -9.81), (0.0, 0.0, 0.0), (1.0, -2.0, -9.0), (0.0, -9.81, 0.0)])
     tip = Frame((length(), length(), length()), (angle(), angle(), angle()))
-    return SpatialArm(f"drawn_{types}_{seed}", pull, tuple(joints), tip=tip)
+    return Arm(f"drawn_{types}_{seed}", pull, tuple(joints), tip=tip)
 
 
-def torques(arm: SpatialArm, q: Array, qd: Array, qdd: Array) -> Array:
+def torques(arm: Arm, q: Array, qd: Array, qdd: Array) -> Array:
     """Another route to the torques: Newton and Euler for every body about its centre of mass, in the base's axes and
     the file's frames; nothing is merged, and no frame but the file's is used."""
     R, p, w, al = np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -109,7 +107,7 @@ def torques(arm: SpatialArm, q: Array, qd: Array, qdd: Array) -> Array:
     return np.array(tau)
 
 
-def body_parameters(link: SpatialLink) -> dict[str, float]:
+def body_parameters(link: Link) -> dict[str, float]:
     """Inertia tensor about the joint frame's origin, by Steiner, first moments and mass."""
     m, c = link.mass, np.array(link.com)
     xx, xy, xz, yy, yz, zz = link.inertia

@@ -11,7 +11,7 @@ from codegen.pages import page
 from symbolic.effects.declaration import Effect, Parameter, State
 from symbolic.functions import Struct
 from symbolic.model import ArmModel
-from symbolic.model_file.arm import Joint, SpatialJoint
+from symbolic.model_file.arm import Joint
 
 
 def arm_tables(model: ArmModel) -> str:
@@ -54,7 +54,7 @@ def _struct(struct: Struct) -> list[str]:
     return [f"{literal(s.name)}: {literal((value, unit, text))}," for s, value, unit, text in rows]
 
 
-def _joint(joint: Joint | SpatialJoint) -> dict[str, Any]:
+def _joint(joint: Joint) -> dict[str, Any]:
     limits = joint.limits
     return {
         "type": joint.type,

@@ -21,7 +21,7 @@ from codegen.tape.balanced import balanced
 from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ASSUMED_SHARE, ArmModel
-from symbolic.model_file.arm import SpatialArm, SpatialLink
+from symbolic.model_file.arm import Link
 from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
 from symbolic.rigid_body.lumps import Lump
@@ -72,7 +72,7 @@ class FunctionProof:
 
 def prove_model(model: ArmModel, seed: int) -> tuple[FunctionProof, ...]:
     """Of all that is emitted of an arm in space. A planar arm's closed forms are the Lagrangian's own."""
-    if not isinstance(model.arm, SpatialArm):
+    if not model.arm.space:
         return ()
     return tuple(prove(model, {f.name: Tape.of(f) for f in model.functions}, seed=seed))
 
@@ -80,7 +80,7 @@ def prove_model(model: ArmModel, seed: int) -> tuple[FunctionProof, ...]:
 def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed: int = 0) -> list[FunctionProof]:
     """All functions of an arm in space, and first its frames. `tapes`: by name; each also with its sums in
     the order in which double precision has them."""
-    assert isinstance(model.arm, SpatialArm)
+    assert model.arm.space
     frames = geometry(model.arm)
     chain = rounding.exact_file_chain(frames)
     apart = rounding.deviation(model.arm, chain)
@@ -185,7 +185,7 @@ class _State:
 
     def moment_jacobian(self) -> list[int]:
         arm = self.model.arm
-        assert isinstance(arm, SpatialArm)
+        assert arm.space
         bodies = tuple(pseudo_inertia(_mass(joint.link, nominal_com(arm, j))) for j, joint in enumerate(arm.joints))
         return _flat(self.posture.carrying(bodies).moment_jacobian())
 
@@ -240,7 +240,7 @@ def _own_rotor(model: ArmModel, i: int, rotor: int, lumps: Sequence[int]) -> int
     return residue(share) * holding[0][1] % PRIME if len(holding) == 1 else 0
 
 
-def _mass(link: SpatialLink, com: Sequence[float]) -> list[int]:
+def _mass(link: Link, com: Sequence[float]) -> list[int]:
     """Mass and first moments, nominal where they are not known; no second ones."""
     m = exact(NOMINAL_MASS if link.mass is None else link.mass)
     first = [m * exact(c) for c in (com if link.com is None else link.com)]

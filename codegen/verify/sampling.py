@@ -14,7 +14,7 @@ from symbolic.controller_law import C_E, C_U, Compensation
 from symbolic.effects.declaration import DT, Effect, Parameter
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel
-from symbolic.model_file.arm import Arm, SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.primitives import WIDTHS
 
 Values = dict[sp.Symbol, float]
@@ -28,7 +28,7 @@ def single(value: float) -> float:
 
 
 def arm_values(
-    rng: random.Random, arm: Arm | SpatialArm, function: SymbolicFunction, others: Mapping[str, SymbolicFunction]
+    rng: random.Random, arm: Arm, function: SymbolicFunction, others: Mapping[str, SymbolicFunction]
 ) -> Values:
     """Arguments of an arm's function; contact coordinates are those of a random posture: they can be reached."""
     values: Values = {}

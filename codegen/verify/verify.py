@@ -36,7 +36,7 @@ from symbolic.model import ArmModel, derive
 from symbolic.primitives import WIDTHS
 
 if TYPE_CHECKING:
-    from symbolic.model_file.arm import Arm, SpatialArm
+    from symbolic.model_file.arm import Arm
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Subject:
 
 
 def verify(
-    arm: Arm | SpatialArm,
+    arm: Arm,
     samples: int,
     seed: int,
     effects: Iterable[Effect] | None = None,

@@ -1,28 +1,18 @@
-"""The model file, read and checked: a planar Arm with Joints and Links, or a SpatialArm with its own; Contact."""
+"""The arm that a model file describes: a serial chain of joints and links, in space or in a plane."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 ROTOR = "rotor_inertia"
 """The key of the model file under which a rotor's inertia stands."""
 
+Vector = tuple[float, float, float]
+
 Values = dict[str, float]
 """Parameter values of one active effect; parameters that are not yet known are absent."""
-
-
-@dataclass(frozen=True)
-class Link:
-    """Length and centre of mass (along, across) in m; mass in kg; inertia about the centre of mass in kg m².
-
-    None: not known.
-    """
-
-    length: float
-    mass: float | None = None
-    com: tuple[float, float] | None = None
-    inertia: float | None = None
 
 
 @dataclass(frozen=True)
@@ -33,18 +23,21 @@ class Frame:
     rpy   (3,) rad, turned about the other's x, then its y, then its z: R = Rz(yaw) Ry(pitch) Rx(roll)
     """
 
-    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class SpatialLink:
-    """A body in the frame of the joint that moves it: mass in kg, centre of mass (3,) in m, inertia about the centre of
-    mass along the joint frame's axes, (ixx, ixy, ixz, iyy, iyz, izz) in kg m². None: not known.
+class Link:
+    """A body in the frame of the joint that moves it. None: not known.
+
+    mass      kg
+    com       (3,) m, centre of mass
+    inertia   (ixx, ixy, ixz, iyy, iyz, izz) kg m², about the centre of mass, along the joint frame's axes
     """
 
     mass: float | None = None
-    com: tuple[float, float, float] | None = None
+    com: Vector | None = None
     inertia: tuple[float, float, float, float, float, float] | None = None
 
 
@@ -119,37 +112,21 @@ class DescribedJoint:
 
 @dataclass(frozen=True)
 class Joint(DescribedJoint):
-    """A joint of a planar arm."""
-
-    link: Link = field(kw_only=True)
-
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """Keys of the model file that say what inertia it moves, and are left out."""
-        return _left_out(self)
-
-
-@dataclass(frozen=True)
-class SpatialJoint(DescribedJoint):
-    """A joint of an arm in space.
+    """A joint with its place in the chain and the link that it moves.
 
     origin   of the joint's frame in that of the joint before (the first: in the base's), where q = 0
     axis     (3,) in the joint's frame, of any length but zero: it turns about it, or slides along it
     """
 
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    axis: Vector = (0.0, 0.0, 1.0)
     origin: Frame = field(default_factory=Frame)
-    link: SpatialLink = field(kw_only=True)
+    link: Link = field(kw_only=True)
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Keys of the model file that say what inertia it moves, and are left out."""
-        return _left_out(self)
-
-
-def _left_out(joint: Joint | SpatialJoint) -> tuple[str, ...]:
-    stated = {"mass": joint.link.mass, "com": joint.link.com, "inertia": joint.link.inertia}
-    return tuple(key for key, value in {**stated, ROTOR: joint.rotor_inertia}.items() if value is None)
+        """Keys of the model file that give the inertia of rotor and link, and are left out."""
+        stated = {"mass": self.link.mass, "com": self.link.com, "inertia": self.link.inertia}
+        return tuple(key for key, value in {**stated, ROTOR: self.rotor_inertia}.items() if value is None)
 
 
 @dataclass(frozen=True)
@@ -161,38 +138,58 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class SerialArm:
-    """What planar and spatial chains have in common.
+class Arm:
+    """A serial chain.
 
-    gravity    the acceleration vector, m/s², in the plane or in space
+    gravity    (3,) m/s², the acceleration vector in the base
+    tip        the flange or tool, in the last joint's frame
     effects    those of the whole arm
     inertial   base inertial parameters that an identification has put into the file; they override what follows from
                the links
-    notes      what the file's reader has to say to a person beside its errors, a line each; no part of the arm
+    space      False: the arm moves in the plane of x and y, and its file states lengths (see `planar`)
+    notes      warnings of the file's reader, a line each; no part of the arm
     """
 
     name: str
-    gravity: tuple[float, ...]
-    joints: tuple[Joint, ...] | tuple[SpatialJoint, ...]
+    gravity: Vector
+    joints: tuple[Joint, ...]
+    tip: Frame = field(default_factory=Frame)
     effects: dict[str, Values] = field(default_factory=dict)
     contact: Contact | None = None
     inertial: Values = field(default_factory=dict)
     controller: Control | None = None
+    space: bool = True
     notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """(n,) m, of the links of a planar arm: how far the next joint or the tip lies along x."""
+        return tuple(frame.xyz[0] for frame in (*(joint.origin for joint in self.joints[1:]), self.tip))
 
-@dataclass(frozen=True)
-class Arm(SerialArm):
-    """A planar serial chain."""
-
-    gravity: tuple[float, float]
-    joints: tuple[Joint, ...]
+    @property
+    def stated_gravity(self) -> tuple[float, ...]:
+        """Gravity with as many components as its file has: (3,) in space, (2,) in the plane."""
+        return self.gravity if self.space else self.gravity[:2]
 
 
-@dataclass(frozen=True)
-class SpatialArm(SerialArm):
-    """A serial chain in space; tip: the flange or tool, in the last joint's frame. It has no contact with a plate."""
+def planar(arm: Arm, lengths: Sequence[float]) -> Arm:
+    """The arm in the plane of x and y: joints turn about z or slide along x, each link's length m along x apart."""
+    before = (0.0, *lengths)
+    joints = tuple(
+        replace(
+            joint,
+            axis=(0.0, 0.0, 1.0) if joint.type == "revolute" else (1.0, 0.0, 0.0),
+            origin=Frame((length, 0.0, 0.0)),
+        )
+        for joint, length in zip(arm.joints, before, strict=False)
+    )
+    return replace(arm, joints=joints, tip=Frame((before[-1], 0.0, 0.0)), space=False)
 
-    gravity: tuple[float, float, float]
-    joints: tuple[SpatialJoint, ...]
-    tip: Frame = field(default_factory=Frame)
+
+def planar_link(mass: float | None, com: tuple[float, float] | None, inertia: float | None) -> Link:
+    """A link that moves in the plane; its inertia about x and y is set equal to that about z, kg m²."""
+    return Link(
+        mass,
+        None if com is None else (*com, 0.0),
+        None if inertia is None else (inertia, 0.0, 0.0, inertia, 0.0, inertia),
+    )

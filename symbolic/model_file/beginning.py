@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.model_file.exchange.model_text import COLUMN, DIGITS, row, tidy
 from symbolic.model_file.fields import JointType
 
@@ -57,7 +57,7 @@ def text(name: str, gravity: Sequence[float], joints: Sequence[NewJoint], effect
     return "\n".join(lines) + "\n"
 
 
-def with_motors(text: str, arm: SpatialArm, motors: Sequence[Motor]) -> str:
+def with_motors(text: str, arm: Arm, motors: Sequence[Motor]) -> str:
     """The imported model file `text` of `arm`, its motors' values filled in."""
     made, joints = list[str](), iter(zip(arm.joints, motors, strict=True))
     for line in text.splitlines():

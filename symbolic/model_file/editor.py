@@ -19,7 +19,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symbolic.described import AnyEffect, declared, number_name, numbered
-from symbolic.model_file.arm import ROTOR, SerialArm, SpatialArm
+from symbolic.model_file.arm import ROTOR, Arm
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
@@ -169,7 +169,7 @@ def set_values(
 # --- what is asked for ---
 
 
-def _owner(place: Place, arm: SerialArm, library: Mapping[str, AnyEffect], effect: str, joint: int | None) -> Owner:
+def _owner(place: Place, arm: Arm, library: Mapping[str, AnyEffect], effect: str, joint: int | None) -> Owner:
     known = numbered(effect, library)[0] in library
     scope = declared(effect, library).scope if known else "joint"
     if scope in ("joint", "joints"):
@@ -185,13 +185,13 @@ def _owner(place: Place, arm: SerialArm, library: Mapping[str, AnyEffect], effec
     if joint is not None:
         place.fail(f'effect "{effect}" acts on {"the whole arm" if scope == "arm" else "the contact"}; drop --joint')
     if scope == "contact" and arm.contact is None:
-        space = isinstance(arm, SpatialArm)
+        space = arm.space
         how = "which belongs to planar arms; this one is in space" if space else "and the file has none; add [contact]"
         place.fail(f'effect "{effect}" acts at a contact, {how}{"" if space else " with x first"}')
     return scope, None
 
 
-def _active(arm: SerialArm, owner: Owner) -> Mapping[str, Any]:
+def _active(arm: Arm, owner: Owner) -> Mapping[str, Any]:
     scope, joint = owner
     if joint is not None:
         return arm.joints[joint - 1].effects

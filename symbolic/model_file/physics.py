@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from symbolic.model_file.arm import Arm, Joint, SpatialArm, SpatialJoint, SpatialLink
+from symbolic.model_file.arm import Arm, Joint, Link
 from symbolic.model_file.checks import SMALLEST, Place
 from symbolic.model_file.frames import (
     IDENTITY,
@@ -33,7 +33,7 @@ SOMEWHERE = 0.7
 """rad, m; how far each joint, times its number, stands from 0 where inertia is looked for: no angle of a drawing."""
 
 
-def check_distinct(top: Place, joints: Sequence[Joint | SpatialJoint]) -> None:
+def check_distinct(top: Place, joints: Sequence[Joint]) -> None:
     """Every drive answers to an id of its own, and every name means one joint. Raises ModelError."""
     nodes: dict[int, int] = {}
     names: dict[str, int] = {}
@@ -56,7 +56,7 @@ def impossible_moment(inertia: Sequence[float]) -> float | None:
     return small if small < -max(SLACK * large, ROUNDED) else None
 
 
-def body_notes(place: Place, link: SpatialLink) -> list[str]:
+def body_notes(place: Place, link: Link) -> list[str]:
     """What is doubtful about a body, a line each.
 
     Raises ModelError for an inertia that no mass has: one with a negative principal moment.
@@ -80,54 +80,38 @@ def body_notes(place: Place, link: SpatialLink) -> list[str]:
 # --- inertia at every joint ---
 
 
-def check_inertia_seen(top: Place, arm: Arm | SpatialArm) -> None:
+def check_inertia_seen(top: Place, arm: Arm) -> None:
     """Every joint must move some inertia, or D is singular and the arm cannot be simulated or identified; what is not
     known may be there. Raises ModelError."""
-    if isinstance(arm, SpatialArm):
-        seen = [list(_seen_in_space(arm, i)) for i in range(len(arm.joints))]
-    else:
-        seen = [_seen_in_the_plane(arm.joints[i:]) for i in range(len(arm.joints))]
-    for i, inertias in enumerate(seen, 1):
-        if not any(value is None or value > 0 for value in inertias):
-            top.inside(f"joint {i}").fail(
+    for i in range(len(arm.joints)):
+        if not any(value is None or value > 0 for value in _moments_seen(arm.joints[i:])):
+            top.inside(f"joint {i + 1}").fail(
                 "moves no inertia at all; expected a rotor_inertia, or a mass or inertia on this link or further out"
             )
 
 
-def _seen_in_the_plane(joints: Sequence[Joint]) -> list[float | None]:
-    """What the first of the joints moves, each above 0 if it does; None: not known."""
+def _moments_seen(joints: Sequence[Joint]) -> Iterator[float | None]:
+    """Inertias about (along) the first joint of its rotor and of each link outwards, at some configuration; None: not
+    known. A link of unknown mass on the axis has its own inertia alone."""
     first = joints[0]
-    seen, offset = [first.rotor_inertia], False
-    for k, outer in enumerate(joints):
-        if first.type == "prismatic":
-            seen.append(outer.link.mass)
-            continue
-        slides = k > 0 and outer.type == "prismatic"
-        if offset or slides or outer.link.com != (0.0, 0.0):
-            seen.append(outer.link.mass)
-        seen.append(outer.link.inertia)
-        offset = offset or slides or outer.link.length > 0
-    return seen
-
-
-def _seen_in_space(arm: SpatialArm, i: int) -> Iterator[float | None]:
-    """Inertias about (along) joint i, 0-based, of what it moves, at some configuration; None: not known."""
-    first = arm.joints[i]
     yield first.rotor_inertia
     turned, origin = IDENTITY, (0.0, 0.0, 0.0)
-    for k, joint in enumerate(arm.joints[i:]):
+    for k, joint in enumerate(joints):
         if k > 0:
             turned, origin = _moved(joint, turned, origin, SOMEWHERE * (k + 1))
         mass, com, inertia = joint.link.mass, joint.link.com, joint.link.inertia
         if first.type == "prismatic":
             yield mass
-        elif mass is None or inertia is None or (com is None and mass > 0):
+        elif inertia is None or (com is None and mass != 0):
             yield None
         else:
-            yield _moment(first.axis, turned, added(origin, applied(turned, com or (0.0, 0.0, 0.0))), mass, inertia)
+            centre = added(origin, applied(turned, com or (0.0, 0.0, 0.0)))
+            moment = _moment(first.axis, turned, centre, mass or 0.0, inertia)
+            heavier = _moment(first.axis, turned, centre, 1.0, inertia)
+            yield None if mass is None and heavier > moment else moment
 
 
-def _moved(joint: SpatialJoint, turned: Rotation, origin: Vector, q: float) -> tuple[Rotation, Vector]:
+def _moved(joint: Joint, turned: Rotation, origin: Vector, q: float) -> tuple[Rotation, Vector]:
     """The joint's own frame at q, from the one before it."""
     origin = added(origin, applied(turned, joint.origin.xyz))
     turned = product(turned, rotation(joint.origin.rpy))

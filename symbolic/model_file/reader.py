@@ -1,4 +1,4 @@
-"""The model file: TOML in, a checked Arm or SpatialArm out.
+"""The model file: TOML in, a checked Arm out.
 
 Every error is one line that says where it is, what was found and what was expected. Names end up in C
 and in file names: they are checked against the languages' rules here, and never evaluated.
@@ -24,10 +24,9 @@ from symbolic.model_file.arm import (
     Joint,
     Limits,
     Link,
-    SpatialArm,
-    SpatialJoint,
-    SpatialLink,
     Values,
+    planar,
+    planar_link,
 )
 from symbolic.model_file.checks import ModelError, Place, is_taken, nearest, number, printable, quote, table_at, unknown
 from symbolic.model_file.keys import SPATIAL, fields_of
@@ -37,7 +36,7 @@ from symbolic.model_file.snapping import Snapping
 __all__ = ["ModelError", "check_effect", "is_spatial", "load", "parse", "read_text"]
 
 
-def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Arm | SpatialArm:
+def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Arm:
     """The arm in the TOML file at `path`; `effects`: the library by name (None: the built-in one).
 
     Raises ModelError.
@@ -58,7 +57,7 @@ def is_spatial(text: str) -> bool:
         return False
 
 
-def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None) -> Arm | SpatialArm:
+def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None) -> Arm:
     """The arm described by `text`; `where` names the file in messages.
 
     effects   the library by name (None: the built-in one)
@@ -71,31 +70,38 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
     top = Place(printable(where))
     table = _toml(text, top)
     kind = fields_of(top, table)
-    arm = (_spatial_arm if kind is SPATIAL else _planar_arm)(top, fields.read(top, table, kind), effects)
+    arm = (_arm_in_space if kind is SPATIAL else _arm_in_plane)(top, fields.read(top, table, kind), effects)
     check_distinct(top, arm.joints)
     check_inertia_seen(top, arm)
     return arm
 
 
-def _planar_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
-    made = [Joint(**common, link=Link(**one["link"])) for one, common in _joints(top, said["joint"], effects)]
+def _arm_in_plane(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
+    made, lengths = [], []
+    for one, common in _joints(top, said["joint"], effects):
+        body = dict(one["link"])
+        lengths.append(body.pop("length"))
+        made.append(Joint(**common, link=planar_link(**body)))
     contact = _contact(top, said["contact"], effects)
-    return Arm(**_common(top, said, effects), joints=tuple(made), contact=contact)
+    return planar(
+        Arm(**_common(top, said, effects), gravity=(*said["gravity"], 0.0), joints=tuple(made), contact=contact),
+        lengths,
+    )
 
 
-def _spatial_arm(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> SpatialArm:
-    """Its angles and axes snapped to quarter turns, its bodies checked; what was found is in its notes."""
+def _arm_in_space(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
+    """With angles and axes snapped to quarter turns and bodies checked; the arm's notes say what was found."""
     made, snapping, notes = [], Snapping(), []
     for k, (one, common) in enumerate(_joints(top, said["joint"], effects), 1):
         place = top.inside(f"joint {k}")
-        link = SpatialLink(**one["link"])
+        link = Link(**one["link"])
         notes += body_notes(place, link)
         origin = snapping.frame(f"joint {k}", Frame(**one["origin"]))
         axis = snapping.axis(place, f"joint {k}", one["axis"])
-        made.append(SpatialJoint(**common, axis=axis, origin=origin, link=link))
+        made.append(Joint(**common, axis=axis, origin=origin, link=link))
     tip = snapping.frame("the tip", Frame(**said["tip"]["origin"]))
     notes += [f"{top.file}: {note}" for note in snapping.notes()]
-    return SpatialArm(**_common(top, said, effects), joints=tuple(made), tip=tip, notes=tuple(notes))
+    return Arm(**_common(top, said, effects), gravity=said["gravity"], joints=tuple(made), tip=tip, notes=tuple(notes))
 
 
 # --- structure ---
@@ -130,7 +136,6 @@ def _name(top: Place, name: str) -> str:
 def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> dict[str, Any]:
     return {
         "name": _name(top, said["name"]),
-        "gravity": said["gravity"],
         "effects": _effects(top, said["effects"], "arm", effects),
         "inertial": said["inertial"],
         "controller": _control(top, said["controller"]),

@@ -34,25 +34,22 @@ KINDS = ("J", "I", "mu", "h", "hy")
 
 def exact_chain(arm: Arm) -> Chain:
     """The arm's chain in exact numbers; the gravity angle is a Turn that carries the strength."""
-    gx, gy = (exact(g) for g in arm.gravity)
+    gx, gy = (exact(g) for g in arm.gravity[:2])
     gravity = Gravity(gx or 0, gy or 0, 1, Turn(gx, gy)) if gx or gy else None
-    return Chain(
-        tuple(j.type == "revolute" for j in arm.joints), tuple(exact(j.link.length) for j in arm.joints), gravity
-    )
+    return Chain(tuple(j.type == "revolute" for j in arm.joints), tuple(map(exact, arm.lengths)), gravity)
 
 
-def link_values(link: Link, revolute: bool) -> Mapping[str, Fraction | None]:
+def link_values(link: Link, length: float, revolute: bool) -> Mapping[str, Fraction | None]:
     """The elementary parameters of one link: its whole mass stands at the distal point. None: not known."""
     m = None if link.mass is None else exact(link.mass)
-    inertia = None if link.inertia is None else exact(link.inertia)
+    inertia = None if link.inertia is None else exact(link.inertia[5])
     if m is None or link.com is None:
         return {"J": None, "mu": m, "h": None, "hy": None}
     along, across = exact(link.com[0]), exact(link.com[1])
-    h, hy = m * (along - exact(link.length)), m * across
-    if revolute:  # moments about the joint, less what the point mass contributes
-        offset = m * (along**2 + across**2 - exact(link.length) ** 2)
-    else:
-        offset = m * ((along - exact(link.length)) ** 2 + across**2)
+    end = exact(length)
+    h, hy = m * (along - end), m * across
+    # Of a revolute link, moments about the joint, less what the point mass contributes.
+    offset = m * (across**2 + (along**2 - end**2 if revolute else (along - end) ** 2))
     return {"J": None if inertia is None else inertia + offset, "mu": m, "h": h, "hy": hy}
 
 
@@ -60,8 +57,8 @@ def elementary(arm: Arm) -> dict[Column, Fraction | None]:
     """All elementary parameters in order of preference; hy only where a centre of mass may be off its link's line."""
     n = len(arm.joints)
     values: dict[Column, Fraction | None] = {}
-    for i, joint in enumerate(arm.joints):
-        for kind, value in link_values(joint.link, joint.type == "revolute").items():
+    for i, (joint, length) in enumerate(zip(arm.joints, arm.lengths, strict=True)):
+        for kind, value in link_values(joint.link, length, joint.type == "revolute").items():
             values[kind, i] = value
         values["I", i] = None if joint.rotor_inertia is None else exact(joint.rotor_inertia)
     sliding = {i for i, j in enumerate(arm.joints) if j.type == "prismatic"}

@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import Argument, Continuation, Output, Struct, SymbolicFunction
-from symbolic.model_file.arm import Arm, Link
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import unit_lumps
 from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
 from symbolic.rigid_body.newton_euler import Chain, motion, notation, torques
@@ -212,19 +212,15 @@ NOMINAL_MASS = 1.0
 """kg; stands for a link's mass that is not known: the gravity that a fit then finds is that of a link of this mass."""
 
 
-def _nominal_com(link: Link) -> tuple[float, float]:
-    """Stands for a centre of mass that is not known: the middle of the link, 1 m from the joint without a length."""
-    return (link.length / 2 or 1.0, 0.0)
-
-
 def _moment(author: Author, arm: Arm) -> SymbolicFunction:
     recorder, q = author.recorder(), author.coordinates.symbols("q")
-    lengths = tuple(rational(j.link.length) for j in arm.joints)
+    lengths = tuple(map(rational, arm.lengths))
     chain = Chain(tuple(j.type == "revolute" for j in arm.joints), lengths, None)
     total: Components = {}
     masses = [rational(NOMINAL_MASS if j.link.mass is None else j.link.mass) for j in arm.joints]
     for i, (joint, point) in enumerate(zip(arm.joints, distal_points(chain, q)[:-1], strict=True)):
-        along, across = (rational(c) for c in joint.link.com or _nominal_com(joint.link))
+        # An unknown centre of mass is taken in the middle of the link, 1 m from the joint if the link has no length.
+        along, across, _ = (rational(c) for c in joint.link.com or (arm.lengths[i] / 2 or 1.0, 0.0, 0.0))
         centre = moved(point, chain.frames[i], along if chain.revolute[i] else along + q[i], across)
         for frame, (x, y) in centre.items():
             total = moved(total, frame, masses[i] * x, masses[i] * y)

@@ -57,7 +57,7 @@ def choose_layout(arm: Arm, base: BaseParameters) -> RecursionLayout:
     turning = [i for i, j in enumerate(arm.joints, 1) if j.type == "revolute"]
     candidates: list[tuple[int, int | None]] = [(f, None) for f in (*turning, 0)]
     if len(turning) == n:
-        candidates += [(f, f) for f in turning[:-1] if arm.joints[f - 1].link.length]
+        candidates += [(f, f) for f in turning[:-1] if arm.lengths[f - 1]]
     layouts = [_layout(arm, frame, reference) for frame, reference in candidates]
     return min(layouts, key=lambda layout: _cost(arm, layout, base))
 
@@ -71,7 +71,7 @@ def _cost(arm: Arm, layout: RecursionLayout, base: BaseParameters) -> int:
 
 
 def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:
-    lengths = [exact(j.link.length) for j in arm.joints]
+    lengths = [exact(length) for length in arm.lengths]
     unit = lengths[reference - 1] if reference else Fraction(1)
     by = f"_by_l{reference}" if reference else ""
     metres = tuple(
@@ -107,11 +107,11 @@ def _gravity(
     arm: Arm, unit: Fraction, by: str, reference: int | None
 ) -> tuple[Gravity | None, tuple[LayoutConstant, ...]]:
     """Gravity in symbols, scaled by the unit of length, and its candidates for the struct."""
-    x, y = (exact(g) for g in arm.gravity)
+    x, y = (exact(g) for g in arm.gravity[:2])
     if not x and not y:
         return None, ()
     measure, over = ("1/s^2", f" over the length of link {reference}") if reference else ("m/s^2", "")
-    strength, angle = math.hypot(*arm.gravity) / float(unit), math.atan2(arm.gravity[1], arm.gravity[0])
+    strength, angle = math.hypot(*arm.gravity[:2]) / float(unit), math.atan2(arm.gravity[1], arm.gravity[0])
     fields = (
         LayoutConstant(_symbol(f"gravity_x{by}"), measure, f"gravity along base x{over}", x / unit),
         LayoutConstant(_symbol(f"gravity_y{by}"), measure, f"gravity along base y{over}", y / unit),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from symbolic.model_file.arm import Arm, SerialArm
+from symbolic.model_file.arm import Arm
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.exact_rank import BaseParameters, exact
 from symbolic.rigid_body.layout import RecursionLayout
@@ -31,7 +31,7 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
 
     Raises ModelError for a value in the file whose name this arm does not have.
     """
-    scale = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else Fraction(1)
+    scale = exact(arm.lengths[layout.reference - 1]) if layout.reference else Fraction(1)
     lumps = []
     for (kind, i), value in base.values.items():
         sliding = arm.joints[i].type == "prismatic"
@@ -47,7 +47,7 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
     return overridden(arm, lumps)
 
 
-def overridden(arm: SerialArm, lumps: Sequence[Lump]) -> tuple[Lump, ...]:
+def overridden(arm: Arm, lumps: Sequence[Lump]) -> tuple[Lump, ...]:
     """With the values that an identification left in the model file.
 
     Raises ModelError for a value in the file whose name this arm does not have.

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from itertools import accumulate
 
-from symbolic.model_file.arm import Arm, SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.spatial.frames import file_frames
 
 Place = tuple[float, ...]
 
 
-def places(arm: Arm | SpatialArm) -> tuple[Place, ...]:
+def places(arm: Arm) -> tuple[Place, ...]:
     """(n,) of the joints, each (2,) or in space (3,) m in base axes; of a slide where it begins."""
-    if isinstance(arm, SpatialArm):
+    if arm.space:
         return tuple(tuple(map(float, frame.at)) for frame in file_frames(arm))
-    lengths = (joint.link.length for joint in arm.joints[:-1])
-    return tuple((float(x), 0.0) for x in accumulate(lengths, initial=0.0))
+    return tuple((float(x), 0.0) for x in accumulate(arm.lengths[:-1], initial=0.0))

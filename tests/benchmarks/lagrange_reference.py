@@ -62,12 +62,12 @@ def _equations(arm: Arm) -> tuple[list[tuple[sp.Symbol, ...]], list[tuple[sp.Sym
 def _kinetic_energy(arm: Arm, q: list[sp.Expr], time: sp.Symbol) -> sp.Expr:
     energy, angle = sp.Integer(0), sp.Integer(0)
     x = y = sp.Integer(0)
-    for joint, qi in zip(arm.joints, q, strict=True):
+    for joint, stated, qi in zip(arm.joints, arm.lengths, q, strict=True):
         link = joint.link
         length, mass, inertia, rotor = (
-            sp.Rational(repr(v)) for v in (link.length, link.mass, link.inertia, joint.rotor_inertia)
+            sp.Rational(repr(v)) for v in (stated, link.mass, link.inertia[5], joint.rotor_inertia)
         )
-        along, across = (sp.Rational(repr(v)) for v in link.com)
+        along, across, _ = (sp.Rational(repr(v)) for v in link.com)
         angle += qi
         cos, sin = sp.cos(angle), sp.sin(angle)
         centre = (x + along * cos - across * sin, y + along * sin + across * cos)

@@ -35,7 +35,7 @@ class OptiByHand:
 
     def __init__(self, program: Program, arm: Arm, rnea: ca.Function, width: float) -> None:
         self.program, self.scenario, self.rnea = program, program.task.scenario, rnea
-        self.lengths = [joint.link.length for joint in arm.joints]
+        self.lengths = list(arm.lengths)
         self.laws = Laws(ca, program, width)
         self._contact = any(plan.kind == "contact" for plan in self.scenario.phases)
         opti = self.opti = ca.Opti()

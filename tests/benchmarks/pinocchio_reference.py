@@ -22,7 +22,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from symbolic.model_file.arm import Arm, SpatialArm, SpatialJoint
+from symbolic.model_file.arm import Arm, Joint
 from symbolic.rigid_body.spatial.frames import rotation
 
 Array = NDArray[np.float64]
@@ -140,20 +140,12 @@ class Missing(RuntimeError):
     """What is not installed, in one line."""
 
 
-def _numbers(arm: Arm | SpatialArm) -> list[float]:
+def _numbers(arm: Arm) -> list[float]:
     """An arm of revolute joints about z, as _MODEL reads it."""
-    if isinstance(arm, SpatialArm):
-        return [*arm.gravity, *(x for joint in arm.joints for x in _body(joint))]
-    found, before = [*arm.gravity, 0.0], 0.0
-    for joint in arm.joints:
-        link = joint.link
-        found += [*np.eye(3).ravel(), before, 0.0, 0.0, link.mass, *link.com, 0.0]
-        found += [*np.diag([0.0, 0.0, link.inertia]).ravel(), joint.rotor_inertia]
-        before = link.length
-    return found
+    return [*arm.gravity, *(x for joint in arm.joints for x in _body(joint))]
 
 
-def _body(joint: SpatialJoint) -> list[float]:
+def _body(joint: Joint) -> list[float]:
     assert joint.type == "revolute"
     assert joint.axis == (0.0, 0.0, 1.0)
     xx, xy, xz, yy, yz, zz = joint.link.inertia
@@ -164,7 +156,7 @@ def _body(joint: SpatialJoint) -> list[float]:
 class Reference:
     """Both libraries compiled and loaded. Raises Missing."""
 
-    def __init__(self, arm: Arm | SpatialArm) -> None:
+    def __init__(self, arm: Arm) -> None:
         self.n = len(arm.joints)
         self.links: Array = np.array(_numbers(arm), dtype=float)
         with ThreadPoolExecutor() as pool:

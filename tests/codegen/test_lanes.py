@@ -16,7 +16,7 @@ from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
-from symbolic.model_file.arm import Arm, SpatialArm
+from symbolic.model_file.arm import Arm
 
 ARMS = {arm.name: arm for arm in (MIXED["rprrp"], spatial_arms.known("rx90"), spatial_arms.drawn("rrpr", 4))}
 COUNTS = (0, 1, 2, 7, 8, 9, 37)
@@ -66,7 +66,7 @@ def test_every_sample_has_the_bits_of_its_own_call(
     compiled, rng = library(model), np.random.default_rng(1)
     parameters = np.array(model.struct.defaults)
     going_on = {f.name for f in model.functions if f.continues is not None}
-    assert going_on == ({"link_load", "link_inertia"} if isinstance(model.arm, SpatialArm) else set())
+    assert going_on == ({"link_load", "link_inertia"} if model.arm.space else set())
     for function in model.functions:
         assert c_lanes.in_lanes(Tape.of(function)), function.name
         for count in counts(function):
@@ -80,7 +80,7 @@ def test_every_sample_has_the_bits_of_its_own_call(
             np.testing.assert_array_equal(found, expected, err_msg=f"{function.name} of {count}")
 
 
-def test_what_vectors_do_not_have_stays_a_loop(vishard4: Arm | SpatialArm) -> None:
+def test_what_vectors_do_not_have_stays_a_loop(vishard4: Arm) -> None:
     """The contact's inverse takes an arc tangent."""
     function = derive(vishard4).function("contact_inverse")
     assert not c_lanes.in_lanes(Tape.of(function))

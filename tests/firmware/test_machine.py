@@ -86,7 +86,7 @@ def test_it_says_who_it_is(talk: Talk, table: dict[str, Any]) -> None:
 
 def test_other_equations_of_the_same_layout_are_another_build(table: dict[str, Any]) -> None:
     """Gravity along another axis has the same messages."""
-    gravity = (ARM.gravity[1] + 1.0, ARM.gravity[0])
+    gravity = (ARM.gravity[1] + 1.0, ARM.gravity[0], 0.0)
     other = source_tree.firmware_files(derive(replace(ARM, gravity=gravity)), LIBRARY)
     page = json.loads(other["protocol.json"])
     assert page["fingerprint"] == table["fingerprint"]

@@ -24,7 +24,7 @@ from runtime.model.loader import Library, Model, load_model
 from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
-from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.arm import Arm
 from tests.six_joints import START, six_joints
 
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
@@ -57,12 +57,12 @@ const table vectors __attribute__((section(".vectors"), used)) = {(void *)0x2030
 
 
 @pytest.fixture(scope="module")
-def arm() -> SpatialArm:
+def arm() -> Arm:
     return six_joints()
 
 
 @pytest.fixture(scope="module")
-def six(arm: SpatialArm, library: Library) -> Model:
+def six(arm: Arm, library: Library) -> Model:
     return load_model(prepare.prepare_arm(arm), library)
 
 
@@ -76,14 +76,14 @@ def plan() -> Trajectory:
     return Trajectory("six", "reach", (Phase("q", 0.6, points),), False, 1.0, True, spring, {})
 
 
-def on(six: Model, arm: SpatialArm, plan: Trajectory, target: str) -> Execution:
+def on(six: Model, arm: Arm, plan: Trajectory, target: str) -> Execution:
     board = SIMULATED[target]
     directory = prepare.prepare_firmware(arm, LIBRARY, board.build)
     return execute(six, directory, plan, ExecutionSettings(trials=1, cycles=1), board=board.board)
 
 
 @pytest.fixture(scope="module")
-def here(six: Model, arm: SpatialArm, plan: Trajectory) -> Execution:
+def here(six: Model, arm: Arm, plan: Trajectory) -> Execution:
     return on(six, arm, plan, "simulation")
 
 
@@ -95,16 +95,14 @@ def test_the_simulated_arm_follows(here: Execution) -> None:
 
 
 @pytest.mark.parametrize("target", EMULATED)
-def test_the_same_recording_bit_for_bit(
-    six: Model, arm: SpatialArm, plan: Trajectory, here: Execution, target: str
-) -> None:
+def test_the_same_recording_bit_for_bit(six: Model, arm: Arm, plan: Trajectory, here: Execution, target: str) -> None:
     there = on(six, arm, plan, target)
     for name in ("t", "q", "q_desired", "tau", "saturated"):
         own, other = (np.asarray(getattr(done.trials[0], name)) for done in (here, there))
         np.testing.assert_array_equal(own, other, err_msg=name)
 
 
-def test_the_image_fits(arm: SpatialArm) -> None:
+def test_the_image_fits(arm: Arm) -> None:
     image = json.loads((prepare.prepare_firmware(arm, LIBRARY, M4F.name, "zig") / "image.json").read_text())
     assert image["text"] <= TEXT
     assert image["stack"]["worst"] <= STACK
@@ -112,7 +110,7 @@ def test_the_image_fits(arm: SpatialArm) -> None:
 
 
 @pytest.fixture(scope="module")
-def board(arm: SpatialArm) -> Path:
+def board(arm: Arm) -> Path:
     """The firmware for the emulated board."""
     return prepare.prepare_firmware(arm, LIBRARY, M4F.name, "zig")
 
@@ -132,7 +130,7 @@ def test_what_a_control_period_costs(six: Model, board: Path, plan: Trajectory) 
     assert max(running[1:]) <= WHOLE
 
 
-def test_what_the_inverse_dynamics_cost(six: Model, arm: SpatialArm, tmp_path: Path) -> None:
+def test_what_the_inverse_dynamics_cost(six: Model, arm: Arm, tmp_path: Path) -> None:
     for path, text in render.arm_files(derive(arm)).items():
         if path.endswith(("_f32.c", "_f32.h")):
             (tmp_path / path).write_text(text)

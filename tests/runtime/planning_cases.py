@@ -9,10 +9,10 @@ from codegen.prepare import prepare_arm
 from runtime.model.loader import Library, Model, load_model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
-from symbolic.model_file.arm import Arm, Joint, Limits, Link
+from symbolic.model_file.arm import Arm, Joint, Limits, planar, planar_link
 from symbolic.model_file.checks import Place
 
-LINK = Link(length=0.3, mass=2.0, com=(0.2, 0.0), inertia=0.0565)
+LINK = planar_link(mass=2.0, com=(0.2, 0.0), inertia=0.0565)
 INERTIA = 0.2365  # kg m² of one joint: 0.1 of the rotor, 0.0565, and 2 kg at 0.2 m
 MASS = 2.1  # kg that one prismatic joint moves: 0.1 of the rotor and the link
 
@@ -37,7 +37,9 @@ def arm(
         )
         for i, kind in enumerate(kinds)
     ]
-    return load_model(prepare_arm(Arm(f"arm_{kinds}", (0.0, 0.0), tuple(joints))), library)
+    return load_model(
+        prepare_arm(planar(Arm(f"arm_{kinds}", (0.0, 0.0, 0.0), tuple(joints)), [0.3] * len(kinds))), library
+    )
 
 
 def parsed(model: Model, table: Mapping[str, Any]) -> Scenario:

@@ -15,7 +15,6 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.notebook import verbs
 from symbolic.model_file import reader
-from symbolic.model_file.arm import SpatialArm
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 UR10, PANDA = ROBOTS / "ur10_robot.urdf", ROBOTS / "panda.urdf"
@@ -43,7 +42,7 @@ def test_a_ur10_is_one_line_away(run: Run) -> None:
     assert "the arm ends at tool0; ee_link ends at the same joint (--tip LINK for another)\n" in out
     assert "  tendon improve ur10.toml RECORDING --held-out ANOTHER\n" in out
     arm = reader.load("ur10.toml")
-    assert isinstance(arm, SpatialArm)
+    assert arm.space
     assert len(arm.joints) == 6
 
 

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from runtime.cli import output, schemas
 from runtime.cli.main import app
 from symbolic.model_file import reader
-from symbolic.model_file.arm import Arm, SpatialArm
 
 ROBOTS = Path(__file__).parent.parent / "robots"
 Init = Callable[..., tuple[int, str, str]]
@@ -46,11 +45,11 @@ def test_answers_make_a_planar_arm(init: Init) -> None:
         "joint 2: mass, com, inertia, rotor_inertia unknown",
     ]
     arm = reader.load(Path("bench.toml"))
-    assert isinstance(arm, Arm)
+    assert not arm.space
     one, two = arm.joints
-    assert (arm.name, arm.gravity, one.type, two.type) == ("bench", (0.0, 0.0), "revolute", "prismatic")
+    assert (arm.name, arm.gravity, one.type, two.type) == ("bench", (0.0, 0.0, 0.0), "revolute", "prismatic")
     assert (one.gear_ratio, one.torque_constant, one.rotor_inertia) == (100.0, 5.0, None)
-    assert (one.link.length, one.link.mass, two.link.length) == (0.3, 2.0, 0.25)
+    assert (arm.lengths, one.link.mass) == ((0.3, 0.25), 2.0)
     assert (two.gear_ratio, two.torque_constant, two.rotor_inertia, two.link.mass) == (500.0, None, None, None)
     assert all(set(j.effects) == {"coulomb_asymmetric", "viscous"} and not any(j.effects.values()) for j in arm.joints)
 
@@ -58,12 +57,12 @@ def test_answers_make_a_planar_arm(init: Init) -> None:
 def test_every_question_can_be_skipped(init: Init) -> None:
     assert init("--out", "wrist.toml", "--json", "said.json", answers=("",) * 6)[0] == 0
     arm = reader.load(Path("wrist.toml"))
-    assert isinstance(arm, SpatialArm)
+    assert arm.space
     assert (arm.name, arm.gravity, len(arm.joints)) == ("wrist", (0.0, 0.0, -9.81), 1)
     said = json.loads(Path("said.json").read_text())
     assert said["unknown"] == [["mass", "com", "inertia", "rotor_inertia"]]
     assert init("--joints", "r,r", "--plane", "--out", "arm.toml", answers=("",) * 6)[0] == 0
-    assert [joint.link.length for joint in reader.load(Path("arm.toml")).joints] == [1.0, 1.0]
+    assert reader.load(Path("arm.toml")).lengths == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("options", [("--joints", "r,p", "--space"), ("--joints", "p,r", "--plane", "--length", "0.2")])
@@ -108,7 +107,7 @@ def test_on_a_terminal_a_refused_answer_is_asked_for_again(
         assert asked.count(question) == times
     assert "gear_ratio is -1" in asked
     arm = reader.load(Path("two.toml"))
-    assert [(joint.link.length, joint.gear_ratio) for joint in arm.joints] == [(0.3, 100.0), (0.2, 100.0)]
+    assert (arm.lengths, [joint.gear_ratio for joint in arm.joints]) == ((0.3, 0.2), [100.0] * 2)
 
 
 def test_options_ask_nothing_that_they_say(init: Init) -> None:
@@ -134,8 +133,8 @@ def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> No
     """It places the tip alone; what moves the next joint is needed."""
     assert init("--joints", "r", "--plane", "--no-questions", "--out", "motor.toml")[0] == 0
     assert init("--joints", "r,r", "--plane", "--length", "0.3,?", "--no-questions", "--out", "two.toml")[0] == 0
-    assert [j.link.length for j in reader.load(Path("two.toml")).joints] == [0.3, 0.0]
-    assert [j.link.length for j in reader.load(Path("motor.toml")).joints] == [0.0]
+    assert reader.load(Path("two.toml")).lengths == (0.3, 0.0)
+    assert reader.load(Path("motor.toml")).lengths == (0.0,)
     status, _, err = init("--joints", "r,r", "--plane", "--length", "?,0.2", "--no-questions", "--out", "no.toml")
     assert status == 2
     assert err.startswith("Joint 1: the length of a planar link cannot be left out")

@@ -13,7 +13,7 @@ import sympy as sp
 
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
-from symbolic.model_file.arm import Arm, Joint, Link
+from symbolic.model_file.arm import Arm, Joint, planar, planar_link
 from symbolic.rigid_body.base_parameters import base_parameters, exact_chain
 from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.lagrangian import Body, Mechanics, distal_points, mechanics, moved, rational
@@ -37,7 +37,7 @@ def _physical_bodies(arm: Arm, chain: Chain, q: list[Any]) -> list[Body]:
         if not chain.revolute[i]:
             along = along + q[i]
         centre = moved(points[i], chain.frames[i], along, across)
-        bodies.append(Body(rational(link.mass), centre, (0, 0), {}, rational(link.inertia)))
+        bodies.append(Body(rational(link.mass), centre, (0, 0), {}, rational(link.inertia[5])))
     return bodies
 
 
@@ -170,7 +170,7 @@ class Case:
 def case(arm: Arm) -> Case:
     base = base_parameters(arm)
     layout, model = choose_layout(arm, base), derive(arm)
-    unit = exact(arm.joints[layout.reference - 1].link.length) if layout.reference else Fraction(1)
+    unit = exact(arm.lengths[layout.reference - 1]) if layout.reference else Fraction(1)
     lumps = tuple(value * unit ** layout.metres(kind) for (kind, _), value in base.values.items())
     chain = exact_chain(arm)
     constants: dict[sp.Symbol, Any] = {f.symbol: f.value for f in layout.fields}
@@ -187,7 +187,7 @@ def case(arm: Arm) -> Case:
                 constants[field.symbol] = 1 / unit
         gravity = own
     q, qd = ([sp.Symbol(f"{x}{i + 1}", real=True) for i in range(chain.n)] for x in ("q", "qd"))
-    metric = Chain(chain.revolute, tuple(rational(j.link.length) for j in arm.joints), gravity)
+    metric = Chain(chain.revolute, tuple(map(rational, arm.lengths)), gravity)
     rotors = [rational(j.rotor_inertia) for j in arm.joints]
     truth = mechanics(metric, _physical_bodies(arm, metric, q), rotors, q, qd)
     constants |= dict(zip(model.struct.symbols, lumps, strict=False))
@@ -200,13 +200,14 @@ def random_arm(n: int, seed: int) -> Arm:
     off_line, gravity = rng.random() < 0.5, rng.choice([(0.0, 0.0), (0.0, -9.81), (9.81, 0.0), (3.1, -8.7)])
     mix = rng.choice([("revolute",), ("revolute", "prismatic"), ("revolute", "revolute", "prismatic")])
 
-    def joint() -> Joint:
+    def joint() -> tuple[Joint, float]:
         length = rng.choice([0.0, 0.3]) if rng.random() < 0.2 else rng.randint(5, 60) / 100
         across = rng.randint(-9, 9) / 100 if off_line and rng.random() < 0.7 else 0.0
-        link = Link(length, rng.randint(1, 90) / 10, (rng.randint(-20, 60) / 100, across), rng.randint(1, 99) / 1000)
-        return Joint(rng.choice(mix), rng.choice([0.0, 0.25, 0.49]), 100.0, link=link)
+        link = planar_link(rng.randint(1, 90) / 10, (rng.randint(-20, 60) / 100, across), rng.randint(1, 99) / 1000)
+        return Joint(rng.choice(mix), rng.choice([0.0, 0.25, 0.49]), 100.0, link=link), length
 
-    return Arm("random", gravity, tuple(joint() for _ in range(n)))
+    joints, lengths = zip(*(joint() for _ in range(n)), strict=True)
+    return planar(Arm("random", (*gravity, 0.0), joints), lengths)
 
 
 @cache
@@ -217,16 +218,9 @@ def random_case(n: int, seed: int) -> Case:
 def chain_of(types: str, gravity: tuple[float, float] = (0.0, 0.0), across: float = 0.0) -> Arm:
     """An ordinary arm by the letters of its joints, R or P."""
     lengths = (0.23, 0.17, 0.19, 0.18, 0.21, 0.16, 0.2)
-    return Arm(
-        "chain",
-        gravity,
-        tuple(
-            Joint(
-                "revolute" if t == "R" else "prismatic", 0.3, 100.0, link=Link(lengths[i], 2.5, (0.11, across), 0.012)
-            )
-            for i, t in enumerate(types)
-        ),
-    )
+    link = planar_link(2.5, (0.11, across), 0.012)
+    joints = tuple(Joint("revolute" if t == "R" else "prismatic", 0.3, 100.0, link=link) for t in types)
+    return planar(Arm("chain", (*gravity, 0.0), joints), lengths[: len(types)])
 
 
 def in_floats(model: ArmModel, name: str) -> Callable[..., list[float]]:

@@ -13,7 +13,7 @@ import pytest
 
 from runtime.exchange.full_regressor import ChainGeometry, full_regressor
 from symbolic.effects import DECLARED
-from symbolic.model_file.arm import Frame, SpatialLink
+from symbolic.model_file.arm import Frame, Link
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.exchange.exporting import parameters
@@ -69,7 +69,7 @@ def test_an_arm_is_what_the_file_says(tmp_path: Path) -> None:
     assert (pan.limits.position, pan.limits.torque, lift.limits.position) == ((-1.0, 1.0), 100.0, None)
     # A joint that stands off its body's frame is a frame of its own.
     assert pan.origin == Frame((0.1, 0.0, 0.3))
-    assert pan.link == SpatialLink(2.0, (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0, 0.2, 0.0, 0.15))
+    assert pan.link == Link(2.0, (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0, 0.2, 0.0, 0.15))
     # The reference is turned away: q = 0 is 0.1 rad before where the file draws the arm.
     assert lift.origin == Frame((-0.1, 0.0, 0.2), (math.pi / 2, 0.0, -0.1))
     assert lift.link.mass == 0.0
@@ -352,7 +352,7 @@ def test_bodies_whose_shape_is_not_there_are_unknown(tmp_path: Path) -> None:
     mesh = '<asset><mesh name="m" file="nowhere.stl"/></asset><worldbody>'
     text = ARM.replace("<worldbody>", mesh).replace('type="sphere" size="0.1" mass="1"', 'type="mesh" mesh="m"')
     made = read(tmp_path, text)
-    assert made.arm.joints[2].link == SpatialLink()
+    assert made.arm.joints[2].link == Link()
     assert any(note.startswith("mass, centre and inertia of joint 3: not stated") for note in made.notes)
 
 

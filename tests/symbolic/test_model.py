@@ -12,7 +12,7 @@ import pytest
 
 import symbolic
 from symbolic.model import derive
-from symbolic.model_file.arm import Arm, Joint, Link
+from symbolic.model_file.arm import Arm, Joint, planar, planar_link
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.reader import load
 
@@ -108,13 +108,14 @@ def test_vishard4_reproduces_what_is_published_of_it() -> None:
 
 def test_vishard4_links_are_rods_with_a_mass_at_the_far_end() -> None:
     """The comment in the file, computed; six decimals in the file."""
-    for joint, end in zip(load(ARMS / "vishard4.toml").joints, (0.23, 0.23, 0.68, 0.86), strict=True):
-        l, rod = joint.link.length, 4.28 * joint.link.length
+    arm = load(ARMS / "vishard4.toml")
+    for joint, l, end in zip(arm.joints, arm.lengths, (0.23, 0.23, 0.68, 0.86), strict=True):
+        rod = 4.28 * l
         centre = (rod * l / 2 + end * l) / (rod + end)
         about = rod * l**2 / 12 + rod * (centre - l / 2) ** 2 + end * (l - centre) ** 2
         assert joint.link.mass == pytest.approx(rod + end, abs=1e-6)
-        assert joint.link.com == (pytest.approx(centre, abs=1e-6), 0.0)
-        assert joint.link.inertia == pytest.approx(about, abs=1e-6)
+        assert joint.link.com == (pytest.approx(centre, abs=1e-6), 0.0, 0.0)
+        assert joint.link.inertia[5] == pytest.approx(about, abs=1e-6)
 
 
 def test_test_bench_and_emps() -> None:
@@ -133,9 +134,9 @@ def test_tip_and_its_jacobian(types: str) -> None:
     state = case.point(1)
     q = state["q"]
     x, y, turn = 0, 0, exact.Turn(exact.Fraction(1), exact.Fraction(0))
-    for joint, position in zip(case.arm.joints, q, strict=True):
+    for joint, length, position in zip(case.arm.joints, case.arm.lengths, q, strict=True):
         turn = turn + position if joint.type == "revolute" else turn
-        reach = exact.exact(joint.link.length) + (0 if joint.type == "revolute" else position)
+        reach = exact.exact(length) + (0 if joint.type == "revolute" else position)
         x, y = x + reach * turn.cos, y + reach * turn.sin
     J = case.matrix("tip_jacobian", q=q)
     f = case.model.function("tip")
@@ -153,15 +154,14 @@ def test_tip_and_its_jacobian(types: str) -> None:
 def test_tip_load_is_what_a_mass_there_adds(types: str) -> None:
     """A second arm carries 2 kg at its end: the difference of the torques, exactly. Same for gravity's moments."""
     arm = exact.chain_of(types, (1.0, -9.0))
-    last = arm.joints[-1].link
     # 2.5 kg at 0.11 and 2 kg at the end, as one link with centre of mass c and inertia about it
     mass, added = exact.Fraction(5, 2), exact.Fraction(2)
-    length = exact.exact(last.length)
+    length = exact.exact(arm.lengths[-1])
     centre = (mass * exact.Fraction("0.11") + added * length) / (mass + added)
     about = exact.Fraction("0.012") + mass * (centre - exact.Fraction("0.11")) ** 2 + added * (length - centre) ** 2
     case = exact.case(arm)
     state = case.point(2)
-    heavier = Link(last.length, 4.5, (float(centre), 0.0), float(about))
+    heavier = planar_link(4.5, (float(centre), 0.0), float(about))
     loaded = exact.case(replace(arm, joints=(*arm.joints[:-1], replace(arm.joints[-1], link=heavier))))
     difference = [
         float(a - b)
@@ -241,12 +241,13 @@ KG, M, S = 4.0, 2.0, 0.5  # new units per old: all numbers change, by powers of 
 
 def rescaled(arm: Arm) -> Arm:
     def joint(j: Joint) -> Joint:
-        link = j.link
-        changed = Link(link.length * M, link.mass * KG, (link.com[0] * M, link.com[1] * M), link.inertia * KG * M**2)
+        com = (j.link.com[0] * M, j.link.com[1] * M)
+        changed = planar_link(j.link.mass * KG, com, j.link.inertia[5] * KG * M**2)
         return replace(j, rotor_inertia=j.rotor_inertia * KG * (M**2 if j.type == "revolute" else 1), link=changed)
 
-    gx, gy = arm.gravity
-    return replace(arm, gravity=(gx * M / S**2, gy * M / S**2), joints=tuple(map(joint, arm.joints)))
+    gx, gy, _ = arm.gravity
+    made = replace(arm, gravity=(gx * M / S**2, gy * M / S**2, 0.0), joints=tuple(map(joint, arm.joints)))
+    return planar(made, [length * M for length in arm.lengths])
 
 
 def scale(unit: str) -> float:

@@ -37,9 +37,9 @@ def changed(old: str, new: str) -> str:
 def test_a_good_file():
     arm = reader.parse(GOOD, "arm.toml")
     assert arm.name == "arm2"
-    assert arm.gravity == (0.0, -9.81)
+    assert arm.gravity == (0.0, -9.81, 0.0)
     assert arm.joints[0].effects == {"viscous": {"coefficient": 1.5}}
-    assert arm.joints[1].link.com == (0.2, 0.01)
+    assert arm.joints[1].link.com == (0.2, 0.01, 0.0)
     assert arm.joints[1].effects == {}
     assert arm.contact is None
     assert arm.controller is None

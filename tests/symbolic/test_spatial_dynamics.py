@@ -21,7 +21,7 @@ from codegen.tape.tape import Tape
 from codegen.verify.proof import prove
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
-from symbolic.model_file.arm import Arm, Frame, SpatialArm, SpatialJoint, SpatialLink
+from symbolic.model_file.arm import Arm, Frame, Joint, Link
 from symbolic.model_file.checks import ModelError
 
 FLOATS = {"const": float, "sin": math.sin, "cos": math.cos}
@@ -86,7 +86,7 @@ def test_the_regressor_is_short(name: str) -> None:
     ],
     ids=lambda arm: arm.name,
 )
-def test_torques_are_those_of_newton_and_euler_body_by_body(arm: SpatialArm) -> None:
+def test_torques_are_those_of_newton_and_euler_body_by_body(arm: Arm) -> None:
     derived = derive(arm)
     for seed in range(3):
         q, qd, qdd = state(len(arm.joints), seed)
@@ -111,24 +111,14 @@ def test_power_goes_into_kinetic_and_potential_energy(name: str) -> None:
     assert power == pytest.approx(call(arm, "inverse_dynamics", q, qd, qdd) @ qd, rel=1e-7)
 
 
-def in_space(arm: Arm) -> SpatialArm:
-    """A planar arm written as one in space: its plane is x and y of the base."""
-    joints, before = [], 0.0
-    for joint in arm.joints:
-        link, slides = joint.link, joint.type == "prismatic"
-        along, across = link.com
-        joints.append(
-            SpatialJoint(
-                joint.type,
-                joint.rotor_inertia,
-                joint.gear_ratio,
-                origin=Frame((before, 0.0, 0.0)),
-                axis=(1.0, 0.0, 0.0) if slides else (0.0, 0.0, 1.0),
-                link=SpatialLink(link.mass, (along, across, 0.0), (0.01, 0.0, 0.0, 0.02, 0.0, link.inertia)),
-            )
-        )
-        before = link.length
-    return SpatialArm(f"{arm.name}_in_space", (*arm.gravity, 0.0), tuple(joints))
+def in_space(arm: Arm) -> Arm:
+    """A planar arm as one in space, without its tip; inertia about x and y must not matter."""
+    inertias = [(0.01, 0.0, 0.0, 0.02, 0.0, joint.link.inertia[5]) for joint in arm.joints]
+    joints = tuple(
+        replace(joint, link=replace(joint.link, inertia=inertia), effects={})
+        for joint, inertia in zip(arm.joints, inertias, strict=True)
+    )
+    return replace(arm, name=f"{arm.name}_in_space", joints=joints, tip=Frame(), space=True)
 
 
 @pytest.mark.parametrize("types", ["r", "rr", "rrrr", "rprr", "prr"])
@@ -157,8 +147,8 @@ def test_what_is_unknown_stays_unknown() -> None:
     """A link's numbers that are left out leave open what they merge into, and nothing else."""
     arm = spatial_arms.known("rx90")
     joints = list(arm.joints)
-    joints[5] = replace(joints[5], link=SpatialLink(1.0, (0.0, 0.0, 0.1)), rotor_inertia=None)
-    joints[2] = replace(joints[2], link=SpatialLink())
+    joints[5] = replace(joints[5], link=Link(1.0, (0.0, 0.0, 0.1)), rotor_inertia=None)
+    joints[2] = replace(joints[2], link=Link())
     derived = derive(replace(arm, joints=tuple(joints)))
     known = {lump.name: lump.value for lump in derived.lumps}
     assert known["MX6"] == 0.0
@@ -191,7 +181,7 @@ def test_base_parameters_are_independent(types: str) -> None:
         assert np.linalg.matrix_rank(rows / np.linalg.norm(rows, axis=0), tol=1e-9) == len(arm.lumps)
 
 
-def nice(types: str, choices: Sequence[float]) -> SpatialArm:
+def nice(types: str, choices: Sequence[float]) -> Arm:
     """A chain of joints whose angles, axes and offsets are some of a drawing's: many are parallel, perpendicular or
     meet, few along the axes of another's frame."""
     numbers = iter(choices)
@@ -202,9 +192,9 @@ def nice(types: str, choices: Sequence[float]) -> SpatialArm:
         rpy = [angles[next(numbers)] if turned == next(numbers) % 3 else 0.0 for turned in range(3)]
         return Frame(tuple(0.1 * (next(numbers) % 3) for _ in range(3)), tuple(rpy))
 
-    link = SpatialLink(2.0, (0.1, -0.05, 0.02), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
+    link = Link(2.0, (0.1, -0.05, 0.02), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
     joints = tuple(
-        SpatialJoint(
+        Joint(
             "revolute" if kind == "r" else "prismatic",
             0.1,
             50.0,
@@ -215,7 +205,7 @@ def nice(types: str, choices: Sequence[float]) -> SpatialArm:
         for kind in types
     )
     angle, size = angles[next(numbers)], (9.81, 0.0, 9.81)[next(numbers) % 3]
-    return SpatialArm("nice", (0.0, size * math.sin(angle), -size * math.cos(angle)), joints)
+    return Arm("nice", (0.0, size * math.sin(angle), -size * math.cos(angle)), joints)
 
 
 def rank(arm: ArmModel) -> int:
@@ -226,7 +216,7 @@ def rank(arm: ArmModel) -> int:
     return int(np.sum(values > 1e-9 * values[0]))
 
 
-def skew_slide(gravity: tuple[float, float, float] = (0.5, 0.0, -9.81)) -> SpatialArm:
+def skew_slide(gravity: tuple[float, float, float] = (0.5, 0.0, -9.81)) -> Arm:
     """The first and the third joint turn about perpendicular axes; a slide along neither of them lies between."""
     origins = [
         Frame((0, 0, 0.3), (0.1, 0, 0)),
@@ -234,11 +224,9 @@ def skew_slide(gravity: tuple[float, float, float] = (0.5, 0.0, -9.81)) -> Spati
         Frame((0, 0.2, 0), (0, 0.3, 0)),
     ]
     axes, kinds = [(0.0, 0.0, 1.0), (0.0, 3.0, 4.0), (1.0, 0.0, 0.0)], ("revolute", "prismatic", "revolute")
-    link = SpatialLink(2.0, (0.1, -0.05, 0.02), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
+    link = Link(2.0, (0.1, -0.05, 0.02), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
     joints = zip(kinds, origins, axes, strict=True)
-    return SpatialArm(
-        "skew", gravity, tuple(SpatialJoint(k, 0.1, 50.0, origin=o, axis=a, link=link) for k, o, a in joints)
-    )
+    return Arm("skew", gravity, tuple(Joint(k, 0.1, 50.0, origin=o, axis=a, link=link) for k, o, a in joints))
 
 
 def test_axes_across_a_slide_are_perpendicular_exactly() -> None:

@@ -21,7 +21,7 @@ from spatial_arms import Array
 
 from codegen.tape.tape import Tape
 from symbolic.model import ArmModel, derive
-from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.kinematics import nominal_com
 
 FLOATS = {"const": float, "sin": math.sin, "cos": math.cos}
@@ -29,7 +29,7 @@ TYPES = ("r", "p", "rp", "rr", "prr", "rrpr", "rrrrr", "rrrrrr", "rrprrpr")
 
 
 @cache
-def drawn(types: str, seed: int) -> tuple[SpatialArm, ArmModel]:
+def drawn(types: str, seed: int) -> tuple[Arm, ArmModel]:
     arm = spatial_arms.drawn(types, seed)
     return arm, derive(arm)
 
@@ -61,7 +61,7 @@ def cross(u: Array) -> Array:
     return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
 
 
-def places(arm: SpatialArm, q: Array) -> tuple[list[Array], Array]:
+def places(arm: Arm, q: Array) -> tuple[list[Array], Array]:
     """(4, 4) of every joint's frame, and of the tip's, in the base."""
     home, moved, found = np.eye(4), np.eye(4), []
     for joint, x in zip(arm.joints, q, strict=True):
@@ -93,7 +93,7 @@ def pseudo_inertia(mass: float, com: Array, inertia: tuple[float, ...]) -> Array
     return sigma
 
 
-def inertia(arm: SpatialArm, q: Array) -> Array:
+def inertia(arm: Arm, q: Array) -> Array:
     """D from the kinetic energy of all bodies, sum of tr(dT Sigma dT^T), and the rotors."""
     D = np.diag([joint.rotor_inertia or 0.0 for joint in arm.joints])
     for i, joint in enumerate(arm.joints):
@@ -103,7 +103,7 @@ def inertia(arm: SpatialArm, q: Array) -> Array:
     return D
 
 
-def potential(arm: SpatialArm, q: Array) -> float:
+def potential(arm: Arm, q: Array) -> float:
     frames, _ = places(arm, q)
     heights = [
         (joint.link.mass or 0.0) * np.dot(arm.gravity, (T @ [*joint.link.com, 1.0])[:3])

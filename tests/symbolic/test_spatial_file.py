@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from symbolic.effects import DECLARED as LIBRARY
 from symbolic.model_file import reader
-from symbolic.model_file.arm import Arm, Frame, SpatialArm, SpatialLink
+from symbolic.model_file.arm import Arm, Frame, Link
 from symbolic.model_file.editor import add_effect, remove_effect, set_values
 from symbolic.model_file.frames import (
     Rotation,
@@ -41,9 +41,9 @@ PLANAR = (
 )
 
 
-def spatial(text: str) -> SpatialArm:
+def spatial(text: str) -> Arm:
     arm = reader.parse(text, "arm.toml")
-    assert isinstance(arm, SpatialArm)
+    assert arm.space
     return arm
 
 
@@ -64,7 +64,7 @@ def test_a_good_file() -> None:
     assert (first.name, second.name) == ("shoulder_pan", "elbow-1.left/a")
     assert first.origin == Frame((0.0, 0.0, 0.18), (math.pi / 2, 0.0, 0.0))
     assert first.axis == (0.0, 1.0, 0.0)
-    assert first.link == SpatialLink(2.0, (0.02, 0.0, 0.1), (0.03, 0.0, -0.004, 0.035, 0.0001, 0.02))
+    assert first.link == Link(2.0, (0.02, 0.0, 0.1), (0.03, 0.0, -0.004, 0.035, 0.0001, 0.02))
     assert arm.tip == Frame((0.0, 0.0, 0.1))
     assert arm.contact is None
     assert arm.notes == ()
@@ -74,13 +74,13 @@ def test_a_good_file() -> None:
 def test_what_is_left_out() -> None:
     (joint,) = spatial(f'{HEAD}[[joint]]\ntype = "revolute"\ngear_ratio = 50\n').joints
     assert (joint.origin, joint.axis, joint.name) == (Frame(), (0.0, 0.0, 1.0), None)
-    assert joint.link == SpatialLink()
+    assert joint.link == Link()
     assert joint.unknown == ("mass", "com", "inertia", "rotor_inertia")
 
 
 def test_a_planar_file_stays_planar_and_its_joints_may_have_names() -> None:
     arm = reader.parse(PLANAR, "arm.toml")
-    assert isinstance(arm, Arm)
+    assert not arm.space
     assert arm.joints[0].name == "hip"
     assert not reader.is_spatial(PLANAR)
     assert reader.is_spatial(GOOD)

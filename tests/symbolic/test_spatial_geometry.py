@@ -10,7 +10,7 @@ import pytest
 import spatial_arms
 from numpy.testing import assert_allclose
 
-from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.base_parameters import merging
 from symbolic.rigid_body.spatial.frames import rotation
 from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry
@@ -28,7 +28,7 @@ def floats(placement: Placement) -> tuple[Array, Array]:
     return np.array(placement.turn, dtype=float), np.array(placement.at, dtype=float)
 
 
-def by_the_file(arm: SpatialArm, q: Array) -> list[tuple[Array, Array]]:
+def by_the_file(arm: Arm, q: Array) -> list[tuple[Array, Array]]:
     """Joint frames and tip as URDF defines them, Rodrigues' formula for the joints."""
     R, p, frames = np.eye(3), np.zeros(3), []
 

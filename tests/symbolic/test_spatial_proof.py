@@ -19,7 +19,7 @@ from codegen.verify import proof
 from codegen.verify.proof import prove, random_turn
 from symbolic.model import ArmModel, derive
 from symbolic.model_file import reader
-from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial import rounding
 from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
@@ -34,7 +34,7 @@ DRAWN += [("rrprrpr", 10)]
 _DERIVED: dict[str, tuple[ArmModel, dict[str, Tape]]] = {}
 
 
-def derived(arm: SpatialArm) -> tuple[ArmModel, dict[str, Tape]]:
+def derived(arm: Arm) -> tuple[ArmModel, dict[str, Tape]]:
     key = repr(arm)
     if key not in _DERIVED:
         model = derive(arm)
@@ -42,7 +42,7 @@ def derived(arm: SpatialArm) -> tuple[ArmModel, dict[str, Tape]]:
     return _DERIVED[key]
 
 
-def differing(arm: SpatialArm, tapes: dict[str, Tape] | None = None, points: int = 2) -> list[str]:
+def differing(arm: Arm, tapes: dict[str, Tape] | None = None, points: int = 2) -> list[str]:
     """The functions that are not the Lagrangian's."""
     model, own = derived(arm)
     return [p.function for p in prove(model, own | (tapes or {}), points) if not p.equal]
@@ -55,7 +55,7 @@ def test_known_arms_are_proved_at_ten_points(name: str) -> None:
 
 def test_all_arms_in_space_that_ship_are_proved_at_ten_points() -> None:
     arms = [reader.load(path) for path in sorted(ARMS.glob("*.toml"))]
-    spatial = [arm for arm in arms if isinstance(arm, SpatialArm)]
+    spatial = [arm for arm in arms if arm.space]
     assert len(spatial) >= 2
     assert {arm.name: differing(arm, points=10) for arm in spatial} == {arm.name: [] for arm in spatial}
 
@@ -106,7 +106,7 @@ def test_frames_that_are_not_the_files_are_found() -> None:
     assert [p.function for p in prove(other, tapes, 1) if not p.equal] != []
 
 
-def posture(arm: SpatialArm, seed: int) -> tuple[ExactPosture, list[int], list[int]]:
+def posture(arm: Arm, seed: int) -> tuple[ExactPosture, list[int], list[int]]:
     rng = random.Random(seed)
     chain = ExactChain.of(rounding.exact_file_chain(geometry(arm)))
     q = [random_turn(rng) if turns else rng.randrange(PRIME) for turns in chain.revolute]

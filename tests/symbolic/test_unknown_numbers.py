@@ -29,7 +29,10 @@ def changed(arm: Arm, place: tuple[int, str], out: bool) -> Arm:
     joint = arm.joints[i % len(arm.joints)]
     owner: object = joint if key == "rotor_inertia" else joint.link
     value = getattr(owner, key)
-    other = None if out else (value[0] + 0.013, 1.7 * value[1]) if key == "com" else value + 0.37
+    other = None
+    if not out:
+        moved = {"com": lambda v: (v[0] + 0.013, 1.7 * v[1], 0.0), "inertia": lambda v: (*v[:5], v[5] + 0.37)}
+        other = moved.get(key, lambda v: v + 0.37)(value)
     if key == "rotor_inertia":
         made: Joint = replace(joint, rotor_inertia=other)
     else:
@@ -41,8 +44,12 @@ def off_their_lines() -> list[tuple[int, int]]:
     """Arms by (joints, seed) whose centres of mass lie off their links' lines and ends: there, moments would be left
     out that an unknown one may have."""
     every = ((n, seed) for n in (1, 2, 3) for seed in range(41))
-    links = {(n, seed): [j.link for j in random_arm(n, seed).joints] for n, seed in every}
-    return [key for key, arm in links.items() if all(x.com and x.com[1] and x.com[0] != x.length for x in arm)]
+    arms = {key: random_arm(*key) for key in every}
+    return [
+        key
+        for key, arm in arms.items()
+        if all(j.link.com[1] and j.link.com[0] != x for j, x in zip(arm.joints, arm.lengths, strict=True))
+    ]
 
 
 @settings(max_examples=25, deadline=None)

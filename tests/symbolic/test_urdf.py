@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from symbolic.effects import DECLARED
 from symbolic.model_file import reader
-from symbolic.model_file.arm import Frame, Limits, SpatialArm, SpatialLink
+from symbolic.model_file.arm import Frame, Limits, Link
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.bodies import StatedBody, about_point, placed, together
@@ -78,7 +78,7 @@ def test_a_chain_is_what_the_file_says(tmp_path: Path) -> None:
     assert (made.arm.name, made.chain.base, made.chain.tip_link) == ("two", "base", "b")
     assert (first.name, second.name, first.type, second.type) == ("j1", "j2", "revolute", "prismatic")
     assert first.origin == Frame((0.0, 0.0, 0.5))
-    assert second.link == SpatialLink(2.5, (0.1, 0.0, 0.0), (0.01, 0.0, 0.0, 0.02, 0.0, 0.015))
+    assert second.link == Link(2.5, (0.1, 0.0, 0.0), (0.01, 0.0, 0.0, 0.02, 0.0, 0.015))
     assert second.limits.position == (-1.0, 2.0)
     assert (second.limits.speed, second.limits.torque) == (3.0, 40.0)
     assert made.arm.gravity == (0.0, 0.0, -9.81)
@@ -301,14 +301,14 @@ def test_frames_at_one_joint_are_no_ends_to_choose_from(tmp_path: Path) -> None:
 def test_links_that_are_drawn_but_weigh_nothing_are_unknown(tmp_path: Path) -> None:
     drawn = '<link name="b"><visual/></link>'
     made = read(tmp_path, robot(*TWO[:2], drawn, *TWO[3:]))
-    assert made.arm.joints[1].link == SpatialLink()
+    assert made.arm.joints[1].link == Link()
     assert any(note.startswith("mass, centre and inertia of joint 2: not stated") for note in made.notes)
 
 
 def test_an_inertia_that_no_body_has_is_left_out_and_said(tmp_path: Path) -> None:
     wrong = link("b").replace('ixx="0.01"', 'ixx="-0.05"')
     made = read(tmp_path, robot(*TWO[:2], wrong, *TWO[3:]))
-    assert made.arm.joints[1].link == SpatialLink(1.0, (0.1, 0.0, 0.0), None)
+    assert made.arm.joints[1].link == Link(1.0, (0.1, 0.0, 0.0), None)
     assert any("principal moment -0.05 kg m^2, which no body has" in note for note in made.notes)
 
 
@@ -316,7 +316,7 @@ def test_a_point_with_rounding_for_an_inertia_is_a_point(tmp_path: Path) -> None
     """As programs write it: 0 came out as −5e-20."""
     point = link("b").replace('ixx="0.01"', 'ixx="-5.4e-20"').replace('iyy="0.02"', 'iyy="1e-18"')
     made = read(tmp_path, robot(*TWO[:2], point.replace('izz="0.015"', 'izz="0"'), *TWO[3:]))
-    assert made.arm.joints[1].link == SpatialLink(1.0, (0.1, 0.0, 0.0), (0.0,) * 6)
+    assert made.arm.joints[1].link == Link(1.0, (0.1, 0.0, 0.0), (0.0,) * 6)
     assert not any("body" in note for note in made.notes)
 
 
@@ -577,5 +577,5 @@ def test_an_arm_that_ships_is_what_import_makes(name: str) -> None:
     made = imported(ROBOTS / file, DECLARED, tip=tip)
     assert made.text == (ARMS / f"{name}.toml").read_text(encoding="utf-8")
     assert (ARMS / f"{name}.LICENSE").exists()
-    assert isinstance(made.arm, SpatialArm)
+    assert made.arm.space
     assert replace(made.arm, notes=()).name == name

@@ -15,7 +15,7 @@ NOWHERE = Frame()
 
 @dataclass(frozen=True)
 class StatedBody:
-    """mass in kg, com (3,) in m in some frame, inertia about it in kg m² along that frame's axes, as SpatialLink's."""
+    """mass in kg, com (3,) in m in some frame, inertia about it in kg m² along that frame's axes, as Link's."""
 
     mass: float
     com: Vector

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any, Literal
 
-from symbolic.model_file.arm import Arm, Frame, Joint, SpatialArm, SpatialJoint, SpatialLink, Values
+from symbolic.model_file.arm import Arm, Joint, Link, Values
 from symbolic.model_file.exchange.bodies import Inertia, StatedBody, about_point
 from symbolic.model_file.exchange.chain import joints_of
 from symbolic.model_file.frames import Vector, scaled
@@ -39,7 +39,7 @@ class ExportedJoint:
     """A joint as it is written; dynamics: by the words of the format; unknown: of these, what has no value yet."""
 
     name: str
-    joint: SpatialJoint
+    joint: Joint
     body: StatedBody
     rotor: float
     dynamics: Mapping[str, float]
@@ -50,7 +50,7 @@ class ExportedJoint:
 class ExportedArm:
     """unsaid: what the format has no words for, or the model no value, an item each."""
 
-    arm: SpatialArm
+    arm: Arm
     joints: tuple[ExportedJoint, ...]
     unsaid: tuple[str, ...]
 
@@ -70,7 +70,7 @@ class _Unsaid:
 
 
 def exported(
-    arm: Arm | SpatialArm,
+    arm: Arm,
     library: Mapping[str, Effect],
     language: Language,
     bodies: Sequence[StatedBody],
@@ -80,30 +80,27 @@ def exported(
 
     bodies   in their joints' frames, possible ones     rotors   inertias at the output
     """
-    spatial = in_space(arm)
-    missing = _Unsaid(len(spatial.joints))
+    missing = _Unsaid(len(arm.joints))
     joints = []
-    for k, (joint, body, rotor) in enumerate(zip(spatial.joints, bodies, rotors, strict=True), 1):
+    for k, (joint, body, rotor) in enumerate(zip(arm.joints, bodies, rotors, strict=True), 1):
         said, unknown = _dynamics(joint.effects, library, language, k, missing)
         joints.append(ExportedJoint(joint.name or f"joint{k}", joint, body, rotor, said, unknown))
-    spatial, of_arm = _with_gravity(spatial, arm, library)
+    made, of_arm = _with_gravity(arm, library)
     unsaid = [*missing.lines(), *of_arm]
     if arm.contact is not None:
         unsaid.append("the contact with a plate")
     unsaid += _keys_unsaid(arm, language)
     if language == "urdf":
         unsaid += [f"rotor_inertia of {joints_of([bool(rotor) for rotor in rotors])}"] if any(rotors) else []
-        unsaid += [f"gravity {list(spatial.gravity)}: loaders take {list(DOWN)}"] if spatial.gravity != DOWN else []
-    return ExportedArm(spatial, tuple(joints), tuple(unsaid))
+        unsaid += [f"gravity {list(made.gravity)}: loaders take {list(DOWN)}"] if made.gravity != DOWN else []
+    return ExportedArm(made, tuple(joints), tuple(unsaid))
 
 
-def _with_gravity(
-    spatial: SpatialArm, arm: Arm | SpatialArm, library: Mapping[str, Effect]
-) -> tuple[SpatialArm, list[str]]:
+def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[str]]:
     """The arm with what its own effects add to gravity, and those that do something else, or nobody knows how much."""
-    gravity, unsaid = list(spatial.gravity), []
+    gravity, unsaid = list(arm.gravity), []
     for name, values in arm.effects.items():
-        own = [p for p in library[name].parameters if not p.space or arm is spatial] if name in library else []
+        own = [p for p in library[name].parameters if arm.space or not p.space] if name in library else []
         if not own or any(p.abroad not in GRAVITY for p in own):
             unsaid.append(f"{name} of the arm")
         elif any(p.name not in values for p in own):
@@ -112,10 +109,10 @@ def _with_gravity(
             for p in own:
                 gravity[GRAVITY.index(p.abroad)] += values[p.name]
     x, y, z = gravity
-    return replace(spatial, gravity=(x, y, z)), unsaid
+    return replace(arm, gravity=(x, y, z)), unsaid
 
 
-def _keys_unsaid(arm: Arm | SpatialArm, language: Language) -> Iterator[str]:
+def _keys_unsaid(arm: Arm, language: Language) -> Iterator[str]:
     """What the model file states of drives and controllers, which neither format has words for, and of speeds."""
     stated: dict[str, list[bool]] = {
         "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
@@ -154,46 +151,10 @@ def _dynamics(
     return said, frozenset(unknown - said.keys())
 
 
-# --- the arm in space ---
-
-
-def in_space(arm: Arm | SpatialArm) -> SpatialArm:
-    """The same arm; the plane of a planar one is that of x and y, its axes along z."""
-    if isinstance(arm, SpatialArm):
-        return arm
-    lengths = [0.0, *(joint.link.length for joint in arm.joints)]
-    joints = tuple(_in_space(joint, length) for joint, length in zip(arm.joints, lengths, strict=False))
-    gx, gy = arm.gravity
-    return SpatialArm(
-        arm.name, (gx, gy, 0.0), joints, effects=arm.effects, contact=arm.contact, tip=Frame((lengths[-1], 0.0, 0.0))
-    )
-
-
-def _in_space(joint: Joint, length: float) -> SpatialJoint:
-    """A joint behind a link of that length. A planar inertia is one about z; across, it is taken to be as large."""
-    com, inertia = joint.link.com, joint.link.inertia
-    link = SpatialLink(
-        joint.link.mass,
-        None if com is None else (*com, 0.0),
-        None if inertia is None else (inertia, 0.0, 0.0, inertia, 0.0, inertia),
-    )
-    return SpatialJoint(
-        type=joint.type,
-        rotor_inertia=joint.rotor_inertia,
-        gear_ratio=joint.gear_ratio,
-        limits=joint.limits,
-        effects=joint.effects,
-        name=joint.name,
-        axis=(0.0, 0.0, 1.0) if joint.type == "revolute" else (1.0, 0.0, 0.0),
-        origin=Frame((length, 0.0, 0.0)),
-        link=link,
-    )
-
-
 # --- bodies ---
 
 
-def reference(arm: SpatialArm) -> tuple[list[StatedBody], list[float]]:
+def reference(arm: Arm) -> tuple[list[StatedBody], list[float]]:
     """Every body and rotor as the file has it, and a likely one where it says nothing."""
     masses = [joint.link.mass for joint in arm.joints if joint.link.mass]
     usual = median(masses) if masses else USUAL_MASS
@@ -206,7 +167,7 @@ def reference(arm: SpatialArm) -> tuple[list[StatedBody], list[float]]:
     return bodies, rotors
 
 
-def _likely(link: SpatialLink, end: Vector, usual: float) -> StatedBody:
+def _likely(link: Link, end: Vector, usual: float) -> StatedBody:
     """The body of a link that reaches to `end`."""
     mass = usual if link.mass is None else link.mass
     com = scaled(0.5, end) if link.com is None else link.com
@@ -223,7 +184,7 @@ def _cylinder(mass: float, end: Vector) -> Inertia:
     return across + d * x * x, d * x * y, d * x * z, across + d * y * y, d * y * z, across + d * z * z
 
 
-def _turning(body: StatedBody, joint: SpatialJoint) -> float:
+def _turning(body: StatedBody, joint: Joint) -> float:
     """An inertia like that of the body that the rotor moves: gears are chosen so (Pasch & Seering 1984)."""
     if joint.type == "prismatic":
         return body.mass or USUAL_MASS

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from symbolic.described import AnyEffect
-from symbolic.model_file.arm import Limits, SpatialArm, SpatialJoint, SpatialLink, Values
+from symbolic.model_file.arm import Arm, Joint, Limits, Link, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import model_text, urdf, xml_file
 from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, joints_of, shortened, some
@@ -28,7 +28,7 @@ class ImportedArm:
     """text: the model file; arm: what it says; notes: what a person should know of it, a line each."""
 
     text: str
-    arm: SpatialArm
+    arm: Arm
     chain: TreeChain
     notes: tuple[str, ...]
 
@@ -86,7 +86,7 @@ def imported(
     )
     text = model_text.text(arm, [*_head(found, path), *doubtful], gravity, gears)
     made = parse(text, path.name, library)
-    assert isinstance(made, SpatialArm)
+    assert made.space
     return ImportedArm(text, made, found, (*notes, *made.notes))
 
 
@@ -114,13 +114,13 @@ def _head(found: TreeChain, path: Path) -> list[str]:
 # --- the arm ---
 
 
-def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], notes: list[str]) -> SpatialArm:
+def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], notes: list[str]) -> Arm:
     names = unique(label_of(joint.joint.name) for joint in found.joints)
     joints = []
     for joint, name, active in zip(found.joints, names, effects, strict=True):
         stated = joint.joint
         joints.append(
-            SpatialJoint(
+            Joint(
                 type=joint.type,
                 rotor_inertia=stated.rotor,
                 gear_ratio=1.0 if stated.gear is None else stated.gear,
@@ -134,15 +134,15 @@ def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], not
         )
     notes += _left_out(found)
     gravity = applied(transposed(found.mounting), DOWN if found.tree.gravity is None else found.tree.gravity)
-    return SpatialArm(arm_name(found.tree.name, path), gravity, tuple(joints), tip=found.tip)
+    return Arm(arm_name(found.tree.name, path), gravity, tuple(joints), tip=found.tip)
 
 
-def _link(joint: ChainJoint) -> SpatialLink:
+def _link(joint: ChainJoint) -> Link:
     if joint.body is None:
-        return SpatialLink()
+        return Link()
     if joint.doubt:
-        return SpatialLink(joint.body.mass, joint.body.com)
-    return SpatialLink(joint.body.mass, joint.body.com, joint.body.inertia)
+        return Link(joint.body.mass, joint.body.com)
+    return Link(joint.body.mass, joint.body.com, joint.body.inertia)
 
 
 def _left_out(found: TreeChain) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from symbolic.model_file.arm import Frame, Limits, SpatialArm, SpatialJoint, SpatialLink, Values
+from symbolic.model_file.arm import Arm, Frame, Joint, Limits, Link, Values
 from symbolic.model_file.checks import SMALLEST
 from symbolic.model_file.frames import QUARTER
 
@@ -14,7 +14,7 @@ COLUMN = 32
 """Where a comment begins, if there is room."""
 
 
-def text(arm: SpatialArm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> str:
+def text(arm: Arm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> str:
     """A model file that says what the arm does.
 
     head     lines of the comment at its top
@@ -55,7 +55,7 @@ def _frame(frame: Frame) -> str:
     return f"{{ xyz = {row(frame.xyz)}, rpy = [{', '.join(repr(tidy(angle)) for angle in frame.rpy)}] }}"
 
 
-def _joint(joint: SpatialJoint, gear: str) -> Iterator[str]:
+def _joint(joint: Joint, gear: str) -> Iterator[str]:
     revolute = joint.type == "revolute"
     if joint.name is not None:
         yield _line("name", f'"{joint.name}"')
@@ -71,7 +71,7 @@ def _joint(joint: SpatialJoint, gear: str) -> Iterator[str]:
         yield from _effect(name, values)
 
 
-def _link(link: SpatialLink) -> Iterator[str]:
+def _link(link: Link) -> Iterator[str]:
     stated = (
         ("mass", None if link.mass is None else repr(tidy(link.mass)), "kg"),
         ("com", None if link.com is None else row(link.com), "m"),

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.exact_rank import (
     PRIME,
     BaseParameters,
@@ -133,7 +133,7 @@ def _outwards(
     return z, named("y", name, (v[0] + z[1] * m.lift, v[1] - z[0] * m.lift, v[2]), notes)
 
 
-def base_parameters(arm: SpatialArm, g: Geometry, merged: Merging) -> BaseParameters:
+def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
     """What the kept columns come to. `merged`: the file's parameters that are in each, INERTIA's kinds and "I"."""
     values: dict[Column, Fraction | None] = {}
     parts: dict[Column, list[tuple[Column, Fraction]]] = {c: [] for c in merged.kept}

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.vectors import Matrix, Vector, added, applied, cross, dot, less, scaled
 
 PARALLEL = 1e-10
@@ -55,7 +55,7 @@ def rotation(rpy: Sequence[float]) -> Matrix:
 BASE = Standing(rotation((0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
 
 
-def file_frames(arm: SpatialArm) -> list[Standing]:
+def file_frames(arm: Arm) -> list[Standing]:
     """The model file's joint frames, (n,)."""
     frames, last = [], BASE
     for joint in arm.joints:
@@ -64,12 +64,12 @@ def file_frames(arm: SpatialArm) -> list[Standing]:
     return frames
 
 
-def file_axes(arm: SpatialArm, files: Sequence[Standing]) -> list[Vector]:
+def file_axes(arm: Arm, files: Sequence[Standing]) -> list[Vector]:
     """The joints' axes, (n,) unit vectors in the base."""
     return [applied(file.turn, _unit(joint.axis)) for joint, file in zip(arm.joints, files, strict=True)]
 
 
-def link_frames(arm: SpatialArm, files: Sequence[Standing]) -> list[Standing]:
+def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
     """Frame j of every link, (n,): z along its joint's axis or, after a parallel axis, along that one's z; of a slide
     behind a revolute joint along that one's z."""
     own = file_axes(arm, files)

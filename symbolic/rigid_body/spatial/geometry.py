@@ -33,7 +33,7 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.spatial.frames import (
     BASE,
     PARALLEL,
@@ -193,7 +193,7 @@ def _turn_over(turn: Turn, number: Callable[[Fraction], Any]) -> Turn:
     return Turn(number(turn.cos), number(turn.sin))
 
 
-def geometry(arm: SpatialArm) -> Geometry:
+def geometry(arm: Arm) -> Geometry:
     """The frames of an arm."""
     files = file_frames(arm)
     frames = link_frames(arm, files)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from symbolic.functions import SymbolicFunction
-from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.kinematics import NOMINAL_MASS, Author
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.spatial.composites import JointStep, composites, gradient
@@ -62,7 +62,7 @@ class JointAxes:
     origin: list[Vector]
 
 
-def functions(author: Author, arm: SpatialArm, geometry: Geometry) -> list[SymbolicFunction]:
+def functions(author: Author, arm: Arm, geometry: Geometry) -> list[SymbolicFunction]:
     """tip, tip_rotation, tip_jacobian, tip_rate, tip_load, moment_jacobian. `geometry`: in SymPy's numbers."""
     return [
         *_pose(author, geometry),
@@ -262,7 +262,7 @@ def _unit_loads(a: Vector, U: Matrix) -> list[tuple[Vector, Vector]]:
     return [(a, NOWHERE), *first, *second, *mixed]
 
 
-def _moment(author: Author, arm: SpatialArm, geometry: Geometry) -> SymbolicFunction:
+def _moment(author: Author, arm: Arm, geometry: Geometry) -> SymbolicFunction:
     recorder = author.recorder()
     steps = JointStep.all(geometry, author.coordinates.symbols("q"), recorder)
     wholes = composites(steps, [_mass(arm, geometry, j) for j in range(geometry.n)])
@@ -283,7 +283,7 @@ def _moment(author: Author, arm: SpatialArm, geometry: Geometry) -> SymbolicFunc
     )
 
 
-def _mass(arm: SpatialArm, geometry: Geometry, j: int) -> Moments:
+def _mass(arm: Arm, geometry: Geometry, j: int) -> Moments:
     """Mass and first moment of a link in its frame."""
     link, body = arm.joints[j].link, geometry.links[j].body
     m = rational(NOMINAL_MASS if link.mass is None else link.mass)
@@ -292,7 +292,7 @@ def _mass(arm: SpatialArm, geometry: Geometry, j: int) -> Moments:
     return Moments(m=m, x=m * x, y=m * y, z=m * z)
 
 
-def nominal_com(arm: SpatialArm, j: int) -> Sequence[float]:
+def nominal_com(arm: Arm, j: int) -> Sequence[float]:
     """(3,) stands for a centre of mass that is not known: half way to the next joint or the tip; where that is no way,
     1 m across the joint's axis."""
     following = arm.joints[j + 1].origin if j + 1 < len(arm.joints) else arm.tip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from symbolic.model_file.arm import SpatialArm
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.exact_rank import BaseParameters, Column
 from symbolic.rigid_body.layout import LayoutConstant
 from symbolic.rigid_body.lumps import Lump, overridden
@@ -17,7 +17,7 @@ NAMES = {"xx": "YY", "yy": "XX", "xy": "XY", "xz": "XZ", "yz": "YZ", "x": "MX", 
 inertia about x, XX, ∫ x² dm that about y, YY, and ZZ = XX + YY."""
 
 
-def named_lumps(arm: SpatialArm, base: BaseParameters, merged: Merging) -> tuple[Lump, ...]:
+def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, ...]:
     """In the order of the base parameters; values that an identification left in the file replace the bodies'.
 
     Raises ModelError for a value in the file whose name this arm does not have.

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from symbolic.model_file.arm import SpatialLink
+from symbolic.model_file.arm import Link
 from symbolic.rigid_body.exact_rank import exact
 from symbolic.rigid_body.spatial.geometry import Placement
 
@@ -76,7 +76,7 @@ INERTIA: Mapping[str, Moments] = {
 frame and along its axes in kg m², first moments in kg m, mass in kg."""
 
 
-def body_values(link: SpatialLink) -> dict[str, Fraction | None]:
+def body_values(link: Link) -> dict[str, Fraction | None]:
     """The parameters of INERTIA as the model file states them; None where a number behind one is not known."""
     m = None if link.mass is None else exact(link.mass)
     values: dict[str, Fraction | None] = dict.fromkeys(INERTIA) | {"M": m}

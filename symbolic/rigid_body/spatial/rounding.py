@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from symbolic.model_file.arm import Frame, SpatialArm
+from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, Placement
 from symbolic.rigid_body.spatial.vectors import Matrix, Vector, applied, negative, placed, scaled
 
@@ -51,7 +51,7 @@ def exact_file_chain(geometry: Geometry) -> ExactFileChain:
     )
 
 
-def deviation(arm: SpatialArm, chain: ExactFileChain) -> float:
+def deviation(arm: Arm, chain: ExactFileChain) -> float:
     """The largest difference of an element from what the model file says."""
     frames = zip(chain.placements, (j.origin for j in arm.joints), strict=True)
     apart = [_apart(placement, frame) for placement, frame in [*frames, (chain.tip, arm.tip)]]
