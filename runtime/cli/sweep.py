@@ -1,12 +1,12 @@
-"""The verb that optimizes many variations of a scenario: sweep."""
+"""The verb sweep: many variations of a scenario, optimized."""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,14 +22,13 @@ from runtime.workspace import UsageError, effects_described, scenario_path, scen
 
 if TYPE_CHECKING:
     from runtime.planning.scenario import Scenario
-    from runtime.sweep.job import Code, Job, Result
+    from runtime.sweep.job import Code, Job, JobResult, Pool
     from runtime.sweep.journal import Journal
-    from runtime.sweep.pools import Pool
     from runtime.workspace import Source
 
 app = typer.Typer()
 
-_HELP = """Optimize many variations of a scenario. All that --over names, each with each; exit 1 if one has no plan.
+_HELP = """Optimize many variations of a scenario: all combinations of the --over values; exit 1 if one has no plan.
 
 \b
 cycle_time=1.0:3.0:0.2    s; or cycle_time=1.0,1.2
@@ -40,7 +39,7 @@ offset=-0.5,0             rad or m, likewise
 plate.stiffness=600,1300  a parameter of the contact
 seed=0:99                 other first guesses
 
-Finished jobs are kept in FILE.journal: after Ctrl-C, or whatever else ended it, the same command goes on.
+Finished jobs are kept in FILE.journal. The same command continues a sweep that was interrupted or killed.
 
 Dask workers (--scheduler) need tendon installed and the same kind of machine; the arm's code is sent to them."""
 
@@ -73,11 +72,11 @@ def sweep(
     from runtime.sweep.job import Code
 
     if workers is not None and scheduler is not None:
-        raise UsageError("--workers are processes here, --scheduler is elsewhere; give one of them")
+        raise UsageError("--workers are processes of this machine, --scheduler is a cluster; give one of them")
     tables.check(table)
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
-        raise UsageError(f"{table}: is there without its journal {diary.name}; move it away, or choose another --table")
+        raise UsageError(f"{table}: exists without its journal {diary.name}; move it away, or choose another --table")
     path, written = scenario_path(scenario), [table, diary, *([Path(json)] if json else [])]
     asked, source = _read(path, effects, written)
     axes = grid.parse(over, effects_described(effects, space=True), [joint.name for joint in source.arm().joints])
@@ -114,7 +113,7 @@ def sweep(
 
 
 def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Scenario, Source]:
-    """A scenario and its arm; written: by the sweep, not to be among what is read."""
+    """A scenario and its arm; written: files that the sweep writes, which must not be among those that it reads."""
     from runtime.planning import scenario_file
 
     asked = scenario_file.read(path)
@@ -124,35 +123,30 @@ def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Sc
     return asked, source
 
 
-@contextmanager
-def _pool(code: Code, workers: int | None, scheduler: str | None) -> Iterator[Pool]:
-    """Processes of this machine, or a cluster's."""
+def _pool(code: Code, workers: int | None, scheduler: str | None) -> AbstractContextManager[Pool]:
+    """Processes of this machine, or the workers of a cluster."""
     if scheduler is None:
-        from runtime.sweep.pools import Local
+        from runtime.sweep.job import processes
 
-        yield Local(code, workers or len(os.sched_getaffinity(0)))
-        return
+        return processes(code, workers or len(os.sched_getaffinity(0)))
     try:
-        from runtime.sweep.cluster import connected
+        from runtime.sweep.cluster import cluster
     except ModuleNotFoundError as error:
         raise UsageError(
             f"--scheduler needs Dask, the extra `cluster`; run: {sys.executable} -m pip install 'dask[distributed]'"
         ) from error
-    with connected(scheduler, code) as cluster:
-        if not cluster.workers:
-            print(f"{scheduler} has no workers yet; start some: dask worker {scheduler} --nthreads 1", file=sys.stderr)
-        yield cluster
+    return cluster(scheduler, code)
 
 
-def _run(jobs: Sequence[Job], pool: Pool, kept: Journal) -> dict[str, Result]:
-    """All results by key, with progress; says what is kept if it is interrupted."""
+def _run(jobs: Sequence[Job], pool: Pool, kept: Journal) -> dict[str, JobResult]:
+    """All results by key, with progress; if it is interrupted, says how many are kept."""
     from runtime.report.terminal import sweep_pages
-    from runtime.sweep.run import run
+    from runtime.sweep import journal
 
     try:
         with sweep_pages.progress(len(jobs), kept.finished(jobs)) as tell:
-            return run(jobs, pool, kept, tell)
+            return journal.run(jobs, pool, kept, lambda result: tell(result.feasible))
     except BaseException:
         done = kept.finished(jobs)
-        print(f"{done} of {len(jobs)} jobs are in {kept.path}; the same command goes on from there", file=sys.stderr)
+        print(f"{done} of {len(jobs)} jobs are in {kept.path}; the same command continues from there", file=sys.stderr)
         raise

@@ -1,34 +1,33 @@
-"""A Dask cluster as a pool: the arm's compiled code goes to its workers, also to those that join later."""
+"""Jobs on a Dask cluster, which queues them and repeats those whose worker dies; its workers receive the arm's code."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from distributed import Client, Worker, WorkerPlugin
 from distributed.comm import get_address_host
 
-from runtime.sweep.job import Code, Job, Result, solve
-from runtime.sweep.pools import PoolError
+from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, solve
 
-_PATIENCE = 10.0  # s
-_PLACES = ("model", "library")
+_TIMEOUT = 10.0
+"""s; to reach the scheduler."""
+_PARTS = ("model", "library")
 _unpacked: dict[str, Code] = {}
-"""On a worker: code that has arrived, by name."""
+"""In a worker: the code that it has received, by name."""
 
 
 class CompiledCode(WorkerPlugin):
-    """Directories of compiled code, written anew on every worker: it needs no folder in common with us."""
+    """The directories of compiled code, written to every worker's own disk, also of workers that join later."""
 
     def __init__(self, code: Code) -> None:
         self.files = {
-            f"{place}/{path.name}": path.read_bytes()
-            for place, directory in zip(_PLACES, (code.model, code.library), strict=True)
+            f"{part}/{path.name}": path.read_bytes()
+            for part, directory in zip(_PARTS, (code.model, code.library), strict=True)
             for path in sorted(directory.iterdir())
             if path.is_file()
         }
@@ -36,7 +35,7 @@ class CompiledCode(WorkerPlugin):
         self.name = f"tendon-{hashlib.sha256(content.encode()).hexdigest()[:24]}"
 
     def setup(self, worker: Worker) -> None:
-        """Called by Dask as soon as a worker is there. Code that its machine cannot load is an error here."""
+        """Called by Dask on each worker. Raises an error if its machine cannot load the code."""
         if self.name in _unpacked:
             return
         home = Path(worker.local_directory) / self.name
@@ -44,56 +43,22 @@ class CompiledCode(WorkerPlugin):
             target = home / path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
-        code = Code(*(home / place for place in _PLACES))
+        code = Code(*(home / part for part in _PARTS))
         code.load()
         _unpacked[self.name] = code
 
 
-def solve_with(name: str, job: Job) -> Result:
-    """On a worker: with the code that arrived under a name."""
+def solve_with(name: str, job: Job) -> JobResult:
+    """In a worker: with the code that it received under this name."""
     return solve(_unpacked[name], job)
 
 
-@dataclass(frozen=True)
-class Cluster:
-    """A Dask scheduler's workers; see connected()."""
-
-    client: Client
-    address: str
-    name: str
-
-    @property
-    def width(self) -> int:
-        """The scheduler does the queueing, and workers may join."""
-        return 10_000
-
-    @property
-    def lost(self) -> str:
-        return f"{self.address}: the Dask scheduler is gone; run the same command again to go on"
-
-    @property
-    def task(self) -> Callable[[Job], Result]:
-        return partial(solve_with, self.name)
-
-    @property
-    def workers(self) -> int:
-        return len(self.client.scheduler_info(n_workers=-1)["workers"])
-
-    @contextmanager
-    def executor(self) -> Iterator[Executor]:
-        executor = self.client.get_executor(pure=False)
-        try:
-            yield executor
-        finally:
-            executor.shutdown(wait=False)
-
-
 @contextmanager
-def connected(address: str, code: Code) -> Iterator[Cluster]:
-    """The cluster of a scheduler, its workers prepared. Raises PoolError."""
+def cluster(address: str, code: Code) -> Iterator[Pool]:
+    """The workers of the Dask scheduler at this address. Raises PoolError."""
     try:
         get_address_host(address)
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise PoolError(
             f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with: dask scheduler"
@@ -104,7 +69,14 @@ def connected(address: str, code: Code) -> Iterator[Cluster]:
             client.register_plugin(plugin)
         except Exception as error:
             raise PoolError(
-                f"--scheduler {address}: a worker cannot take the arm's code ({type(error).__name__}: {error}); "
+                f"--scheduler {address}: a worker cannot load the arm's code ({type(error).__name__}: {error}); "
                 "every worker needs tendon installed and a machine of the same kind as this one"
             ) from error
-        yield Cluster(client, address, plugin.name)
+        if not client.scheduler_info(n_workers=-1)["workers"]:
+            print(f"{address} has no workers yet; start some: dask worker {address} --nthreads 1", file=sys.stderr)
+        executor = client.get_executor(pure=False)
+        lost = f"{address}: the Dask scheduler is gone; run the same command again to continue"
+        try:
+            yield Pool(executor, partial(solve_with, plugin.name), lost)
+        finally:
+            executor.shutdown(wait=False)

@@ -174,7 +174,7 @@ def jobs(scenario: Scenario, axes: Sequence[Variation], model: Model, code: Code
         columns, varied = _varied(scenario, model, dict(zip((axis.name for axis in over), values, strict=True)))
         fitted = scenario_file.fitted(varied, model, "--over")
         for seed in seeds:
-            job = Job.of(columns, fitted, int(seed), starts, arm)
+            job = Job.of(columns, fitted, int(seed), starts=starts, arm=arm)
             found.setdefault(job.key, job)
     return list(found.values())
 

@@ -16,7 +16,7 @@ from runtime import files
 from runtime.model.loader import Model
 from runtime.planning.scenario import Scenario
 from runtime.planning.springs import sought
-from runtime.sweep.job import Job, Result
+from runtime.sweep.job import Job, JobResult
 
 CLOSE = 0.01
 """Of the best cost: starts that come this near have found the same."""
@@ -51,9 +51,9 @@ def columns(scenario: Scenario, n: int, axes: Sequence[str]) -> list[str]:
     ]
 
 
-def write(path: Path, names: Sequence[str], jobs: Sequence[Job], results: Mapping[str, Result]) -> None:
+def write(path: Path, names: Sequence[str], jobs: Sequence[Job], results: Mapping[str, JobResult]) -> None:
     """One row a job, in their order; results: by key."""
-    rows = [{**results[job.key], **job.columns, "seed": job.seed} for job in jobs]
+    rows = [{**results[job.key].columns(), **job.columns, "seed": job.seed} for job in jobs]
     found = {name: [_cell(name, row.get(name)) for row in rows] for name in names}
     files.replace(path, _parquet(found) if path.suffix == ".parquet" else _csv(found))
 
@@ -81,7 +81,7 @@ def _parquet(found: Mapping[str, Sequence[Any]]) -> bytes:
     return buffer.getvalue()
 
 
-def summary(jobs: Sequence[Job], results: Mapping[str, Result], model: Model) -> list[dict[str, Any]]:
+def summary(jobs: Sequence[Job], results: Mapping[str, JobResult], model: Model) -> list[dict[str, Any]]:
     """By variation: its best plan, how the costs of its seeds spread, and what did not work."""
     groups: dict[tuple[Any, ...], list[Job]] = {}
     for job in jobs:
@@ -89,16 +89,16 @@ def summary(jobs: Sequence[Job], results: Mapping[str, Result], model: Model) ->
     return [_variation(group, [results[job.key] for job in group], model) for group in groups.values()]
 
 
-def _variation(group: Sequence[Job], results: Sequence[Result], model: Model) -> dict[str, Any]:
-    planned = [(r["cost"], job, r) for job, r in zip(group, results, strict=True) if r["feasible"]]
+def _variation(group: Sequence[Job], results: Sequence[JobResult], model: Model) -> dict[str, Any]:
+    planned = [(r.cost, job, r) for job, r in zip(group, results, strict=True) if r.cost is not None]
     costs = [cost for cost, _, _ in planned]
-    messages = Counter(r["message"] for r in results if not r["feasible"])
+    messages = Counter(r.message for r in results if not r.feasible)
     found: dict[str, Any] = {
         "at": dict(group[0].columns),
         "jobs": len(group),
         "feasible": len(planned),
-        "infeasible": sum(r["feasible"] is False for r in results),
-        "failed": sum(r["feasible"] is None for r in results),
+        "infeasible": sum(r.feasible is False for r in results),
+        "failed": sum(r.feasible is None for r in results),
         "best": None,
         "median": None,
         "worst": None,
@@ -120,7 +120,7 @@ def _variation(group: Sequence[Job], results: Sequence[Result], model: Model) ->
         "springs": [
             {
                 "joint": s.plan.joint,
-                **{p.name: result[f"{p.name}_joint{s.plan.joint}"] for p in s.sought},
+                **{p.name: result.at_joints[f"{p.name}_joint{s.plan.joint}"] for p in s.sought},
                 "unit": s.size.unit.text(model.joints[s.plan.joint - 1].type),
             }
             for s in sought(model, job.scenario)

@@ -11,7 +11,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,9 +32,7 @@ from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from runtime.sweep import grid, journal
 from runtime.sweep import table as tables
-from runtime.sweep.job import Code, Job, Result
-from runtime.sweep.pools import PoolError, outcomes
-from runtime.sweep.run import run as run_jobs
+from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, outcomes, processes
 from runtime.workspace import open_model
 from symbolic.effects import LIBRARY
 from tests import one_joint
@@ -360,7 +359,7 @@ def test_the_journal_of_another_sweep_is_refused(run: Run, folder: Path, capfd: 
 def test_a_table_without_its_journal_is_not_overwritten(run: Run, folder: Path, capfd: Any) -> None:
     (folder / "mine.csv").write_text("hours of work\n")
     assert run("mine.csv", *GRID)[0] == 2
-    assert "without its journal" in capfd.readouterr().err
+    assert "exists without its journal" in capfd.readouterr().err
     assert (folder / "mine.csv").read_text() == "hours of work\n"
 
 
@@ -421,83 +420,57 @@ def test_a_worker_process_that_dies_loses_nothing(run: Run, folder: Path, undist
     pd.testing.assert_frame_equal(table(folder / "worker.csv"), undisturbed, check_exact=True)
 
 
-class Fragile(Executor):
-    """Breaks, with all that it holds, as soon as it gets one of some seeds; else a job takes a few milliseconds."""
+class DeadlyJob(Job):
+    """Its worker process dies as soon as it receives it."""
 
-    def __init__(self, deadly: tuple[int, ...]) -> None:
-        self.deadly, self.held, self.broken = deadly, [], False
-        self.lock = threading.Lock()
-
-    def submit(self, task: Callable[..., Any], job: Job) -> Future[Result]:  # type: ignore[override]
-        with self.lock:
-            if self.broken:
-                raise BrokenExecutor
-            future: Future[Result] = Future()
-            self.held.append(future)
-            if job.seed in self.deadly:
-                self.broken = True
-                for each in self.held:
-                    if not each.done():
-                        each.set_exception(BrokenExecutor())
-            else:
-                threading.Timer(0.005, self.finish, [future, task(job)]).start()
-            return future
-
-    def finish(self, future: Future[Result], result: Result) -> None:
-        with self.lock:
-            if not future.done():
-                future.set_result(result)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.abort, ()
 
 
-@dataclass(frozen=True)
-class FragilePool:
-    deadly: tuple[int, ...]
-    width: int = 4
-    lost: str = ""
-
-    @property
-    def task(self) -> Callable[[Job], Result]:
-        return lambda job: {"feasible": True, "cost": float(job.seed)}
-
-    @contextmanager
-    def executor(self) -> Iterator[Executor]:
-        yield Fragile(self.deadly)
+def test_a_job_that_kills_its_worker_fails_alone(swing: Any) -> None:
+    jobs = jobs_of(swing, "seed=0:3")
+    jobs[1] = DeadlyJob(**vars(jobs[1]))
+    with processes(swing[2], 2) as pool:
+        found = {job.seed: result for job, result in outcomes(pool, jobs)}
+    assert {seed: result.feasible for seed, result in found.items()} == {0: True, 1: None, 2: True, 3: True}
+    assert found[1].message == "its worker process died 2 times"
 
 
-@pytest.fixture(scope="module")
-def dozen(swing: Any) -> list[Job]:
-    return jobs_of(swing, "seed=0:11")
+@contextmanager
+def in_threads(task: Callable[[Job], JobResult]) -> Iterator[Pool]:
+    with ThreadPoolExecutor(2) as executor:
+        yield Pool(executor, task, lost="")
 
 
-@settings(deadline=None, max_examples=30)
-@given(st.sets(st.integers(0, 11), max_size=2))
-def test_a_job_that_kills_its_workers_is_alone_to_blame(dozen: list[Job], deadly: set[int]) -> None:
-    found = list(outcomes(FragilePool(tuple(deadly)), dozen))
-    assert sorted(job.seed for job, _ in found) == list(range(12))
-    for job, result in found:
-        assert result["feasible"] is (None if job.seed in deadly else True)
-        assert ("died 2 times" in result.get("message", "")) == (job.seed in deadly)
+def test_a_machine_that_kills_every_worker_is_reported(swing: Any) -> None:
+    def die(_: Job) -> JobResult:
+        raise BrokenProcessPool
+
+    with in_threads(die) as pool, pytest.raises(PoolError, match="is there enough memory"):
+        list(outcomes(pool, jobs_of(swing, "seed=0:11")))
 
 
-def test_a_machine_that_kills_every_worker_is_said_to(dozen: list[Job]) -> None:
-    with pytest.raises(PoolError, match="is there enough memory"):
-        list(outcomes(FragilePool(tuple(range(12))), dozen))
-
-
-def test_what_failed_is_tried_again(swing: Any, tmp_path: Path) -> None:
-    """A failure is a row of the table, and no result that a journal keeps."""
+def test_a_failed_job_is_tried_again(swing: Any, tmp_path: Path) -> None:
+    """It is a row of the table, and not in the journal."""
     scenario, model, code = swing
     jobs = jobs_of(swing, "seed=0:3")
     names = tables.columns(scenario, model.n, ["seed"])
-    told: list[Result] = []
-    for deadly, new in (((1,), 4), ((), 1)):
+    told: list[JobResult] = []
+    for bad, new in ((1, 4), (None, 1)):
+
+        def task(job: Job, bad: int | None = bad) -> JobResult:
+            if job.seed == bad:
+                raise MemoryError
+            return JobResult(feasible=True, cost=float(job.seed))
+
         told.clear()
-        with journal.opened(tmp_path / "t.csv.journal", journal.heading(scenario, code, None, ["seed"])) as kept:
-            results = run_jobs(jobs, FragilePool(deadly), kept, told.append)
+        heading = journal.heading(scenario, code, None, ["seed"])
+        with in_threads(task) as pool, journal.opened(tmp_path / "t.csv.journal", heading) as kept:
+            results = journal.run(jobs, pool, kept, told.append)
         assert len(told) == new
         tables.write(tmp_path / "t.csv", names, jobs, results)
         feasible = pd.read_csv(tmp_path / "t.csv")["feasible"]
-        assert list(feasible.isna()) == [seed in deadly for seed in range(4)]
+        assert list(feasible.isna()) == [seed == bad for seed in range(4)]
 
 
 def test_two_sweeps_do_not_share_a_journal(swing: Any, tmp_path: Path) -> None:
@@ -505,7 +478,7 @@ def test_two_sweeps_do_not_share_a_journal(swing: Any, tmp_path: Path) -> None:
     heading = journal.heading(scenario, code, None, ["seed"])
     with (
         journal.opened(tmp_path / "t.csv.journal", heading),
-        pytest.raises(journal.JournalError, match="another sweep writes there now"),
+        pytest.raises(journal.JournalError, match="another sweep is writing to it"),
         journal.opened(tmp_path / "t.csv.journal", heading),
     ):
         pass
@@ -624,6 +597,6 @@ def test_a_result_of_wrong_types_is_named(tmp_path: Path, result: dict[str, obje
     with path.open("a") as file:
         file.write(json.dumps({"key": "k", "at": {}, "result": result}) + "\n")
     before = path.read_bytes()
-    with pytest.raises(journal.JournalError, match=r"line 2: not as a sweep writes it; delete the line"):
+    with pytest.raises(journal.JournalError, match=r"line 2: not a line that a sweep writes; delete the line"):
         opened_journal(path)
     assert path.read_bytes() == before

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -19,13 +18,14 @@ _REASON = 100
 
 
 @contextmanager
-def progress(jobs: int, before: int) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """On standard error: a bar on a terminal, else a line every few seconds. Gives what is called with each result."""
+def progress(jobs: int, before: int) -> Iterator[Callable[[bool | None], None]]:
+    """On standard error: a bar on a terminal, else a line every few seconds. Yields a function that is called for each
+    job that ends: with whether it has a plan, None if it failed."""
     bad = {"infeasible": 0, "failed": 0}
 
-    def note(result: Mapping[str, Any]) -> str:
-        if not result["feasible"]:
-            bad["failed" if result["feasible"] is None else "infeasible"] += 1
+    def note(feasible: bool | None) -> str:
+        if not feasible:
+            bad["failed" if feasible is None else "infeasible"] += 1
         return ", ".join(f"{count} {what}" for what, count in bad.items() if count)
 
     screen = Console(stderr=True, markup=False, highlight=False)
@@ -41,17 +41,17 @@ def progress(jobs: int, before: int) -> Iterator[Callable[[Mapping[str, Any]], N
     )
     with Progress(*parts, console=screen) as bar:
         task = bar.add_task("", total=jobs, completed=before, bad="")
-        yield lambda result: bar.update(task, advance=1, bad=note(result))
+        yield lambda feasible: bar.update(task, advance=1, bad=note(feasible))
 
 
-def _lines(jobs: int, done: int, note: Callable[[Mapping[str, Any]], str]) -> Callable[[Mapping[str, Any]], None]:
+def _lines(jobs: int, done: int, note: Callable[[bool | None], str]) -> Callable[[bool | None], None]:
     last = time.monotonic()
     if done:
         print(f"{done} of {jobs} jobs were finished before", file=sys.stderr, flush=True)
 
-    def tell(result: Mapping[str, Any]) -> None:
+    def tell(feasible: bool | None) -> None:
         nonlocal last, done
-        done, bad = done + 1, note(result)
+        done, bad = done + 1, note(feasible)
         if time.monotonic() - last >= _EVERY:
             last = time.monotonic()
             print(f"{done} of {jobs} jobs" + (f", {bad}" if bad else ""), file=sys.stderr, flush=True)
