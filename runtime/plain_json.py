@@ -7,9 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 
 def plain(value: Any) -> Any:
-    """As JSON knows it: NumPy's numbers become Python's, NaN and infinity null."""
+    """A value as JSON has it: a struct becomes an object without its unset keys, NaN and infinity null."""
+    if isinstance(value, msgspec.Struct):
+        keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
+        pairs = ((encoded, getattr(value, name)) for encoded, name in keys)
+        return {encoded: plain(v) for encoded, v in pairs if v is not msgspec.UNSET}
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if hasattr(value, "tolist"):

@@ -93,6 +93,11 @@ def unit(text: str, before: str = "") -> str:
     return "" if text == "1" else before + re.sub(r"\^(-?\d+)", lambda power: _raised(power[1]), text)
 
 
+def milliseconds(seconds: float | None) -> str:
+    """A time in s, as a number of ms."""
+    return "–" if seconds is None else f"{1e3 * seconds:.3g}"
+
+
 def quantity(value: float, of: str, digits: int = 4) -> str:
     """A number with its unit."""
     return number(value, digits) + unit(of, " ")

@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runtime.documents.fits import FitDocument, JudgedFitDocument
 from symbolic.model_file.checks import printable, quote
 
 # Everything heavy (SymPy, CasADi, SciPy) is imported where it is needed, so that --help is quick.
@@ -195,8 +196,8 @@ class Source:
 
         return python_source(self.library[effect], notes, beside)
 
-    def put(self, text: str, identification: Mapping[str, Any]) -> str:
-        """`text` with the values of an identification, as its to_json() gives them."""
+    def put(self, text: str, fit: FitDocument | JudgedFitDocument) -> str:
+        """`text` with the values of a fit."""
         from symbolic.model_file import editor
         from symbolic.model_file.arm import ROTOR
 
@@ -204,18 +205,16 @@ class Source:
             return {name: v for name, v in values.items() if v is not None and math.isfinite(v)}
 
         values = {
-            (entry["name"], entry["joint"]): known({name: p["value"] for name, p in entry["parameters"].items()})
-            for entry in identification["effects"]
+            (entry.name, entry.joint): known({name: p.value for name, p in entry.parameters.items()})
+            for entry in fit.effects
         }
-        rotor = [entry for entry in identification["inertial"] if entry["name"] == ROTOR]
-        lumps = [entry for entry in identification["inertial"] if entry not in rotor]
         return editor.set_values(
             text,
             str(self.path),
             self.described,
             values,
-            known({entry["name"]: entry["fit"] for entry in lumps}),
-            {entry["joint"]: entry["fit"] for entry in rotor},
+            known({entry.name: entry.fit for entry in fit.inertial if entry.name != ROTOR}),
+            {entry.joint: entry.fit for entry in fit.inertial if entry.name == ROTOR and entry.fit is not None},
         )
 
     def recordings(

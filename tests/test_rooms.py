@@ -32,7 +32,7 @@ codegen.firmware
 codegen.verify
 codegen.descriptions codegen.prepare
 
-runtime.files runtime.plain_json runtime.wording runtime.setting runtime.interruption runtime.progress
+runtime.files runtime.plain_json runtime.documents runtime.wording runtime.setting runtime.interruption runtime.progress
 runtime.model
 runtime.exchange
 runtime.recordings

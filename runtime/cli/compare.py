@@ -40,5 +40,5 @@ def compare(
     from runtime.report.summary import ResultSummary
 
     summary = ResultSummary(result, invocation_of(source, model, recordings, effects, maps, allow_gaps))
-    emit(json, summary.document, loop_pages.compare)
+    emit(json, summary.document, loop_pages.show)
     draw_page(report, summary, json)

@@ -38,5 +38,5 @@ def demo(
     invocation = invocation_of(source, Path("drive"), fitted, None, None, False, held_out, source.path)
     result, summary = improved_model(source, data[:1], data[1:], invocation)
     files.replace(source.path, result.model_text.encode())
-    emit(json, summary.document, loop_pages.improvement)
+    emit(json, summary.document, loop_pages.show)
     draw_page(out, summary, json)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from msgspec.structs import replace
 
 from runtime.cli.loop import draw_page, inputs, invocation_of
 from runtime.cli.options import (
@@ -20,6 +21,7 @@ from runtime.cli.options import (
 )
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN
+from runtime.documents.diagnosis import DraftEntry
 from runtime.workspace import UsageError
 
 if TYPE_CHECKING:
@@ -63,8 +65,8 @@ def diagnose(
         from runtime.report import follow_up
 
         reading = follow_up.reading(maps or (), allow_gaps)
-        document = document | _drafted(source, result, draft, invocation, reading)
-    emit(json, document, loop_pages.diagnosis)
+        document = replace(document, **_drafted(source, result, draft, invocation, reading))
+    emit(json, document, loop_pages.show)
     draw_page(report, summary, json)
     if result.verdict in ("unexplained", "refused"):
         raise typer.Exit(NO)
@@ -72,7 +74,7 @@ def diagnose(
 
 def _drafted(
     source: Source, result: Diagnosis, target: Path, invocation: Invocation, reading: list[str]
-) -> dict[str, Any]:
+) -> dict[str, DraftEntry | str]:
     """What a diagnosis says of the guess that was asked for; its file is written if there is one.
 
     reading   the options with which the recordings were read
@@ -94,7 +96,7 @@ def _drafted(
     files.replace(target, wider.declaration(found.term.effect, notes, beside).encode())
     following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target)
     following = [invocation.copy(), *following] if invocation.like else following
-    return {"draft": {**found.to_json(), "file": str(target), "next": following}}
+    return {"draft": found.document().as_part_of(DraftEntry, file=str(target), next=following)}
 
 
 def check_draft(target: Path | None) -> None:

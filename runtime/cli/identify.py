@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
+from msgspec.structs import replace
 
 from runtime.cli.loop import inputs
 from runtime.cli.options import (
@@ -19,6 +18,7 @@ from runtime.cli.options import (
     check_own,
 )
 from runtime.cli.output import NO, emit
+from runtime.documents.fits import IdentifyDocument, JudgedFitDocument
 from runtime.estimation.settings import SKEW_RANGE
 from symbolic.model_file.arm import ROTOR
 
@@ -44,7 +44,7 @@ def identify(
     json: Json = None,
 ) -> None:
     """Fit the parameters to recordings. Base inertial ones and those of the effects, with intervals."""
-    from runtime.report.terminal import pages
+    from runtime.report.terminal import loop_pages, pages
 
     if write:
         check_own(model)
@@ -54,12 +54,13 @@ def identify(
 
     with pages.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
-        document = found.to_json()
-    document["skew"] |= {"given": skew is not None}
+        document = found.document()
+    written = []
     if write and found.verdict == "fitted":
         source.replace(source.put(source.text, document))
-    written = _written(document) if write and found.verdict == "fitted" else []
-    emit(json, {**document, "written": written}, pages.identify)
+        written = _written(document)
+    origin = replace(document.skew, given=skew is not None)
+    emit(json, document.as_part_of(IdentifyDocument, skew=origin, written=written), loop_pages.identify)
     if written and json != "-":
         pages.say(f"Written to {source.path}: {', '.join(written)}.")
     if found.verdict == "refused":
@@ -68,18 +69,12 @@ def identify(
         raise typer.Exit(NO)
 
 
-def _written(document: Mapping[str, Any]) -> list[str]:
-    """Names of the values that a model file gets: those that a recording told."""
-    inertial = [
-        p["name"] if p["name"] != ROTOR else f"{ROTOR}@{p['joint']}" for p in document["inertial"] if _told(p["fit"])
-    ]
+def _written(document: JudgedFitDocument) -> list[str]:
+    """Names of the values that a model file gets: those that the recordings determine."""
+    inertial = [p.name if p.name != ROTOR else f"{ROTOR}@{p.joint}" for p in document.inertial if p.fit is not None]
     effects = [
-        (entry["name"] if entry["joint"] is None else f"{entry['name']}@{entry['joint']}")
-        for entry in document["effects"]
-        if any(_told(p["value"]) for p in entry["parameters"].values())
+        entry.name if entry.joint is None else f"{entry.name}@{entry.joint}"
+        for entry in document.effects
+        if any(p.value is not None for p in entry.parameters.values())
     ]
     return [*inertial, *effects]
-
-
-def _told(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)

@@ -54,7 +54,7 @@ def improve(
     improved = model if write else out
     invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
     result, summary = improved_model(source, data[: len(recordings)], data[len(recordings) :], invocation)
-    emit(json, summary.document, loop_pages.improvement)
+    emit(json, summary.document, loop_pages.show)
     if write:
         source.replace(result.model_text)
     elif out:

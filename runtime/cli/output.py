@@ -8,14 +8,16 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, NoReturn
+from typing import NoReturn, TypeVar
 
 import typer
 
+from runtime.documents.parts import Document
 from runtime.plain_json import plain
 
+D = TypeVar("D")
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 _ALLOCATED, _YOUNGER = 100_000, 50
@@ -113,7 +115,7 @@ def _complain(message: str, status: int) -> int:
     return status
 
 
-def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mapping[str, Any]], None]) -> None:
+def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
     """Print `document` for a person, or as JSON alone (`-`), or both a file and the print."""
     clean = plain(document)
     text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -121,7 +123,7 @@ def emit(target: str | None, document: Mapping[str, Any], show: Callable[[Mappin
         sys.stdout.write(text if _shows(text) else json.dumps(clean, indent=1, allow_nan=False) + "\n")
         sys.stdout.flush()
         return
-    show(clean)
+    show(document if isinstance(document, Document) else clean)
     if target is not None:
         from runtime.files import replace
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import CONTRADICTS, MATERIAL, ONLY_NOISE
+from runtime.documents.fits import ContradictionEntry, RecordingFit
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification
@@ -41,9 +41,9 @@ class Table:
     inference: Inference
     left: float
 
-    def to_json(self, identification: Identification) -> dict[str, Any]:
-        document = self.inference.to_json(identification.model)
-        return {"recording": self.name, "parameters": document["inertial"], "effects": document["effects"]}
+    def document(self, identification: Identification) -> RecordingFit:
+        fit = self.inference.document(identification.model)
+        return RecordingFit(recording=self.name, parameters=fit.inertial, effects=fit.effects)
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ class Contradiction:
         """The parameter, with its effect and joint where it has one."""
         return self.name if self.term is None else f"{self.term} {self.name}"
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "name": self.label,
-            "unit": self.unit,
-            "recordings": list(self.names),
-            "values": [e.value for e in self.estimates],
-            "intervals": [None if e.interval is None else list(e.interval) for e in self.estimates],
-        }
+    def document(self) -> ContradictionEntry:
+        return ContradictionEntry(
+            name=self.label,
+            unit=self.unit,
+            recordings=list(self.names),
+            values=[e.value for e in self.estimates],
+            intervals=[e.interval for e in self.estimates],
+        )
 
     def __str__(self) -> str:
         values = [
@@ -107,13 +107,13 @@ class Tables:
         """What differs between recordings that hold more than noise, as the beginning of a sentence."""
         return f"{self.refusal}; " if self.refusal else ""
 
-    def recordings_json(self) -> list[dict[str, Any]]:
+    def recording_entries(self) -> list[RecordingFit]:
         """What each recording says alone."""
-        return [table.to_json(self.identification) for table in self.tables]
+        return [table.document(self.identification) for table in self.tables]
 
-    def inconsistent_json(self) -> list[dict[str, Any]]:
+    def contradiction_entries(self) -> list[ContradictionEntry]:
         """Parameters on which the recordings disagree."""
-        return [c.to_json() for c in (*self.inertial, *self.effects)]
+        return [c.document() for c in (*self.inertial, *self.effects)]
 
 
 def compare(identification: Identification, names: Sequence[str], floors: Sequence[float]) -> Tables:

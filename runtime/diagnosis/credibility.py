@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from runtime.diagnosis import consistency
 from runtime.diagnosis.settings import FAR_ABOVE_NOISE, LEAST_MOVING_S
 from runtime.diagnosis.steps import seconds_moving
+from runtime.documents.fits import JudgedFitDocument
 from runtime.estimation.compare import JointSeries, improper_inertia, series, warnings
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification
@@ -33,17 +34,17 @@ class JudgedFit:
     def verdict(self) -> Literal["fitted", "refused"]:
         return "refused" if self.reason else "fitted"
 
-    def to_json(self) -> dict[str, Any]:
-        """As `tendon identify --json`."""
-        return {
-            "verdict": self.verdict,
-            "reason": self.reason or _fitted(self.joints),
-            **self.identification.to_json(),
-            "joints": [joint.to_json() for joint in self.joints],
-            "recordings": self.recordings.recordings_json(),
-            "inconsistent": self.recordings.inconsistent_json(),
-            "warnings": [*warnings(self.identification), *([] if self.reason else above_noise(self.joints))],
-        }
+    def document(self) -> JudgedFitDocument:
+        """As `tendon identify --json`, but for what was written."""
+        return self.identification.document().as_part_of(
+            JudgedFitDocument,
+            verdict=self.verdict,
+            reason=self.reason or _fitted(self.joints),
+            joints=[joint.document() for joint in self.joints],
+            recordings=self.recordings.recording_entries(),
+            inconsistent=self.recordings.contradiction_entries(),
+            warnings=[*warnings(self.identification), *([] if self.reason else above_noise(self.joints))],
+        )
 
 
 def judged(identification: Identification, recordings: Sequence[Recording]) -> JudgedFit:

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import CandidateField
@@ -30,6 +31,7 @@ from runtime.diagnosis.settings import (
     LIMIT_START,
     NO_TORQUE,
 )
+from runtime.documents.diagnosis import LimitEntry
 from runtime.estimation import grids
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
@@ -53,16 +55,17 @@ class Limit:
     unit: str
     assumed: Values = field(default_factory=dict)
 
-    def to_json(self) -> dict[str, Any]:
+    def document(self) -> LimitEntry:
         """An entry of would_have_seen in `tendon diagnose --json`."""
-        return {
-            "effect": self.term.effect,
-            "joint": self.term.joint,
-            "parameter": self.parameter,
-            self.side: self.value,
-            "unit": self.unit,
-            "with": self.assumed,
-        }
+        return LimitEntry(
+            effect=self.term.effect,
+            joint=self.term.joint,
+            parameter=self.parameter,
+            above=self.value if self.side == "above" else UNSET,
+            below=self.value if self.side == "below" else UNSET,
+            unit=self.unit,
+            assumed=dict(self.assumed),
+        )
 
     def words(self, model: Model) -> str:
         """What would have been seen, without the effect's name: `torque more than 0.05 N m, with speed 0.2 rad/s`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 from runtime.diagnosis import consistency, detection_limits, sensor_worth, telling_signals
 from runtime.diagnosis.branches import complete
@@ -15,6 +15,15 @@ from runtime.diagnosis.remainder import above_band, after_effect, physics, remai
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S
 from runtime.diagnosis.steps import Finding, Step, seconds_moving
+from runtime.documents.diagnosis import (
+    DiagnosedJoint,
+    DiagnosisBand,
+    DiagnosisBase,
+    FindingEntry,
+    LineAboveBand,
+    RankedCandidate,
+)
+from runtime.documents.parts import EffectAt, EncoderSkewEntry
 from runtime.estimation.compare import warnings
 from runtime.estimation.covariance import Inference
 from runtime.estimation.identify import prepared, refuse_copies, without_tip_rests
@@ -52,45 +61,40 @@ class Diagnosis:
         weighed = [e for verdict in verdicts for e in verdict.ranked]
         return sensor_worth.of(self.steps[0].identification.motion, weighed, [f.evidence for f in self.findings])
 
-    def to_json(self) -> dict[str, Any]:
-        """As `tendon diagnose --json`."""
-        band = self.steps[0].identification.motion.band
-        return {
-            "verdict": self.verdict,
-            "reason": self.reason,
-            "band": {
-                **band.to_json(),
-                "above": [{"joint": x.joint + 1, "order": x.order, "frequency_hz": x.frequency} for x in band.above],
-            },
-            "skew": self.steps[-1].identification.inference.skew_json(),
-            "delay": self.steps[-1].identification.delay_json(),
-            "joints": [s.to_json() for s in self.steps[0].joints],
-            "parameters": inertial_json(self.model, self.steps[-1].identification.inference),
-            "rotors": self.steps[-1].identification.inference.rotors_json(),
-            "encoder_skew": encoder_skew_json(self.steps[-1]),
-            "sensors": [worth.to_json() for worth in self.sensors],
-            "findings": [finding_json(self, k) for k in range(len(self.findings))],
-            "ruled_out": _ranking(self.last),
-            "would_have_seen": [limit.to_json() for limit in self.seen],
-            "recordings": [] if self.recordings is None else self.recordings.recordings_json(),
-            "inconsistent": [] if self.recordings is None else self.recordings.inconsistent_json(),
-            "warnings": warnings(self.steps[-1].identification),
-        }
+    def document(self) -> DiagnosisBase:
+        """As `tendon diagnose --json`, but for what follows from it."""
+        band, last = self.steps[0].identification.motion.band, self.steps[-1].identification
+        return DiagnosisBase(
+            verdict=self.verdict,
+            reason=self.reason,
+            band=band.document().as_part_of(
+                DiagnosisBand,
+                above=[LineAboveBand(joint=x.joint + 1, order=x.order, frequency_hz=x.frequency) for x in band.above],
+            ),
+            skew=last.inference.skew_entry(),
+            delay=last.delay_entries(),
+            joints=[s.document().as_part_of(DiagnosedJoint) for s in self.steps[0].joints],
+            parameters=last.inference.inertial_entries(self.model),
+            rotors=last.inference.rotor_entries(),
+            encoder_skew=_encoder_skew(self.steps[-1]),
+            sensors=[worth.document() for worth in self.sensors],
+            findings=[finding_entry(self, k) for k in range(len(self.findings))],
+            ruled_out=_ranking(self.last),
+            would_have_seen=[limit.document() for limit in self.seen],
+            recordings=[] if self.recordings is None else self.recordings.recording_entries(),
+            inconsistent=[] if self.recordings is None else self.recordings.contradiction_entries(),
+            warnings=warnings(last),
+        )
 
 
-def inertial_json(model: Model, inference: Inference) -> list[dict[str, Any]]:
-    """Base inertial parameters with intervals, as in `tendon diagnose --json`."""
-    return inference.to_json(model)["inertial"]
-
-
-def encoder_skew_json(step: Step) -> list[dict[str, Any]]:
-    """By joint with a link-side encoder, by how long that is read later than the motor's."""
+def _encoder_skew(step: Step) -> list[EncoderSkewEntry]:
+    """Of each joint with a link-side encoder, by how long that is read later than the motor's."""
     found = step.identification
     fits = (fit_twist(found.problem, found.fit, i) for i in range(found.model.n))
-    return [{"joint": f.joint + 1, **f.skew.to_json()} for f in fits if f is not None]
+    return [f.skew.document().as_part_of(EncoderSkewEntry, joint=f.joint + 1) for f in fits if f is not None]
 
 
-def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
+def finding_entry(diagnosis: Diagnosis, number: int) -> FindingEntry:
     """Finding `number` (from 0), as in `tendon diagnose --json`."""
     finding = diagnosis.findings[number]
     i = finding.joint_index
@@ -98,22 +102,22 @@ def finding_json(diagnosis: Diagnosis, number: int) -> dict[str, Any]:
     later = {f.joint_index for f in diagnosis.findings[number + 1 :]}
     values = diagnosis.steps[-1].identification.inference.values.get(finding.term, {})
     held = [None if s.held_out is None else s.held_out.rms[i] for s in (finding.before, finding.after)]
-    return {
-        "effect": finding.term.effect,
-        "joint": finding.term.joint,
-        "share": finding.share(),
-        "rms_before": finding.before.fitted.rms[i],
-        "rms_after": finding.after.fitted.rms[i],
-        "held_out_before": held[0],
-        "held_out_after": held[1],
-        "evidence": finding.evidence.to_json(),
-        "parameters": {name: e.to_json() for name, e in values.items()},
-        "rivals": [{"effect": t.effect, "joint": t.joint} for t in finding.rivals],
-        "missing_signals": telling_signals.to_json(absent(diagnosis, number)),
-        "ranking": _ranking(finding.verdict),
-        "experiment": info.experiment,
-        "remainder": after_effect(diagnosis.steps[-1], i, info) if i not in later else None,
-    }
+    return FindingEntry(
+        effect=finding.term.effect,
+        joint=finding.term.joint,
+        share=finding.share(),
+        rms_before=finding.before.fitted.rms[i],
+        rms_after=finding.after.fitted.rms[i],
+        held_out_before=held[0],
+        held_out_after=held[1],
+        evidence=finding.evidence.document(),
+        parameters={name: e.document() for name, e in values.items()},
+        rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in finding.rivals],
+        missing_signals=telling_signals.entries(absent(diagnosis, number)),
+        ranking=_ranking(finding.verdict),
+        experiment=info.experiment,
+        remainder=after_effect(diagnosis.steps[-1], i, info) if i not in later else None,
+    )
 
 
 def absent(diagnosis: Diagnosis, number: int) -> tuple[telling_signals.Missing, ...]:
@@ -122,9 +126,9 @@ def absent(diagnosis: Diagnosis, number: int) -> tuple[telling_signals.Missing, 
     return telling_signals.missing(diagnosis.model, motion, finding.term, finding.rivals)
 
 
-def _ranking(verdict: Verdict) -> list[dict[str, Any]]:
+def _ranking(verdict: Verdict) -> list[RankedCandidate]:
     """Every finalist with what speaks for it and which gates it failed."""
-    return [{"effect": e.term.effect, "joint": e.term.joint, "evidence": e.to_json()} for e in verdict.ranked]
+    return [RankedCandidate(effect=e.term.effect, joint=e.term.joint, evidence=e.document()) for e in verdict.ranked]
 
 
 def diagnose(

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
@@ -35,6 +35,7 @@ from runtime.diagnosis.settings import (
     VUONG_APART,
     WORTH_A_LOOK,
 )
+from runtime.documents.diagnosis import EvidenceEntry, TwistEvidence
 from runtime.estimation.folds import Grams, NormalEquations
 from runtime.estimation.whitening import Whitening
 from runtime.model.loader import Model
@@ -58,8 +59,8 @@ class Shown:
     eff: float
     unit: str
 
-    def to_json(self) -> dict[str, Any]:
-        return {"rms_before": self.before, "rms_after": self.after, "eff": self.eff, "unit": self.unit}
+    def document(self) -> TwistEvidence:
+        return TwistEvidence(rms_before=self.before, rms_after=self.after, eff=self.eff, unit=self.unit)
 
 
 @dataclass(frozen=True)
@@ -102,18 +103,16 @@ class Evidence:
         that were left out in turn: a recording that was not fitted tells more of both."""
         return bool(self.failed) and all(why.startswith((_EXPLAINS, _UNSEEN)) for why in self.failed)
 
-    def to_json(self) -> dict[str, Any]:
-        document: dict[str, Any] = {
-            "eff": self.eff,
-            "share_of_excess": self.share,
-            "delta_bic": self.delta_bic,
-            "cv_gain": self.cv_gain,
-            "cv_log_likelihood_gain": self.likelihood_gain if np.isfinite(self.likelihood_gain) else None,
-            "failed_gates": list(self.failed),
-        }
-        if self.twist is not None:
-            document["twist"] = self.twist.to_json()
-        return document
+    def document(self) -> EvidenceEntry:
+        return EvidenceEntry(
+            eff=self.eff,
+            share_of_excess=self.share,
+            delta_bic=self.delta_bic,
+            cv_gain=self.cv_gain,
+            cv_log_likelihood_gain=self.likelihood_gain if np.isfinite(self.likelihood_gain) else None,
+            failed_gates=list(self.failed),
+            twist=UNSET if self.twist is None else self.twist.document(),
+        )
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.gates import Evidence, Verdict, rank
 from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
 from runtime.diagnosis.steps import Finding, Step
+from runtime.documents.diagnosis import DraftBase
+from runtime.documents.parts import EffectAt
 from runtime.estimation.identify import identify_motion
 from runtime.estimation.problem import Problem
 from runtime.model.loader import Model
@@ -35,24 +36,24 @@ class Draft:
     def term(self) -> Term:
         return self.finding.term
 
-    def to_json(self) -> dict[str, Any]:
+    def document(self) -> DraftBase:
         """The key "draft" of `tendon diagnose --json`, without the file."""
         i = self.finding.joint_index
         before, after = self.finding.before, self.finding.after
         values = after.identification.inference.values[self.term]
-        return {
-            "effect": self.term.effect,
-            "joint": self.term.joint,
-            "equation": after.identification.model.library.effects[self.term.effect].equation,
-            "share": self.finding.share(),
-            "rms_before": before.fitted.rms[i],
-            "rms_after": after.fitted.rms[i],
-            "floor": before.joints[i].floor.value,
-            "unit": before.joints[i].force_unit,
-            "evidence": self.finding.evidence.to_json(),
-            "parameters": {name: estimate.to_json() for name, estimate in values.items()},
-            "others": [{"effect": t.effect, "joint": t.joint} for t in self.others],
-        }
+        return DraftBase(
+            effect=self.term.effect,
+            joint=self.term.joint,
+            equation=after.identification.model.library.effects[self.term.effect].equation,
+            share=self.finding.share(),
+            rms_before=before.fitted.rms[i],
+            rms_after=after.fitted.rms[i],
+            floor=before.joints[i].floor.value,
+            unit=before.joints[i].force_unit,
+            evidence=self.finding.evidence.document(),
+            parameters={name: estimate.document() for name, estimate in values.items()},
+            others=[EffectAt(effect=t.effect, joint=t.joint) for t in self.others],
+        )
 
 
 def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[int]) -> Draft | None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from runtime.diagnosis.further_sensors import BY_LINK, BY_OUTPUT
 from runtime.diagnosis.gates import Evidence
+from runtime.documents.diagnosis import SensorEntry
+from runtime.documents.parts import EffectAt
 from runtime.model.terms import Term
 from runtime.motion.motion import Motion
 
@@ -38,10 +39,12 @@ class SensorWorth:
         found = "; ".join(parts) or "changed nothing: without it the same would have been found"
         return f"{' and '.join(self.columns)}: {found}"
 
-    def to_json(self) -> dict[str, Any]:
-        groups = {"decided": self.decided, "against": self.against, "shown": self.shown}
-        named = {key: [{"effect": t.effect, "joint": t.joint} for t in terms] for key, terms in groups.items()}
-        return {"columns": list(self.columns), **named, "said": str(self)}
+    def document(self) -> SensorEntry:
+        decided, against, shown = (
+            [EffectAt(effect=t.effect, joint=t.joint) for t in terms]
+            for terms in (self.decided, self.against, self.shown)
+        )
+        return SensorEntry(columns=list(self.columns), decided=decided, against=against, shown=shown, said=str(self))
 
 
 def of(motion: Motion, weighed: Iterable[Evidence], named: Sequence[Evidence]) -> tuple[SensorWorth, ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from runtime.documents.diagnosis import MissingSignal
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, sensors
 from runtime.motion.motion import Motion
@@ -41,10 +41,10 @@ def missing(model: Model, motion: Motion, term: Term, rivals: Sequence[Term]) ->
     return tuple(Missing(columns, MEANINGS[kind], tuple(terms)) for (kind, columns), terms in found.items())
 
 
-def to_json(found: Sequence[Missing]) -> list[dict[str, Any]]:
+def entries(found: Sequence[Missing]) -> list[MissingSignal]:
     """As `missing_signals` of a finding, an entry a column."""
     return [
-        {"signal": column, "rivals": list(dict.fromkeys(t.effect for t in m.rivals))}
+        MissingSignal(signal=column, rivals=list(dict.fromkeys(t.effect for t in m.rivals)))
         for m in found
         for column in m.columns
     ]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
+from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
 from runtime.estimation.identify import Identification, identify
 from runtime.estimation.left_out import untold
 from runtime.estimation.problem import least_inertia
@@ -84,18 +85,18 @@ class JointSeries:
             found["temperature"] = self.warmth
         return found
 
-    def to_json(self) -> dict[str, Any]:
-        """A joint's part of `tendon compare --json`."""
-        return {
-            "joint": self.joint,
-            **({} if self.name is None else {"name": self.name}),
-            "unit": self.force_unit,
-            "rms": self.rms,
-            "relative": self.relative,
-            "floor": self.floor.value,
-            "floor_source": self.floor.source,
-            "repeatable": self.floor.repeatable(self.rms),
-        }
+    def document(self) -> JointEntry:
+        """A joint's part of every document of a fit."""
+        return JointEntry(
+            joint=self.joint,
+            name=UNSET if self.name is None else self.name,
+            unit=self.force_unit,
+            rms=self.rms,
+            relative=self.relative,
+            floor=self.floor.value,
+            floor_source=self.floor.source,
+            repeatable=self.floor.repeatable(self.rms),
+        )
 
 
 @dataclass(frozen=True)
@@ -106,22 +107,20 @@ class Comparison:
     joints: tuple[JointSeries, ...]
     written: tuple[tuple[float, float], ...] | None
 
-    def to_json(self) -> dict[str, Any]:
+    def document(self) -> CompareDocument:
         """As `tendon compare --json`."""
-        band = self.identification.motion.band
-        joints = []
-        for number, series in enumerate(self.joints):
-            entry = {**series.to_json(), "structure": structure_json(series)}
-            entry["as_written"] = (
-                None if self.written is None else dict(zip(("rms", "relative"), self.written[number], strict=True))
-            )
-            joints.append(entry)
-        return {
-            "band": band.to_json(),
-            "skew": self.identification.inference.skew_json(),
-            "joints": joints,
-            "warnings": warnings(self.identification),
-        }
+        errors = [None] * len(self.joints) if self.written is None else self.written
+        written = [None if e is None else WrittenError(rms=e[0], relative=e[1]) for e in errors]
+        joints = [
+            series.document().as_part_of(ComparedJoint, structure=structure_entries(series), as_written=error)
+            for series, error in zip(self.joints, written, strict=True)
+        ]
+        return CompareDocument(
+            band=self.identification.motion.band.document(),
+            skew=self.identification.inference.skew_entry(),
+            joints=joints,
+            warnings=warnings(self.identification),
+        )
 
 
 def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
@@ -176,10 +175,11 @@ def laid_open(
     return tuple(out)
 
 
-def structure_json(series: JointSeries) -> list[dict[str, Any]]:
-    """Signals over which the residual is structured, the first first, as `tendon compare --json` has them."""
+def structure_entries(series: JointSeries) -> list[StructureShare]:
+    """Signals over which the residual is structured, the largest share first."""
     shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
-    return [{"signal": signal, "share": share} for signal, share in shares if share > STRUCTURE_LEAST_SHARE]
+    found = [entry for entry in shares if entry[1] > STRUCTURE_LEAST_SHARE]
+    return [StructureShare(signal=signal, share=share) for signal, share in found]
 
 
 def structure_shares(series: JointSeries) -> dict[str, float]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
+from runtime.documents.fits import FitParameters, FittedEffect, FittedParameter, InertialEntry, RotorEntry
+from runtime.documents.parts import SkewEntry
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, structure, unit_of
 
@@ -57,44 +59,59 @@ class Inference:
     skew_interval: tuple[float, float] | None
     open: Mapping[int, Estimate] = field(default_factory=dict)
 
-    def skew_json(self) -> dict[str, Any]:
+    def skew_entry(self) -> SkewEntry:
         """By how many samples the torque is late, with its interval where it was estimated."""
-        return {
-            "value": self.skew,
-            "unit": "samples",
-            "interval": list(self.skew_interval) if self.skew_interval else None,
-            "estimated": self.skew_interval is not None,
-        }
+        return SkewEntry(
+            value=self.skew, unit="samples", interval=self.skew_interval, estimated=self.skew_interval is not None
+        )
 
-    def rotors_json(self) -> list[dict[str, Any]]:
+    def rotor_entries(self) -> list[RotorEntry]:
         """What the rigid-body torque of the user's own model lacks of each rotor's inertia."""
-        return [{"joint": k, "name": f"rotor{k}", **_as_fit(e)} for k, e in enumerate(self.rotors, start=1)]
+        return [
+            RotorEntry(
+                joint=k,
+                name=f"rotor{k}",
+                fit=e.known_value,
+                unit=e.unit,
+                interval=e.known_interval,
+                inseparable_from=e.inseparable_from,
+            )
+            for k, e in enumerate(self.rotors, start=1)
+        ]
 
-    def to_json(self, model: Model) -> dict[str, Any]:
+    def inertial_entries(self, model: Model) -> list[InertialEntry]:
+        """Base inertial parameters with intervals."""
+        lumps = [(info.joint, info.name, info.value, e) for info, e in zip(model.lumps, self.lumps, strict=True)]
+        rotors = [(joint + 1, ROTOR, None, e) for joint, e in self.open.items()]
+        return [
+            InertialEntry(
+                joint=joint,
+                name=name,
+                model=value,
+                fit=e.known_value,
+                unit=e.unit,
+                interval=e.known_interval,
+                inseparable_from=e.inseparable_from,
+            )
+            for joint, name, value, e in [*lumps, *rotors]
+        ]
+
+    def document(self, model: Model) -> FitParameters:
         """Base parameters and effects with intervals, as `tendon identify --json`."""
         stated = structure(model)
-        return {
-            "inertial": [
-                {"joint": info.joint, "name": info.name, "model": info.value, **_as_fit(e)}
-                for info, e in zip(model.lumps, self.lumps, strict=True)
-            ]
-            + [{"joint": joint + 1, "name": ROTOR, "model": None, **_as_fit(e)} for joint, e in self.open.items()],
-            "rotors": self.rotors_json(),
-            "effects": [
-                {
-                    "effect": term.effect,
-                    "joint": term.joint,
-                    "name": term.name,
-                    "parameters": {k: {**e.to_json(), "model": stated.get(term, {}).get(k)} for k, e in values.items()},
-                }
-                for term, values in self.values.items()
-            ],
-        }
-
-
-def _as_fit(e: Estimate) -> dict[str, Any]:
-    document = e.to_json()
-    return {"fit": document.pop("value"), **document}
+        effects = [
+            FittedEffect(
+                effect=term.effect,
+                joint=term.joint,
+                name=term.name,
+                parameters={
+                    k: e.document().as_part_of(FittedParameter, model=stated.get(term, {}).get(k))
+                    for k, e in values.items()
+                },
+            )
+            for term, values in self.values.items()
+        ]
+        return FitParameters(inertial=self.inertial_entries(model), rotors=self.rotor_entries(), effects=effects)
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.parts import DelayEntry
 from runtime.estimation.covariance import Estimate, Inference
 from runtime.estimation.least_squares import bounded
 from runtime.estimation.problem import Problem
@@ -70,7 +70,7 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     return float(found.x) if clear else 0.0
 
 
-def to_json(model: Model, inference: Inference, dt: float) -> list[dict[str, Any]]:
+def entries(model: Model, inference: Inference, dt: float) -> list[DelayEntry]:
     """The whole delay from torque to motion of every joint, s, as verbs print it: what is assumed of it (half a sample
     of a hold) and what is estimated, the shift between the samples or an effect that leads. dt: s between samples."""
     document = []
@@ -84,14 +84,14 @@ def to_json(model: Model, inference: Inference, dt: float) -> list[dict[str, Any
             estimated += found.value
             interval = None if found.interval is None else (found.interval[0] + shift, found.interval[1] + shift)
         document.append(
-            {
-                "joint": joint,
-                "value": assumed + estimated,
-                "unit": "s",
-                "interval": None if interval is None else list(interval),
-                "assumed": assumed,
-                "estimated": estimated,
-            }
+            DelayEntry(
+                joint=joint,
+                value=assumed + estimated,
+                unit="s",
+                interval=interval,
+                assumed=assumed,
+                estimated=estimated,
+            )
         )
     return document
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from msgspec import UNSET, UnsetType
+
+from runtime.documents.parts import EstimateEntry
 
 
 @dataclass(frozen=True)
@@ -20,11 +22,25 @@ class Estimate:
     unit: str
     with_others: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
-        """null stands for what has no value: the rest position of a spring of no stiffness."""
-        known = self.interval if self.interval and np.all(np.isfinite(self.interval)) else None
-        value = self.value if np.isfinite(self.value) else None
-        document: dict[str, Any] = {"value": value, "unit": self.unit, "interval": list(known) if known else None}
-        if self.with_others:
-            document["inseparable_from"] = list(self.with_others)
-        return document
+    @property
+    def known_value(self) -> float | None:
+        """The value; None where there is none, as the rest position of a spring of no stiffness."""
+        return self.value if np.isfinite(self.value) else None
+
+    @property
+    def known_interval(self) -> tuple[float, float] | None:
+        """The interval; None where it is infinite."""
+        return self.interval if self.interval and np.all(np.isfinite(self.interval)) else None
+
+    @property
+    def inseparable_from(self) -> list[str] | UnsetType:
+        """`with_others` as a key of a document."""
+        return list(self.with_others) or UNSET
+
+    def document(self) -> EstimateEntry:
+        return EstimateEntry(
+            value=self.known_value,
+            unit=self.unit,
+            interval=self.known_interval,
+            inseparable_from=self.inseparable_from,
+        )

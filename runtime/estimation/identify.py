@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.fits import FitDocument
+from runtime.documents.parts import DelayEntry
 from runtime.estimation import delays, soundness, tip_rests
 from runtime.estimation.covariance import Inference, infer
 from runtime.estimation.fitting import drivable, solve
@@ -56,20 +57,19 @@ class Identification:
         every = self.motion.with_standstill
         return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
 
-    def delay_json(self) -> list[dict[str, Any]]:
+    def delay_entries(self) -> list[DelayEntry]:
         """The whole delay from torque to motion of every joint."""
-        return delays.to_json(self.model, self.inference, self.motion.pieces[0].dt)
+        return delays.entries(self.model, self.inference, self.motion.pieces[0].dt)
 
-    def to_json(self) -> dict[str, Any]:
-        """Every figure of the fit, as JSON has them; intervals are 95 %."""
-        document: dict[str, Any] = {
-            "band": self.motion.band.to_json(),
-            "skew": self.inference.skew_json(),
-            "delay": self.delay_json(),
-            **self.inference.to_json(self.model),
-        }
-        document["uncorrected"] = None if self.uncorrected is None else self.uncorrected.to_json(self.model)
-        return document
+    def document(self) -> FitDocument:
+        """Every figure of the fit; intervals are 95 %."""
+        return self.inference.document(self.model).as_part_of(
+            FitDocument,
+            band=self.motion.band.document(),
+            skew=self.inference.skew_entry(),
+            delay=self.delay_entries(),
+            uncorrected=None if self.uncorrected is None else self.uncorrected.document(self.model),
+        )
 
 
 def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Identification:

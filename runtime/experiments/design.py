@@ -249,7 +249,7 @@ class Proposal:
                 {"joint": i + 1, "torque": noise, "floor": floor}
                 for i, (noise, floor) in enumerate(zip(self.bench.noise, self.bench.floor, strict=True))
             ],
-            "band": self.bench.band.to_json(),
+            "band": self.bench.band.document(),
             "separations": [self._pair(*pair) for pair in self.after],
             "trials": [t.to_json() for t in self.confirmation.trials],
             "ordinary_trials": [t.to_json() for t in self.ordinary.trials],

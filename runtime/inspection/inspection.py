@@ -283,7 +283,7 @@ class Inspection:
             "joints": joints_json(recording, self.names) if recording else [],
             "shifts": shifts_json(recording) if recording else [],
             "repeats": None if fitted is None else {"seconds": repeats.find(fitted.motion)[0].seconds},
-            "delay": [] if fitted is None else fitted.delay_json(),
+            "delay": [] if fitted is None else fitted.delay_entries(),
             "parameters": [] if fitted is None else _parameters(fitted),
             "unfitted": self.unfitted,
             **self._fit_json(),
@@ -375,7 +375,7 @@ def _parameters(fitted: Identification) -> list[dict[str, Any]]:
     rows: list[tuple[str, int | None, Estimate]] = [(lump.name, None, e) for lump, e in lumps]
     for term, values in inference.values.items():
         rows += [(f"{term} {name}", term.joint, e) for name, e in values.items()]
-    return [{"name": name, "joint": joint, "told": _told(e), **e.to_json()} for name, joint, e in rows]
+    return [{"name": name, "joint": joint, "told": _told(e), **e.document().to_json()} for name, joint, e in rows]
 
 
 def _told(e: Estimate) -> str:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+
+from msgspec import UNSET
 
 from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_json
+from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
 from runtime.diagnosis.grammar_search import Wider
 from runtime.diagnosis.steps import Finding, Step
+from runtime.documents.diagnosis import FitsEntry, HistoryEntry, ImprovementBase
+from runtime.documents.fits import FitDocument
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
 
 OpenModel = Callable[[str], Model]
 Add = Callable[[str, str, int | None, Mapping[str, float] | None], str]
-Put = Callable[[str, Mapping[str, Any]], str]
+Put = Callable[[str, FitDocument], str]
 OnStep = Callable[[str], None]
 
 
@@ -41,28 +44,25 @@ class Improvement:
     def findings(self) -> tuple[Finding, ...]:
         return self.found.findings
 
-    def to_json(self) -> dict[str, Any]:
-        """As `tendon improve --json`: the keys of a diagnosis for what is left, and the history."""
-        history = [_history(step) for step in self.steps]
-        for k, entry in enumerate(history[1:]):
-            entry["finding"] = finding_json(self.found, k)
+    def document(self) -> ImprovementBase:
+        """As `tendon improve --json`, but for what follows from it: the diagnosis of what is left, and the history."""
         first, last = self.steps[0].identification, self.steps[-1].identification
-        return {
-            **self.left.to_json(),
-            "sensors": [worth.to_json() for worth in self.found.sensors],
-            "history": history,
-            "identification": {"before": first.to_json(), "after": last.to_json()},
-        }
-
-
-def _history(step: Step) -> dict[str, Any]:
-    return {
-        "added": None if step.added is None else str(step.added),
-        "rms": list(step.fitted.rms),
-        "relative": list(step.fitted.relative),
-        "held_out": None if step.held_out is None else list(step.held_out.rms),
-        "held_out_relative": None if step.held_out is None else list(step.held_out.relative),
-    }
+        return self.left.document().as_part_of(
+            ImprovementBase,
+            sensors=[worth.document() for worth in self.found.sensors],
+            history=[
+                HistoryEntry(
+                    added=None if step.added is None else str(step.added),
+                    rms=list(step.fitted.rms),
+                    relative=list(step.fitted.relative),
+                    held_out=None if step.held_out is None else list(step.held_out.rms),
+                    held_out_relative=None if step.held_out is None else list(step.held_out.relative),
+                    finding=finding_entry(self.found, k - 1) if k else UNSET,
+                )
+                for k, step in enumerate(self.steps)
+            ],
+            identification=FitsEntry(before=first.document(), after=last.document()),
+        )
 
 
 def improve(
@@ -79,7 +79,7 @@ def improve(
 
     open_model   text of a model file -> compiled and loaded model
     add          (text, effect, joint, values) -> text with that effect in it
-    put          (text, identification as JSON) -> text with the identified values
+    put          (text, fit) -> text with the identified values
     held_out     never fitted; an effect that raises the error on them is not added
     wider        as for `diagnose`
     """
@@ -94,7 +94,7 @@ def improve(
     search.model = _reloaded(open_model, text, last)
     left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
     believed = found.verdict != "refused"
-    return Improvement(put(text, last.identification.to_json()) if believed else text, found, left)
+    return Improvement(put(text, last.identification.document()) if believed else text, found, left)
 
 
 def _reloaded(open_model: OpenModel, text: str, step: Step) -> Model:

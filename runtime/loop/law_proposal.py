@@ -5,24 +5,27 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
+
+from msgspec.structs import replace
 
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.steps import Step
-from runtime.estimation.compare import structure_json
+from runtime.documents.diagnosis import DiagnosisBase
+from runtime.estimation.compare import structure_entries
 from runtime.model.loader import Model
 
 
-def described(diagnosis: Diagnosis) -> dict[str, Any]:
-    """As `tendon diagnose --json`: at unexplained joints also over which signals the residual is structured."""
-    document = {**diagnosis.to_json(), "draft": None}
-    if diagnosis.verdict == "unexplained":
-        step = diagnosis.steps[-1]
-        for joint in unexplained(step):
-            document["joints"][joint]["structure"] = structure_json(step.joints[joint])
-    return document
+def described(diagnosis: Diagnosis) -> DiagnosisBase:
+    """A diagnosis with the signals that the residual follows at each unexplained joint."""
+    document = diagnosis.document()
+    if diagnosis.verdict != "unexplained":
+        return document
+    joints, step = list(document.joints), diagnosis.steps[-1]
+    for k in unexplained(step):
+        joints[k] = replace(joints[k], structure=structure_entries(step.joints[k]))
+    return replace(document, joints=joints)
 
 
 def needless(diagnosis: Diagnosis) -> str:
@@ -46,13 +49,13 @@ def none_found(diagnosis: Diagnosis) -> str:
 
 def notes(draft: Draft, model: str, recordings: Sequence[str]) -> list[str]:
     """Paragraphs for the top of a draft's file; names of files only."""
-    said = draft.to_json()
-    values = ", ".join(f"{name} = {p['value']:.4g} {p['unit']}" for name, p in said["parameters"].items())
-    others = ", ".join(o["effect"] for o in said["others"])
+    said = draft.document()
+    values = ", ".join(f"{name} = {p.value:.4g} {p.unit}" for name, p in said.parameters.items())
+    others = ", ".join(o.effect for o in said.others)
     return [
-        f"At joint {said['joint']} of {model}, on {', '.join(recordings)}, it explains {100 * said['share']:.0f} % of "
-        f"what the model leaves above the noise: rms {said['rms_before']:.4g} -> {said['rms_after']:.4g} "
-        f"{said['unit']}, noise floor {said['floor']:.4g}.",
+        f"At joint {said.joint} of {model}, on {', '.join(recordings)}, it explains {100 * said.share:.0f} % of "
+        f"what the model leaves above the noise: rms {said.rms_before:.4g} -> {said.rms_after:.4g} "
+        f"{said.unit}, noise floor {said.floor:.4g}.",
         f"Fitted there: {values}." + (f" Guesses that explain nearly as much: {others}." if others else ""),
         "What to do with it: find what could act like this, rename it, correct the law, and bound each parameter as "
         "the physics does. Units and shape are consistent; whether it is true only another recording can tell.",

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator
 from runtime.motion.fourier import welch
@@ -77,9 +77,9 @@ class Band:
         """Hz, of the narrowest band, in which all joints can be read."""
         return float(self.cutoffs.min())
 
-    def to_json(self) -> dict[str, Any]:
+    def document(self) -> BandEntry:
         """As every verb has it: the narrowest cut-off and its reason, and each joint's own."""
-        return {"cutoff_hz": self.cutoff, "cutoffs_hz": self.cutoffs.tolist(), "reason": self.explained}
+        return BandEntry(cutoff_hz=self.cutoff, cutoffs_hz=self.cutoffs.tolist(), reason=self.explained)
 
     @property
     def explained(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.diagnose import Diagnosis
+from runtime.documents.fits import JudgedFitDocument
 from runtime.estimation.compare import Comparison
 from runtime.loop.improve import Improvement
 from runtime.notebook.arm import LoadedArm, PathOrText
@@ -23,10 +24,8 @@ from runtime.report.page.html_page import write_report
 from runtime.report.page.page_figures import Drawn
 from runtime.report.page.planned_page import write_plan
 from runtime.report.plots import plan_plots
-from runtime.report.summary import ResultSummary
-from runtime.report.terminal import exchange_pages, loop_pages, pages, plan_pages
-
-Document = dict[str, Any]
+from runtime.report.summary import LoopDocument, ResultSummary
+from runtime.report.terminal import exchange_pages, loop_pages, plan_pages
 
 
 class ResultFigures(Sequence[Drawn]):
@@ -54,19 +53,24 @@ class ResultFigures(Sequence[Drawn]):
 class _Result(ABC):
     """What all results have in common: `result` says a few lines, `result.show()` what the terminal says."""
 
-    _page: Callable[[Mapping[str, Any]], None]
+    _page: Callable[[Any], None]
 
     @property
     @abstractmethod
-    def json(self) -> Document:
-        """Every figure, as --json writes it."""
+    def document(self) -> Any:
+        """Every figure, as a struct of runtime/documents."""
+
+    @cached_property
+    def json(self) -> Any:
+        """The same as plain dicts and lists, as --json writes it."""
+        return plain(self.document)
 
     def __repr__(self) -> str:
-        return "\n".join(in_short.lines(self.json))
+        return "\n".join(in_short.lines(self.document))
 
     def show(self) -> None:
         """Print what the command line prints."""
-        type(self)._page(self.json)
+        type(self)._page(self.document)
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,13 +80,12 @@ class IdentificationResult(_Result):
     judged: JudgedFit
     arm: LoadedArm
 
-    _page = staticmethod(pages.identify)
+    _page = staticmethod(loop_pages.identify)
 
     @cached_property
-    def json(self) -> Document:
-        """As `tendon identify --json`."""
-        found: Document = plain(self.judged.to_json())
-        return found
+    def document(self) -> JudgedFitDocument:
+        """As `tendon identify --json`, but for what was written."""
+        return self.judged.document()
 
     def save(self, path: PathOrText) -> None:
         """Write the model file with the identified values. Raises OSError."""
@@ -95,7 +98,7 @@ class _Loop(_Result):
     summary: ResultSummary
 
     @property
-    def json(self) -> Document:
+    def document(self) -> LoopDocument:
         """As --json writes it."""
         return self.summary.document
 
@@ -159,10 +162,9 @@ class PlanResult(_Result):
     _page = staticmethod(plan_pages.plan)
 
     @cached_property
-    def json(self) -> Document:
+    def document(self) -> Any:
         """As `tendon optimize --json`."""
-        found: Document = plain(plan_document(self.arm.model, self.plan))
-        return found
+        return plain(plan_document(self.arm.model, self.plan))
 
     @cached_property
     def figures(self) -> ResultFigures:
@@ -183,12 +185,12 @@ class PlanResult(_Result):
 class ExportResult(_Result):
     """An arm that was written for simulators: its bodies, and what the format cannot say."""
 
-    written: Document
+    written: dict[str, Any]
 
     _page = staticmethod(exchange_pages.exported)
 
     @property
-    def json(self) -> Document:
+    def document(self) -> Any:
         """As `tendon export --json`."""
         return self.written
 

@@ -47,7 +47,7 @@ def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) 
     """
     data = arm.recordings(recordings)
     found = judged(identification.identify(arm.model, data, skew), data)
-    return IdentificationResult(found, arm.with_text(arm.source.put(arm.text, found.to_json())))
+    return IdentificationResult(found, arm.with_text(arm.source.put(arm.text, found.document())))
 
 
 def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from runtime.documents.diagnosis import DiagnosisBase
+from runtime.documents.fits import CompareDocument
+from runtime.wording import milliseconds
 
 
-def sentences(document: Mapping[str, Any]) -> list[str]:
+def sentences(document: CompareDocument | DiagnosisBase) -> list[str]:
     """By how long the link-side encoders are read later than the motors', and what further sensors were worth.
 
     document   as `tendon diagnose --json` or `tendon improve --json`
     """
+    if isinstance(document, CompareDocument):
+        return []
     found = []
-    for e in document["encoder_skew"]:
-        low, value, high = (f"{1e3 * x:.3g}" for x in (e["interval"][0], e["value"], e["interval"][1]))
-        later = f"the link-side encoder is read {value} ms later than the motor's"
-        found.append(f"Joint {e['joint']}: {later}, 95 % in [{low}, {high}] ms.")
-    return [*found, *(f"What the sensors were worth: {sensor['said']}." for sensor in document["sensors"])]
+    for e in document.encoder_skew:
+        text = f"Joint {e.joint}: the link-side encoder is read {milliseconds(e.value)} ms later than the motor's"
+        if e.interval is not None:
+            text += f", 95 % in [{milliseconds(e.interval[0])}, {milliseconds(e.interval[1])}] ms"
+        found.append(f"{text}.")
+    return [*found, *(f"Contribution of the sensors: {sensor.said}." for sensor in document.sensors)]

@@ -5,22 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from runtime.diagnosis.diagnose import Diagnosis, finding_json
+from msgspec import UNSET
+
+from runtime.diagnosis.diagnose import Diagnosis, finding_entry
 from runtime.diagnosis.remainder import physics
 from runtime.diagnosis.steps import Finding, Step
+from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
+from runtime.documents.fits import CompareDocument
 from runtime.estimation.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
 from runtime.model.terms import at, joints_of
 from runtime.motion import spectrum
 from runtime.motion.noise_floor import Floor
-from runtime.plain_json import plain
 from runtime.report.follow_up import Invocation, unknown
 from runtime.wording import MORE_THAN_NOISE, numbered
 
 Result = Comparison | Diagnosis | Improvement
+LoopDocument = CompareDocument | DiagnosisDocument | ImprovementDocument
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,8 @@ class NextCommand:
     what: str
     line: str
 
-    def to_json(self) -> dict[str, str]:
-        return {"what": self.what, "command": self.line}
+    def document(self) -> CommandEntry:
+        return CommandEntry(what=self.what, command=self.line)
 
 
 @dataclass(frozen=True)
@@ -49,25 +52,22 @@ class ResultSummary:
     drafted: bool = False
 
     @cached_property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> LoopDocument:
         """As --json writes it."""
-        document = described(self.result) if isinstance(self.result, Diagnosis) else self.result.to_json()
-        if self.held_out_floors:
-            document["held_out_floors"] = [
-                {"joint": k, "floor": f.value, "floor_source": f.source}
-                for k, f in enumerate(self.held_out_floors, start=1)
-            ]
-        if self.diagnosis is not None:
-            document["more_is_left"] = self.more_is_left
-            document["peaks"] = [
-                {"joint": k, "frequencies_hz": frequencies}
-                for k, frequencies in enumerate(self.peaks, 1)
-                if frequencies
-            ]
-            document["commands"] = [command.to_json() for command in self.commands]
-            document["improved_model"] = None if self.improved is None else str(self.improved)
-        cleaned: dict[str, Any] = plain(document)
-        return cleaned
+        if isinstance(self.result, Comparison):
+            return self.result.document()
+        follows = {
+            "more_is_left": self.more_is_left,
+            "peaks": [PeaksEntry(joint=k, frequencies_hz=f) for k, f in enumerate(self.peaks, 1) if f],
+            "commands": [command.document() for command in self.commands],
+            "improved_model": None if self.improved is None else str(self.improved),
+        }
+        if isinstance(self.result, Diagnosis):
+            return described(self.result).as_part_of(DiagnosisDocument, draft=None, **follows)
+        floors = [
+            FloorEntry(joint=k, floor=f.value, floor_source=f.source) for k, f in enumerate(self.held_out_floors, 1)
+        ]
+        return self.result.document().as_part_of(ImprovementDocument, held_out_floors=floors or UNSET, **follows)
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -102,7 +102,7 @@ class ResultSummary:
             return False
         if isinstance(self.result, Improvement):
             return self.result.left.verdict == "unexplained"
-        named = any(finding_json(self.diagnosis, k)["remainder"] for k in range(len(self.findings)))
+        named = any(finding_entry(self.diagnosis, k).remainder for k in range(len(self.findings)))
         return named or any(physics(self.last, i) for i in range(len(self.last.joints)))
 
     @cached_property

@@ -10,7 +10,7 @@ from typing import Any
 
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
-from runtime.estimation.compare import JointSeries, structure_json, warnings
+from runtime.estimation.compare import JointSeries, structure_entries, warnings
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.suspicions import Suspicion
 from runtime.inspection.inspection import Inspection
@@ -69,7 +69,7 @@ def _joint(index: int, series: JointSeries, held: bool) -> JointShown:
         "floors": series.rms / floor if floor else None,
         "at_floor": not len(series.t) or series.rms < MORE_THAN_NOISE * floor,
         "repeatable": series.floor.repeatable(series.rms),
-        "structure": [(entry["signal"], entry["share"]) for entry in structure_json(series)],
+        "structure": [(entry.signal, entry.share) for entry in structure_entries(series)],
         "signals": f"step{index}-joint{series.joint}" if len(series.t) else None,
         "held": f"step{index}-held{series.joint}" if held else None,
     }
@@ -141,8 +141,8 @@ def verdict(summary: ResultSummary) -> VerdictShown:
         "to_record": cards.to_record(summary),
         "experiments": [_experiment(row) for row in cards.experiments(summary)],
         "sensors": sensors_said.sentences(summary.document),
-        "warnings": list(summary.document["warnings"]),
-        "commands": [command.to_json() for command in summary.commands],
+        "warnings": list(summary.document.warnings),
+        "commands": [command.document().to_json() for command in summary.commands],
     }
 
 
@@ -160,7 +160,7 @@ def _card(summary: ResultSummary, index: int) -> Row:
 
 
 def _experiment(row: Row) -> Row:
-    return row | {"commands": [command.to_json() for command in row["commands"]]}
+    return row | {"commands": [command.document().to_json() for command in row["commands"]]}
 
 
 def offered(search: Search) -> list[EffectOffered]:

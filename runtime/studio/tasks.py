@@ -118,7 +118,7 @@ def _fitted(
     summary = ResultSummary(comparison, invocation(opened.inputs, about(opened.source.text)))
     work = empty(opened.session.scratch / "step")
     (work / "model.toml").write_text(text, encoding="utf-8")
-    put = opened.source.put(text, step.identification.to_json())
+    put = opened.source.put(text, step.identification.document())
     (work / "fitted.toml").write_text(put, encoding="utf-8")
     write(work / "shown.json", describe.step(number, summary, held_joints, search.suspicions))
     write(work / "library.json", describe.offered(search))

@@ -161,14 +161,13 @@ class Recovered:
 
     def to_json(self) -> dict[str, Any]:
         """difference: relative to the paper's."""
-        estimate = self.ours.to_json()
         return {
             "joint": self.joint,
             "name": self.column,
-            "unit": estimate["unit"],
+            "unit": self.ours.unit,
             "paper": self.paper,
-            "ours": estimate["value"],
-            "interval": estimate["interval"],
+            "ours": self.ours.known_value,
+            "interval": self.ours.known_interval,
             "difference": self.ours.value / self.paper - 1.0,
             "within_precision": self.within_precision,
             "within_interval": self.within_interval,
@@ -229,8 +228,8 @@ class JointFriction:
         return {
             "joint": self.joint,
             "cosines": cosines,
-            "band": motion.band.to_json(),
-            "skew": self.identification.inference.skew_json(),
+            "band": motion.band.document(),
+            "skew": self.identification.inference.skew_entry(),
             "parameters": [parameter.to_json() for parameter in self.parameters],
         }
 

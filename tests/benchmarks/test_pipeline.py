@@ -124,7 +124,7 @@ def _identify(model: Model, data: Recording) -> Identification:
 
 def _compare(identification: Identification) -> object:
     joints = compare.series(identification)
-    return compare.Comparison(identification, joints, compare.as_written(identification)).to_json()
+    return compare.Comparison(identification, joints, compare.as_written(identification)).document().to_json()
 
 
 def _error(problem: Problem, theta: Array, identification: Identification) -> float:

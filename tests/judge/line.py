@@ -123,7 +123,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         model = source.model()
         start = time.process_time()
         found = diagnose(model, [made.recording], [made.held_out] if held_out else [], source.guesses)
-        answer = found.to_json()
+        answer = found.document().to_json()
         out.seconds = time.process_time() - start
         _judge(out, made, found, answer, experiments)
         if compared and _comparable(made):
@@ -155,7 +155,7 @@ def logged(made: Made) -> Made:
 def _at_its_limit(case: Case) -> Made | None:
     """The case with its effect a little beyond what the same recording without it would have seen; None: no limit."""
     clean = judging.make(replace(case, names=()))
-    seen = diagnose(opened(clean.model).model(), [clean.recording]).to_json()["would_have_seen"]
+    seen = diagnose(opened(clean.model).model(), [clean.recording]).document().to_json()["would_have_seen"]
     amount = limits.beyond(seen, case.names[0], judging.places(case)[0])
     return None if amount is None else judging.make(case, [amount])
 
@@ -208,7 +208,7 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
 def _covered(made: Made, found: Diagnosis) -> list[coverage.Covered]:
     identification = found.steps[-1].identification
     lumps = coverage.true_lumps(made, identification.model.regressor)
-    return coverage.covered(made, identification.to_json(), lumps)
+    return coverage.covered(made, identification.document().to_json(), lumps)
 
 
 def _comparable(made: Made) -> bool:

@@ -36,7 +36,7 @@ def model() -> Model:
 
 @pytest.fixture(scope="module")
 def clean(plant: Bench, model: Model) -> dict[str, Any]:
-    found = diagnose(model, [plant.recording(plant.run([]))]).to_json()
+    found = diagnose(model, [plant.recording(plant.run([]))]).document().to_json()
     assert found["verdict"] == "clean"
     return found
 

@@ -52,7 +52,7 @@ def carrying(_rows: Rows, arm: dict[str, float], _amount: float) -> None:
 
 
 def test_recordings_of_one_arm_agree(model: Model, record: Callable[..., Recording]) -> None:
-    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv")]).to_json()
+    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv")]).document().to_json()
     assert found["verdict"] == "clean", found["reason"]
     assert found["inconsistent"] == []
     assert [r["recording"] for r in found["recordings"]] == ["run1.csv", "run2.csv"]
@@ -62,7 +62,7 @@ def test_recordings_of_one_arm_agree(model: Model, record: Callable[..., Recordi
 
 
 def test_another_payload_is_another_arm(model: Model, record: Callable[..., Recording]) -> None:
-    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv", carrying)]).to_json()
+    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv", carrying)]).document().to_json()
     assert found["verdict"] == "refused", found["reason"]
     assert found["findings"] == []
     worst = found["inconsistent"][0]
@@ -74,7 +74,7 @@ def test_another_payload_is_another_arm(model: Model, record: Callable[..., Reco
 
 def test_thinner_grease_is_said_and_refused(model: Model, record: Callable[..., Recording]) -> None:
     thin = {"VISCOUS_POSITIVE": 0.77, "VISCOUS_NEGATIVE": 0.77}
-    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv", at(0, **thin))]).to_json()
+    found = diagnose(model, [record(1, "run1.csv"), record(2, "run2.csv", at(0, **thin))]).document().to_json()
     assert found["verdict"] == "refused", found["reason"]
     assert found["findings"] == []
     assert "viscous@1 coefficient is " in found["reason"]
@@ -87,7 +87,7 @@ def test_page_and_terminal_show_both_tables(
     found = conclude(search)
     page = render(found)
     assert "Each recording alone" in page
-    assert page.count("differs</span>") == len(found.to_json()["inconsistent"])
+    assert page.count("differs</span>") == len(found.document().to_json()["inconsistent"])
     loop_pages.diagnosis(ResultSummary(found).document)
     out = capsys.readouterr().out
     assert re.search(r"each recording alone +run1.csv +run2.csv", out)

@@ -106,7 +106,7 @@ def test_a_line_of_a_wrist_is_found_above_what_the_base_s_encoder_permits(model:
     assert band.cutoffs[0] < ORDER * 100 * speed / (2 * np.pi) < band.cutoffs[1]
     assert [str(f.term) for f in found.findings] == ["torque_ripple@2"]
     assert found.findings[0].evidence.candidate.shape["order"] == pytest.approx(ORDER, rel=1e-3)
-    document = found.to_json()["band"]
+    document = found.document().to_json()["band"]
     assert document["cutoff_hz"] == min(document["cutoffs_hz"]) == band.cutoffs[0]
     assert f"joint 2 up to {band.cutoffs[1]:g} Hz" in document["reason"]
 

@@ -58,7 +58,7 @@ def test_a_delay_of_samples_is_found_in_time(drive: Model, samples: int) -> None
     found = identify_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain.fit)
     estimate = found.inference.values[DELAY]["time"]
     assert estimate.value == pytest.approx(delay, rel=0.01, abs=0.03 / RATE)
-    (total,) = found.to_json()["delay"]
+    (total,) = found.document().to_json()["delay"]
     assert total["assumed"] == pytest.approx(HOLD, rel=1e-3)
     assert total["estimated"] == estimate.value
     assert total["value"] == pytest.approx(delay + HOLD, abs=0.05 / RATE)
@@ -72,17 +72,17 @@ def test_a_delay_of_samples_is_found_in_time(drive: Model, samples: int) -> None
 def test_a_delay_is_named_first(drive: Model) -> None:
     """At 15 ms and 8 Hz no first order explains it; a cable or gravity was nearer."""
     recording = chirped(0.015)
-    assert any("0.015 s ahead of its motion" in w for w in compare(drive, [recording]).to_json()["warnings"])
+    assert any("0.015 s ahead of its motion" in w for w in compare(drive, [recording]).document().to_json()["warnings"])
     found = diagnose(drive, [recording])
     assert found.findings[0].term == DELAY
-    assert found.to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)
+    assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)
 
 
 def test_a_hold_is_no_delay(drive: Model) -> None:
     """Half a sample is estimated, not assumed, and no column changes."""
     found = identify(drive, [chirped(0.0)])
     assert found.fit.ahead is None
-    (total,) = found.to_json()["delay"]
+    (total,) = found.document().to_json()["delay"]
     assert total["assumed"] == 0.0
     assert total["value"] == pytest.approx(HOLD, abs=0.05 / RATE)
 
@@ -118,4 +118,4 @@ def test_nothing_is_named_beside_a_delay_that_is_simulated(drive: Model) -> None
     made, _ = simulate(drive, [Hidden(DELAY, {"time": 0.008})], SimulationSettings(seconds=30.0, noise=0.02))
     found = diagnose(drive, [made])
     assert [f.term for f in found.findings] == [DELAY]
-    assert found.to_json()["delay"][0]["value"] == pytest.approx(0.008, abs=1e-4)
+    assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.008, abs=1e-4)

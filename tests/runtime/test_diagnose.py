@@ -54,7 +54,7 @@ def test_recordings_of_another_simulator(recording: str, model: str, truth: list
     assert found.verdict == ("effect" if truth else "clean")
     assert found.seen
     # "never a traceback, plain JSON": what the command prints can be read back without loss.
-    assert json.loads(json.dumps(found.to_json(), allow_nan=False)) == found.to_json()
+    assert json.loads(json.dumps(found.document().to_json(), allow_nan=False)) == found.document().to_json()
 
 
 def test_a_disturbance_from_outside_is_not_physics(shared: Shared) -> None:
@@ -158,7 +158,7 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     fitted, held = (shared(f"emps/{name}.csv.gz", emps) for name in ("identification", "validation"))
     source = Source.shipped("emps")
     result = improve(source.text, source.model, source.add, source.put, [fitted], [held])
-    history = result.to_json()["history"]
+    history = result.document().to_json()["history"]
     added = [step["added"] for step in history]
     assert {"viscous_asymmetric@1", "viscous_power@1"} == set(added[1:3])
     for key in ("relative", "held_out_relative"):

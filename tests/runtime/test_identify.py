@@ -92,7 +92,7 @@ def test_compare_says_where_the_residual_sits(drive: Model) -> None:
 
 def test_leaving_the_range_of_the_data_warns(drive: Model) -> None:
     """The cubic term bends the friction down: beyond the data it would drive the joint."""
-    document = compare(drive, [recorded(None, 5)]).to_json()
+    document = compare(drive, [recorded(None, 5)]).document().to_json()
     assert len(document["warnings"]) == 1
     assert "drives the joint" in document["warnings"][0]
 

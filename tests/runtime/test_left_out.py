@@ -55,7 +55,7 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
     assert [str(f.term) for f in unknown.findings] == ([f"{hidden}@1"] if hidden else [])
     assert unknown.verdict == true.verdict
     assert "model file" not in unknown.reason
-    found = json.loads(json.dumps(unknown.to_json(), allow_nan=False))["parameters"]
+    found = json.loads(json.dumps(unknown.document().to_json(), allow_nan=False))["parameters"]
     assert [p["model"] for p in found] == [None]
     # The drive's own inertia: plants.py's rotor and link.
     assert found[0]["fit"] == pytest.approx(0.2365, rel=0.01)
@@ -64,7 +64,7 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
 def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: Sourced) -> None:
     source = sourced(bare(wrist.MODEL))
     fitted = identify(source.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
-    model = source.model(source.put(source.text, fitted.to_json()))
+    model = source.model(source.put(source.text, fitted.document()))
     np.testing.assert_allclose(model.lump_values, fitted.fit.coefficients[: len(model.lumps)], rtol=1e-6)
     true = sourced(wrist.MODEL).model()
     stated = dict(zip((lump.name for lump in true.lumps), true.lump_values, strict=True))
@@ -78,8 +78,8 @@ def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: So
 def test_a_file_that_leaves_numbers_open_has_no_error_as_written(sourced: Sourced) -> None:
     found = compare(sourced(bare(DRIVE)).model(), [recorded(None, seed=2)])
     assert found.written is None
-    assert found.to_json()["joints"][0]["as_written"] is None
-    assert not any("physical" in warning for warning in found.to_json()["warnings"])
+    assert found.document().to_json()["joints"][0]["as_written"] is None
+    assert not any("physical" in warning for warning in found.document().to_json()["warnings"])
 
 
 def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
@@ -93,8 +93,8 @@ def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
     tau = np.array([held[0], 0.08 * acceleration + 0.8 * np.sign(np.gradient(q[1], t))])
     source = sourced(bare(wrist.MODEL))
     smooth = replace(recording, q=q, tau=tau + 0.03 * rng.standard_normal(q.shape))
-    document = identify(source.model(), [smooth]).to_json()
-    assert {p["name"] for p in document["inertial"] if p["fit"] is None} == {"J1", "h2", "hy2"}
+    document = identify(source.model(), [smooth]).document()
+    assert {p.name for p in document.inertial if p.fit is None} == {"J1", "h2", "hy2"}
     with pytest.raises(ModelError, match="J1, h2, hy2"):
         _ = source.model(source.put(source.text, document)).lump_values
 
@@ -131,7 +131,7 @@ def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced:
     inference = found.steps[-1].identification.inference
     others = inference.values[Term("load_friction", 1)]["coefficient"].with_others
     assert "rotor_inertia 1" in others
-    assert {p["name"] for p in found.to_json()["parameters"]} == {"J1", "rotor_inertia"}
+    assert {p["name"] for p in found.document().to_json()["parameters"]} == {"J1", "rotor_inertia"}
 
 
 @pytest.mark.parametrize(

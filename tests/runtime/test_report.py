@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -200,7 +201,7 @@ def test_sections_in_their_order(page):
 
 def test_page_holds_the_numbers_of_the_json(improvement, page):
     read = Reader(page)
-    document = ResultSummary(improvement).document
+    document = ResultSummary(improvement).document.to_json()
     assert json.loads(read.scripts[-1]) == json.loads(json.dumps(document))
     for step in document["history"]:
         assert wording.percent(step["relative"][0]) in read.text
@@ -312,12 +313,12 @@ def test_what_was_demanded_is_drawn_under_what_was_measured(drive, one):
 
 
 def test_what_sensors_were_worth_is_on_the_page(improvement, page):
-    assert "What the sensors were worth" not in page
+    assert "Contribution of the sensors" not in page
     worth = SensorWorth(("q1_link",), (ELASTICITY,), (), ())
-    document = {"encoder_skew": [], "sensors": [worth.to_json()]}
-    assert sensors_said.sentences(document) == ["What the sensors were worth: q1_link: alone rules out elasticity@1."]
     summary = ResultSummary(improvement)
-    summary.document["sensors"] = [worth.to_json()]
+    document = msgspec.structs.replace(summary.document, sensors=[worth.document()])
+    summary.__dict__["document"] = document
+    assert sensors_said.sentences(document) == ["Contribution of the sensors: q1_link: alone rules out elasticity@1."]
     assert sensors_said.sentences(document)[0] in Reader(html_page.render(summary)).text
 
 
@@ -326,7 +327,7 @@ def test_commands_can_be_copied(summary, story_text):
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in text
     assert "tendon identify 'my arms/drive.toml' 'run 1.csv' --write --effects own.py" in text
     assert "tendon experiment 'my arms/drive.toml' --between stribeck@1,elasticity@1 --effects own.py" in text
-    assert [c["command"] for c in summary.document["commands"]] == [c.line for c in summary.commands]
+    assert [c.command for c in summary.document.commands] == [c.line for c in summary.commands]
 
 
 def test_the_model_files_own_words_and_sources_are_cited():
@@ -339,7 +340,7 @@ def test_what_is_done_already_is_not_asked_for(summary):
     done = replace(summary, given=replace(ORIGIN, improved=Path("better.toml")))
     assert not any(c.line.startswith("tendon add") for c in done.commands)
     assert "The improved model is in better.toml" in Reader(html_page.render(done)).text.replace(" .", ".")
-    assert not done.document["commands"][0]["command"].startswith("tendon identify")
+    assert not done.document.commands[0].command.startswith("tendon identify")
 
 
 @given(name=st.text(min_size=1).filter(lambda s: "\0" not in s), joint=st.none() | st.integers(1, 7))
@@ -360,7 +361,7 @@ def test_floor_of_a_recording_is_the_same_held_out(improvement, summary, story_t
     # The fixture's held-out errors are 1.1 times the fitted ones in rms and relative: the same torque.
     assert summary.held_out_floor(0) == pytest.approx(summary.floor(0), rel=1e-9)
     assert f"noise floor, held out {wording.percent(summary.floor(0))}" in story_text
-    assert summary.document["held_out_floors"][0]["floor"] == summary.held_out_floors[0].value
+    assert summary.document.held_out_floors[0].floor == summary.held_out_floors[0].value
     assert held_out.floors(improvement.steps[-1].identification, []) == ()
 
 
@@ -482,12 +483,12 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     humming = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
     clean = replace(improvement.left, steps=(replace(step, identification=humming),))
     summary = ResultSummary(clean)
-    (peak,) = summary.document["peaks"]
-    assert min(abs(f - 12.3) for f in peak["frequencies_hz"]) < 0.4
+    (peak,) = summary.document.peaks
+    assert min(abs(f - 12.3) for f in peak.frequencies_hz) < 0.4
     page = Reader(html_page.render(summary)).text
     assert re.search(r"Its spectrum has peaks that hold little: joint 1 at .*12\.\d+ Hz", page)
     loop_pages.diagnosis(summary.document)
-    assert "Peaks in the spectrum of what is left" in capsys.readouterr().out
+    assert "Peaks in the spectrum of the residual" in capsys.readouterr().out
     more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
     assert "effect found, more is left" in Reader(html_page.render(more)).text
     assert "more is left" not in Reader(html_page.render(improvement)).text
@@ -517,7 +518,7 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     identification.__dict__["inference"] = replace(inference, values=values)
     step = replace(last, identification=identification)
     found = replace(improvement.found, steps=(improvement.steps[0], step))
-    document = json.loads(json.dumps(ResultSummary(found).document, allow_nan=False))
+    document = json.loads(json.dumps(ResultSummary(found).document.to_json(), allow_nan=False))
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
 
 
@@ -544,7 +545,7 @@ def test_joints_are_called_by_their_names_too(improvement, capsys):
 
     whole = Improvement(improvement.model_text, named(improvement.found), named(improvement.left))
     summary = ResultSummary(whole, ORIGIN)
-    assert [j["name"] for j in summary.document["joints"]] == ["elbow"]
+    assert [j.name for j in summary.document.joints] == ["elbow"]
     page = html_page.render(summary)
     assert "Joint 1 elbow: stribeck added" in page
     assert "stribeck at joint 1 elbow" in page

@@ -107,7 +107,9 @@ def test_a_link_side_encoder_tells_a_spring_from_a_gap(arm: dict[int, Model]) ->
     made = recorded(poor, ("elasticity", 0, 1500.0))
     found = diagnose(arm[1], [made.plain])
     assert named(found)[0] == ("elasticity@1", ["backlash@1"])
-    assert found.to_json()["findings"][0]["missing_signals"] == [{"signal": "q1_link", "rivals": ["backlash"]}]
+    assert found.document().to_json()["findings"][0]["missing_signals"] == [
+        {"signal": "q1_link", "rivals": ["backlash"]}
+    ]
     assert named(diagnose(arm[1], [made.with_link()]))[0] == ("elasticity@1", [])
     made = recorded(poor, ("backlash", 0, 3e-3))
     assert named(diagnose(arm[1], [made.plain]))[0][0] == "backlash@1"
@@ -129,10 +131,10 @@ def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap(arm: dict[int, Mo
     made = recorded(Setting(excitation="one_cosine"), ("backlash", 0, 4.8e-3), seed=2)
     found = diagnose(arm[1], [made.plain])
     assert "backlash@1" in spoken_of(found)
-    assert "q1_link" in {x["signal"] for f in found.to_json()["findings"] for x in f["missing_signals"]}
+    assert "q1_link" in {x["signal"] for f in found.document().to_json()["findings"] for x in f["missing_signals"]}
     found = diagnose(arm[1], [made.with_link()])
     assert named(found) == [("backlash@1", [])]
-    low, high = found.to_json()["findings"][0]["parameters"]["gap"]["interval"]
+    low, high = found.document().to_json()["findings"][0]["parameters"]["gap"]["interval"]
     assert low < 4.8e-3 < high
 
 
@@ -198,7 +200,7 @@ def test_the_users_own_rigid_torque_replaces_an_arm_that_the_file_cannot_say(arm
     assert named(found) == [("stribeck@2", [])]
     assert found.findings[0].share() > 0.9
     assert found.reason.startswith("the model lacks stribeck")
-    assert {p["fit"] for p in found.to_json()["parameters"]} == {None}
+    assert {p["fit"] for p in found.document().to_json()["parameters"]} == {None}
     last = found.steps[-1].identification
     assert np.array_equal(last.fit.prediction.lumps, arm[2].lump_values)
     torque = last.inference.values[Term("stribeck", 2)]["torque"]
@@ -278,7 +280,7 @@ def test_a_rigid_torque_without_rotors_leaves_them_to_be_fitted(arm: dict[int, M
     for recording, lacking in ((whole, 0.0), (bare, rotor)):
         found = diagnose(arm[1], [recording])
         assert found.verdict == "clean"
-        (entry,) = found.to_json()["rotors"]
+        (entry,) = found.document().to_json()["rotors"]
         assert entry["fit"] == pytest.approx(lacking, abs=2e-3)
         assert entry["interval"][0] < lacking < entry["interval"][1]
 

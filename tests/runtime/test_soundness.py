@@ -83,7 +83,7 @@ def test_a_link_without_inertia_warns_of_nothing(tmp_path: Path) -> None:
         warnings.simplefilter("error")
         assert diagnose(model, [run]).verdict == "clean"
         believed = arm(tmp_path, 1e-6, 0.2365, "[joint.effects.elasticity]\n")
-        identify(believed, [run]).to_json()
+        identify(believed, [run]).document().to_json()
 
 
 def test_an_effect_that_cannot_be_placed_is_one_line(tmp_path: Path, drive: Model) -> None:

@@ -1,4 +1,4 @@
-"""What the terminal says, from made-up dictionaries of the kind that --json writes."""
+"""What the terminal says, from made-up documents of the kind that --json writes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import io
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin
 
+import msgspec
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -16,14 +17,54 @@ from rich.console import Console
 from runtime.diagnosis.detection_limits import Limit
 from runtime.diagnosis.gates import Figures
 from runtime.diagnosis.settings import LEAST_DELTA_BIC, LEAST_EFFECT, LEAST_LIKELIHOOD_GAIN, LEAST_SHARE
+from runtime.documents.diagnosis import (
+    DiagnosedJoint,
+    DiagnosisDocument,
+    EvidenceEntry,
+    FindingEntry,
+    FloorEntry,
+    HistoryEntry,
+    ImprovementDocument,
+    LimitEntry,
+    RankedCandidate,
+)
+from runtime.documents.fits import (
+    ComparedJoint,
+    CompareDocument,
+    FittedEffect,
+    FittedParameter,
+    InertialEntry,
+    JointEntry,
+    JudgedFitDocument,
+)
+from runtime.documents.parts import DelayEntry, EffectAt, EstimateEntry
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report.terminal import cells, inspection_pages, loop_pages, pages
 from runtime.wording import fixed, told_apart
 
 
-def delay(joint: int, value: float) -> dict[str, Any]:
-    return {"joint": joint, "value": value, "unit": "s", "interval": None, "assumed": value, "estimated": 0.0}
+def made(kind: Any, **values: Any) -> Any:
+    """A document of a kind; keys that are not given have some value of their type, or are absent where they may be."""
+    fields = {f.name: f for f in msgspec.structs.fields(kind)}
+    some = {name: _some(f.type) for name, f in fields.items() if f.required and name not in values}
+    return kind(**some, **values)
+
+
+def _some(kind: Any) -> Any:
+    if get_origin(kind) is Annotated:
+        return _some(get_args(kind)[0])
+    if type(None) in get_args(kind):
+        return None
+    if get_origin(kind) is Literal:
+        return get_args(kind)[0]
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return made(kind)
+    return (get_origin(kind) or kind)()
+
+
+def delay(joint: int, value: float) -> DelayEntry:
+    return made(DelayEntry, joint=joint, value=value, assumed=value)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +78,7 @@ def delay(joint: int, value: float) -> dict[str, Any]:
 def test_joints_of_one_delay_share_a_line(
     values: list[float], places: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    cells.delay_lines({"delay": [delay(i, value) for i, value in enumerate(values, 1)]})
+    cells.delay_lines([delay(i, value) for i, value in enumerate(values, 1)])
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(" (")[0] for line in lines] == [f"Delay from torque to motion, {where}" for where in places]
 
@@ -139,43 +180,43 @@ def test_no_reason_says_that_a_number_is_not_itself(below: float, share: float) 
 
 def test_what_is_noise_is_not_said_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:
     joint = {"joint": 1, "relative": 0.01, "floor": 0.1, "floor_source": "repeats", "repeatable": True}
-    cells.joints_table({"joints": [{**joint, "rms": 0.102}, {**joint, "rms": 0.3}]})
+    joints = [made(ComparedJoint, **joint, rms=rms, structure=[]) for rms in (0.102, 0.3)]
+    loop_pages.compare(made(CompareDocument, joints=joints))
     assert [line.split()[-1] for line in capsys.readouterr().out.splitlines() if "repeats" in line] == ["noise", "yes"]
 
 
-def weighed(effect: str, delta_bic: float, share: float, failed: list[str]) -> dict[str, Any]:
-    evidence = {"eff": 0.3, "share_of_excess": share, "delta_bic": delta_bic, "cv_gain": 0.9, "failed_gates": failed}
-    return {"effect": effect, "joint": 1, "evidence": evidence}
+def weighed(effect: str, delta_bic: float, share: float, failed: list[str], cv_gain: float = 0.9) -> RankedCandidate:
+    evidence = made(
+        EvidenceEntry, eff=0.3, share_of_excess=share, delta_bic=delta_bic, cv_gain=cv_gain, failed_gates=failed
+    )
+    return RankedCandidate(effect=effect, joint=1, evidence=evidence)
+
+
+def diagnosed(**values: Any) -> DiagnosisDocument:
+    joint = made(DiagnosedJoint, joint=1, name="elbow", unit="N m", floor=0.1)
+    return made(DiagnosisDocument, joints=[joint], **values)
 
 
 def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
     """Nearly all of what is missing is explained by many effects: the share alone reads as a contradiction."""
-    finding = weighed("stribeck", 900.0, 1.0, []) | {
-        "rms_before": 0.3,
-        "rms_after": 0.1,
-        "share": 0.998,
-        "held_out_before": None,
-        "parameters": {},
-        "rivals": [],
-        "remainder": "",
-        "ranking": [
-            weighed("stribeck", 900.0, 1.0, []),
-            weighed("viscous_power", 700.0, 0.997, []),
-            weighed("friction_patch", 950.0, 0.9, []),
-            weighed("lugre", 100.0, 0.4, ["held-out error does not fall by 0.3 %", "another"]),
-            weighed("offset", 1.0, 0.01, []),
-        ],
-    }
-    finding["rivals"] = [{"effect": "cable", "joint": 1}]
-    finding |= {"experiment": "a motion", "missing_signals": []}
-    loop_pages._finding(finding, {"joints": [{"joint": 1, "name": "elbow", "unit": "N m"}], "findings": [finding]})
+    ranking = [
+        weighed("stribeck", 900.0, 1.0, []),
+        weighed("viscous_power", 700.0, 0.997, []),
+        weighed("friction_patch", 950.0, 0.9, []),
+        weighed("lugre", 100.0, 0.4, ["held-out error does not fall by 0.3 %", "another"]),
+        weighed("offset", 1.0, 0.01, []),
+    ]
+    rivals = [EffectAt(effect="cable", joint=1)]
+    evidence = ranking[0].evidence
+    finding = made(FindingEntry, effect="stribeck", joint=1, evidence=evidence, ranking=ranking, rivals=rivals)
+    loop_pages.diagnosis(diagnosed(findings=[finding]))
     out = capsys.readouterr().out
-    assert "this data cannot tell it from cable at joint 1 (elbow)" in out
+    assert "these data cannot separate it from cable at joint 1 (elbow)" in out
     assert [line for line in out.splitlines() if "rather" in line] == [
         "  rather than viscous_power at joint 1 (elbow), which by itself would explain 99.7 % of what was missing, "
         "but BIC prefers stribeck by 200",
         "  rather than friction_patch at joint 1 (elbow), which by itself would explain 90.0 % of what was missing, "
-        "but with it added and everything fitted again, the error falls less",
+        "but with it added and everything refitted, the error falls less",
         "  rather than lugre at joint 1 (elbow), which by itself would explain 40.0 % of what was missing, "
         "but held-out error does not fall by 0.3 %",
     ]
@@ -184,25 +225,21 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("delta_bic", "cv_gain", "said"),
     [
-        (812.0, 0.77, "BIC falls by 812, the squared error on unseen stretches falls by 77.0 %"),
-        (-2.2, -0.05, "BIC rises by 2, the squared error on unseen stretches rises by 5.00 %"),
+        (812.0, 0.77, "BIC falls by 812, the cross-validated squared error falls by 77.0 %"),
+        (-2.2, -0.05, "BIC rises by 2, the cross-validated squared error rises by 5.00 %"),
     ],
 )
 def test_a_rise_is_called_so(capsys: pytest.CaptureFixture[str], delta_bic: float, cv_gain: float, said: str) -> None:
     """An effect that another sensor shows may explain little of the torque."""
-    finding = weighed("elasticity", delta_bic, 1.0, [])
-    finding["evidence"]["cv_gain"] = cv_gain
-    finding |= {"rms_before": 0.3, "rms_after": 0.1, "share": 0.9, "held_out_before": None, "parameters": {}}
-    finding |= {"rivals": [], "remainder": "", "ranking": []}
-    loop_pages._finding(finding, {"joints": [{"joint": 1, "unit": "N m"}], "findings": [finding]})
+    evidence = weighed("elasticity", delta_bic, 1.0, [], cv_gain).evidence
+    finding = made(FindingEntry, effect="elasticity", joint=1, evidence=evidence)
+    loop_pages.diagnosis(diagnosed(findings=[finding]))
     assert said in capsys.readouterr().out
 
 
 def test_a_candidate_that_does_not_earn_its_parameters_is_said_so(capsys: pytest.CaptureFixture[str]) -> None:
     failed = ["whitened BIC falls by −2, not by 10", "its own torque is 0.1 of the noise floor, not more than 0.15"]
-    loop_pages._not_named(
-        {"joints": [{"joint": 1, "name": "elbow", "floor": 0.1}], "ruled_out": [weighed("cable", -2.2, 0.2, failed)]}
-    )
+    loop_pages.diagnosis(diagnosed(verdict="unexplained", ruled_out=[weighed("cable", -2.2, 0.2, failed)]))
     assert "  cable at joint 1 (elbow): it does not earn its parameters: with it, BIC rises by 2\n" in (
         capsys.readouterr().out
     )
@@ -215,14 +252,14 @@ def test_parameters_of_a_long_arm_fit_a_narrow_screen(
     """Where there is no room for the joints' names, their numbers stand alone; no number and no heading is broken."""
     monkeypatch.setattr(cells.sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", str(columns))
-    known = {"interval": [-0.0007479, 0.001908], "unit": "kg m^2", "model": -0.0002842, "fit": -0.0001335}
-    document = {
-        "inertial": [{"joint": 6, "name": "YY6", **known}],
-        "rotors": [],
-        "effects": [{"name": "coulomb_asymmetric", "joint": 6, "parameters": {"positive": {"value": 1.2345, **known}}}],
-    }
-    cells.fit_table(document, {6: "shoulder_lift_joint"})
-    out = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+    known = {"interval": (-0.0007479, 0.001908), "unit": "kg m^2", "model": -0.0002842}
+    positive = FittedParameter(value=1.2345, **known)
+    effect = made(FittedEffect, name="coulomb_asymmetric", joint=6, parameters={"positive": positive})
+    inertial = InertialEntry(joint=6, name="YY6", fit=-0.0001335, **known)
+    joints = [made(JointEntry, joint=6, name="shoulder_lift_joint")]
+    loop_pages.identify(made(JudgedFitDocument, inertial=[inertial], effects=[effect], joints=joints))
+    out = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).split("residual")[0]
+    out = out[out.index("parameter") :]
     assert max(map(len, out.splitlines())) <= columns
     assert ("shoulder_lift_joint" in out) is (columns == 140)
     assert len(out.splitlines()) < 10
@@ -233,36 +270,31 @@ def test_parameters_of_a_long_arm_fit_a_narrow_screen(
 @pytest.mark.parametrize("known", [None, [0.5, 2.0]])
 @pytest.mark.parametrize("others", [[], ["offset"]])
 def test_what_is_said_behind_a_value_stands_off_from_its_unit(known: list[float] | None, others: list[str]) -> None:
-    parameter = {"interval": known, "inseparable_from": others}
+    parameter = made(EstimateEntry, interval=known, inseparable_from=others)
     behind, cell = cells.interval(parameter), cells.interval(parameter, "")
     assert behind.removeprefix(", ").removeprefix("95 % in ") == cell
     assert behind.startswith(", ") if known or others else behind == ""
     assert ("only together with offset" in cell) == bool(others)
 
 
-def long_arm(n: int) -> dict[str, Any]:
+def long_arm(n: int) -> ImprovementDocument:
     """What a loop has found on an arm of n joints: a first model and one addition, fitted and held out."""
-    joints = [{"joint": i, "name": f"axis{i}", "unit": "N m", "floor": 0.1 * i} for i in range(1, n + 1)]
-    floors = [{**joint, "floor_source": "repeats"} for joint in joints]
+    of_each = [{"joint": i, "floor": 0.1 * i, "floor_source": "repeats"} for i in range(1, n + 1)]
+    joints = [made(DiagnosedJoint, **entry, name=f"axis{entry['joint']}", unit="N m") for entry in of_each]
     history = []
     for added, size in ((None, 0.5), ("stribeck@2", 0.25)):
         rms = [size * i for i in range(1, n + 1)]
         relative = [x / 100 for x in rms]
-        history.append(
-            {"added": added, "rms": rms, "relative": relative, "held_out": rms, "held_out_relative": relative}
-        )
-    seen = {"effect": "cable", "parameter": "c1", "unit": "N m/rad", "with": {"c2": 0.5}}
-    fit: dict[str, Any] = {"inertial": [], "effects": []}
-    return {
-        "joints": floors,
-        "held_out_floors": floors,
-        "history": history,
-        "identification": {"before": fit, "after": fit},
-        "verdict": "clean",
-        "reason": "nothing is left",
-        "would_have_seen": [{**seen, "joint": i, "above": 1.5 * i} for i in range(1, n)],
-        **dict.fromkeys(("ruled_out", "peaks", "encoder_skew", "sensors", "delay"), ()),
-    }
+        history.append(HistoryEntry(added=added, rms=rms, relative=relative, held_out=rms, held_out_relative=relative))
+    limit = {"effect": "cable", "parameter": "c1", "unit": "N m/rad", "assumed": {"c2": 0.5}}
+    return made(
+        ImprovementDocument,
+        verdict="clean",
+        joints=joints,
+        held_out_floors=[FloorEntry(**entry) for entry in of_each],
+        history=history,
+        would_have_seen=[LimitEntry(**limit, joint=i, above=1.5 * i) for i in range(1, n)],
+    )
 
 
 def test_many_joints_have_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:

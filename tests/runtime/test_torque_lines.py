@@ -81,7 +81,7 @@ def test_ripples_of_high_order_are_found_each_by_itself(tmp_path: Path) -> None:
     assert found.verdict == "effect"
     assert {(f.term.effect, f.term.joint) for f in found.findings} == {("torque_ripple", 1)}
     assert_same(found_waves(found), WAVES)
-    document = found.to_json()
+    document = found.document().to_json()
     assert [entry["effect"] for entry in document["findings"]] == ["torque_ripple"] * 3
     assert "at 72 per turn" in found.reason
 

@@ -94,7 +94,7 @@ def fitted(drive: Model, recording: Recording) -> tuple[CandidateField, TwistFit
 def test_a_late_link_side_encoder_is_told_from_a_soft_joint(drive: Model) -> None:
     """3 ms look like a lag of 9 mrad at 3 rad/s; the transmission yields by 3 mrad."""
     found = diagnose(drive, [pushed(1, Transmission())])
-    document = found.to_json()
+    document = found.document().to_json()
     (late,) = document["encoder_skew"]
     assert late["joint"] == 1
     assert late["unit"] == "s"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose, finding_json
+from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose, finding_entry
 from runtime.diagnosis.gates import weigh
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Finding, Step
@@ -55,7 +55,7 @@ def test_what_an_effect_of_the_file_carries_belongs_to_the_load(opened) -> None:
 def test_another_form_is_one_finding_with_a_remainder(seed: int, opened) -> None:
     found = diagnose(opened(), [record(Upright(pack=4.0), seed)])
     assert named(found) == ["cable@1"]
-    assert "another form" in finding_json(found, 0)["remainder"]
+    assert "another form" in finding_entry(found, 0).remainder
 
 
 def test_what_sticks_at_a_turn_does_not_bend_the_friction(opened) -> None:

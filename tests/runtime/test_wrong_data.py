@@ -79,7 +79,7 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     fitted = judged(identify(drive, [wrong]), [wrong])
     assert fitted.verdict == "refused"
     assert cure in fitted.reason
-    assert any(cure in warning for warning in compare(drive, [wrong]).to_json()["warnings"])
+    assert any(cure in warning for warning in compare(drive, [wrong]).document().to_json()["warnings"])
     verdict = diagnose(drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
     assert cure in verdict.reason
@@ -261,7 +261,7 @@ def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recor
     tau = arm_recording.tau.copy()
     tau[1] = 0.0
     result = compare(model, [replace(arm_recording, tau=tau)])
-    warnings = result.to_json()["warnings"]
+    warnings = result.document().to_json()["warnings"]
     assert any(w.startswith("joint 2: left out of the fit: tau2 is constant") for w in warnings)
     assert all(s.relative < 0.02 for s in result.joints)
 
@@ -303,7 +303,7 @@ def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
 
 
 def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
-    document = judged(identify(drive, [analytic(1)]), [analytic(1)]).to_json()
+    document = judged(identify(drive, [analytic(1)]), [analytic(1)]).document().to_json()
     assert document["verdict"] == "fitted"
     joint = document["joints"][0]
     assert joint["relative"] < 0.03
@@ -340,7 +340,7 @@ def test_recordings_that_disagree_in_friction(drive: Model, friction: Sequence[f
     fitted, found = judged(identify(drive, both), both), diagnose(drive, both)
     assert fitted.verdict == verdict
     assert (found.verdict == "refused") == (verdict == "refused")
-    assert [len(found.to_json()["recordings"]), len(fitted.to_json()["recordings"])] == [2, 2]
+    assert [len(found.document().to_json()["recordings"]), len(fitted.document().to_json()["recordings"])] == [2, 2]
     if verdict == "refused":
         assert "coulomb_asymmetric@1" in found.reason
         assert re.search(r"0\.(50|49)\d* N m in run0.csv and 0\.(80|79)\d* N m in run1.csv", found.reason)

@@ -10,6 +10,7 @@ import numpy as np
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
+from runtime.plain_json import plain
 from runtime.report import sensors_said
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
@@ -61,8 +62,8 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.explained},
         "sensors": [] if summary.diagnosis is None else sensors_said.sentences(summary.document),
         "skew": parameters.skew(last.identification.inference),
-        "warnings": summary.document["warnings"],
-        "document": embedded(summary.document),
+        "warnings": summary.document.warnings,
+        "document": embedded(plain(summary.document)),
         "looking": looking(),
     }
 
@@ -134,7 +135,7 @@ def _short(summary: ResultSummary) -> Row:
         "changed": summary.first is not summary.last,
         "rows": [_short_row(summary, i) for i in summary.telling],
         "commands": to_type,
-        "improved": summary.document.get("improved_model"),
+        "improved": getattr(summary.document, "improved_model", None),
     }
 
 
@@ -270,7 +271,7 @@ def _signals(summary: ResultSummary, joint: int) -> str | None:
 def _commands(summary: ResultSummary) -> Row:
     return {
         "known": summary.given is not None,
-        "improved": summary.document.get("improved_model"),
+        "improved": getattr(summary.document, "improved_model", None),
         "adding": [*summary.copying(), *summary.adding(), *summary.refitting()],
         "drafting": summary.drafting(),
     }

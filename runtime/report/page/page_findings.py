@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from runtime.diagnosis.detection_limits import Limit
-from runtime.diagnosis.diagnose import absent, finding_json
+from runtime.diagnosis.diagnose import absent, finding_entry
 from runtime.diagnosis.gates import Evidence
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.steps import Finding
@@ -55,7 +55,7 @@ def card(summary: ResultSummary, number_: int) -> Row:
         "rivals": [name(t) for t in finding.rivals],
         "missing": [m.sentence() for m in absent(diagnosis, number_)],
         "candidates": _candidates(summary, finding),
-        "remainder": finding_json(diagnosis, number_)["remainder"],
+        "remainder": finding_entry(diagnosis, number_).remainder,
         "command": summary.adding()[number_].line,
     }
 

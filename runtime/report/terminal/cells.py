@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 import textwrap
@@ -14,12 +15,15 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from runtime.wording import MORE_THAN_NOISE, joints_said, numbered
+from runtime.documents.fits import InertialEntry, RotorEntry
+from runtime.documents.parts import DelayEntry, EstimateEntry, SkewEntry, given
+from runtime.wording import joints_said, milliseconds, numbered
 from symbolic.model_file.checks import at_joint
 
 _ENDLESS = 10_000
 """Columns that no table needs."""
 Document = Mapping[str, Any]
+Estimated = EstimateEntry | InertialEntry | RotorEntry
 Names = Mapping[int, str | None]
 ROOMY = 100
 """Columns of a screen that have room for the names of joints beside six numbers."""
@@ -42,62 +46,23 @@ def wrapped(line: str, width: int) -> list[str]:
     return textwrap.wrap(line, width, subsequent_indent=inside, break_long_words=False, break_on_hyphens=False) or [""]
 
 
-def fit_table(document: Document, names: Names) -> None:
-    """Parameters of an identification with their 95 % intervals; on a narrow screen the joints' numbers alone, whose
-    names stand in the table of what is left."""
-    names = {} if is_narrow() else names
-    table = empty_table("joint", "parameter", "file", "fit", "95 % interval", "unit")
-    for p in document["inertial"]:
-        table.add_row(
-            joint_cell(p["joint"], names), p["name"], figure(p["model"]), figure(p["fit"]), interval(p, ""), unit(p)
-        )
-    for p in document["rotors"]:
-        table.add_row(
-            joint_cell(p["joint"], names), f"{p['name']}, further", "", figure(p["fit"]), interval(p, ""), unit(p)
-        )
-    for entry in document["effects"]:
-        for name, p in entry["parameters"].items():
-            label = f"{entry['name']}: {name}"
-            stated = figure(p["model"]) if "model" in p else ""
-            table.add_row(
-                joint_cell(entry["joint"], names), label, stated, figure(p["value"]), interval(p, ""), unit(p)
-            )
-    show_table(table)
-
-
-def joints_table(document: Document) -> None:
-    """What is left of each joint's torque, beside its noise floor."""
-    table = empty_table("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable")
-    for j in document["joints"]:
-        left = j["rms"] > MORE_THAN_NOISE * j["floor"]
-        repeats = {True: "yes", False: "no", None: "unknown"}[j.get("repeatable")] if left else "noise"
-        table.add_row(
-            numbered(j["joint"], j.get("name")),
-            figure(j["rms"] or None),
-            percent(j["relative"] if j["rms"] else None),
-            figure(j["floor"]),
-            j["floor_source"],
-            repeats if j["rms"] else "never moves",
-        )
-    show_table(table)
-
-
-def delay_lines(document: Document) -> None:
-    """The whole delay from torque to motion, and how much of it is assumed; joints that agree in one line."""
+def delay_lines(delays: Sequence[DelayEntry]) -> None:
+    """Delay from torque to motion and how much of it is assumed; joints that agree in one line."""
     alike: dict[str, list[int]] = {}
-    for d in document["delay"]:
-        alike.setdefault(_delay(d), []).append(d["joint"])
+    for d in delays:
+        alike.setdefault(_delay(d), []).append(d.joint)
     for text, joints in alike.items():
-        where = "every joint" if 1 < len(joints) == len(document["delay"]) else joints_said(joints)
+        where = "every joint" if 1 < len(joints) == len(delays) else joints_said(joints)
         say(f"Delay from torque to motion, {where}: {text}.")
 
 
-def _delay(d: Document) -> str:
-    parts = [f"{1e3 * d['assumed']:.3g} ms assumed, of a hold"] if d["assumed"] else []
-    parts += [f"{1e3 * d['estimated']:.3g} ms estimated"] if d["estimated"] else []
-    known = d["interval"]
-    within = f", 95 % in [{1e3 * known[0]:.3g}, {1e3 * known[1]:.3g}]" if known and None not in known else ""
-    return f"{1e3 * d['value']:.3g} ms{within} ({'; '.join(parts)})"
+def _delay(d: DelayEntry) -> str:
+    parts = [f"{milliseconds(d.assumed)} ms assumed, from a hold"] if d.assumed else []
+    parts += [f"{milliseconds(d.estimated)} ms estimated"] if d.estimated else []
+    low, high = d.interval or (None, None)
+    known = low is not None and high is not None and math.isfinite(low) and math.isfinite(high)
+    within = f", 95 % in [{milliseconds(low)}, {milliseconds(high)}]" if known else ""
+    return f"{milliseconds(d.value)} ms{within} ({'; '.join(parts)})"
 
 
 def console() -> Console:
@@ -156,38 +121,29 @@ def _show_rows(columns: Sequence[Sequence[str]], width: int) -> None:
 
 def figure(value: float | None) -> str:
     """A number, a few digits; 20050 is easier to read than 2.005e+04."""
-    return "–" if value is None else f"{float(f'{value:.4g}'):g}"
+    return "–" if value is None or not math.isfinite(value) else f"{float(f'{value:.4g}'):g}"
 
 
 def percent(value: float | None) -> str:
     """A ratio as a percentage."""
-    return "–" if value is None else f"{100 * value:.2f} %" if abs(value) < 0.1 else f"{100 * value:.1f} %"
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{100 * value:.2f} %" if abs(value) < 0.1 else f"{100 * value:.1f} %"
 
 
-def interval(p: Document, before: str = ", 95 % in ") -> str:
-    """A 95 % interval, and with which others a parameter can only be told; before: what sets it off from a value."""
-    known = p.get("interval")
-    text = f"{before}[{figure(known[0])}, {figure(known[1])}]" if known else ""
-    tangled = p.get("inseparable_from")
-    if not tangled:
+def interval(p: Estimated | SkewEntry, before: str = ", 95 % in ") -> str:
+    """A 95 % interval and the parameters from which this one is inseparable; before: text that follows the value."""
+    text = f"{before}[{figure(p.interval[0])}, {figure(p.interval[1])}]" if p.interval else ""
+    others = None if isinstance(p, SkewEntry) else given(p.inseparable_from)
+    if not others:
         return text
-    only = f"only together with {', '.join(tangled)}"
+    only = f"only together with {', '.join(others)}"
     return f"{text} {only}" if text else f", {only}" if before else only
 
 
-def unit(p: Document) -> str:
+def unit_cell(unit: str) -> str:
     """Nothing for 1."""
-    return "" if p["unit"] == "1" else str(p["unit"])
-
-
-def several(values: Sequence[float] | None, show: Any) -> str:
-    """A number a joint."""
-    return "–" if values is None else ", ".join(show(v) for v in values)
-
-
-def names_of(document: Document) -> Names:
-    """The names that the model file gives its joints, by their numbers."""
-    return {j["joint"]: j.get("name") for j in document["joints"]}
+    return "" if unit == "1" else unit
 
 
 def joint_cell(joint: int | None, names: Names) -> str:

@@ -7,7 +7,6 @@ from runtime.report.terminal.cells import (
     at_named,
     empty_table,
     figure,
-    names_of,
     percent,
     say,
     show_table,
@@ -107,7 +106,7 @@ def _trials(document: Document) -> str:
 
 def _arm(document: Document) -> None:
     """In what the arm differs from the model."""
-    names = names_of(document)
+    names = {j["joint"]: j.get("name") for j in document["joints"]}
     for entry in document["effects"]:
         if entry["hidden"] or entry["changed"]:
             values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())

@@ -6,6 +6,9 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
+import msgspec
+
+from runtime.documents.parts import DelayEntry
 from runtime.report.terminal.cells import Document, delay_lines, empty_table, figure, say, show_table
 from runtime.wording import joints_said, numbered, quantity
 from symbolic.model_file.checks import quote
@@ -78,7 +81,7 @@ def _motion(document: Document) -> None:
         seconds = document["repeats"]["seconds"]
         say(f"Motion that is repeated: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")
     if any(delay["estimated"] for delay in document["delay"]):
-        delay_lines(document)
+        delay_lines(msgspec.convert(document["delay"], list[DelayEntry]))
 
 
 def _parameters(document: Document) -> None:

@@ -14,13 +14,8 @@ from rich.console import Console
 from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     Document,
-    delay_lines,
     empty_table,
     figure,
-    fit_table,
-    interval,
-    joints_table,
-    names_of,
     percent,
     say,
     show_table,
@@ -104,24 +99,6 @@ def effect(document: Document) -> None:
         "source": document["source"],
     }
     say(*(f"{name + ':':12}{text}" for name, text in facts.items() if text))
-
-
-def identify(document: Document) -> None:
-    """Base inertial parameters and effects with their 95 % intervals, what they miss, and whether to believe them."""
-    skew = document["skew"]
-    origin = "estimated" if skew.get("estimated") else "given" if skew.get("given") else "assumed"
-    say(f"Band up to {figure(document['band']['cutoff_hz'])} Hz: {document['band']['reason']}.")
-    say(f"Skew between torque and motion: {figure(skew['value'])} {skew['unit']} ({origin}){interval(skew)}.")
-    delay_lines(document)
-    names = names_of(document)
-    fit_table(document, names)
-    if document.get("uncorrected"):
-        say("Without skew correction:")
-        fit_table(document["uncorrected"], names)
-    joints_table(document)
-    say(*(f"Warning: {warning}" for warning in document["warnings"]))
-    if document["verdict"] == "refused":
-        say("", f"REFUSED: {document['reason']}")
 
 
 def verify(document: Document) -> None:

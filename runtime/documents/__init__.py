@@ -1,0 +1,1 @@
+"""The documents that `--json` prints, declared once: keys in their order, types, units and meaning."""
