@@ -41,7 +41,7 @@ def studio(
     ] = None,
     plans: Annotated[
         list[Path] | None,
-        typer.Option("--plan", metavar="FILE", help="A trajectory, a scenario to plan, or a sweep's table."),
+        typer.Option("--plan", metavar="FILE", help="A trajectory of tendon optimize --out, to show."),
         READ,
     ] = None,
     demo: Annotated[bool, typer.Option("--demo", help="A simulated drive with a hidden effect.")] = False,
@@ -84,12 +84,12 @@ def studio(
 
 def _check_plans(plans: list[Path], recordings: bool) -> None:
     """Refuse what would be worked on at the same time, and a file that nobody can open."""
-    from runtime.studio.plans import most_bytes
+    from runtime.studio.studio import check_plan
 
     if plans and recordings:
         raise UsageError("--plan opens plans of MODEL without recordings; drop the plans on the page of the other")
     for path in plans:
-        most_bytes(path.name)
+        check_plan(path.name)
 
 
 def _reopened(folder: Path | None, more: bool) -> StudioSession | None:

@@ -15,6 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import runtime
+from runtime.report.page.filling import policy
 from runtime.report.signals.signal_set import AskedWrongly, SignalSet
 from runtime.studio.guard import App, Guard, new_token
 from runtime.studio.session import SessionError, safe_name
@@ -161,9 +162,20 @@ def _answers(app: App, studio: Studio) -> None:
         headers = {"content-disposition": f'attachment; filename="{name}"', "content-security-policy": _DOWNLOADED}
         return Response(body, media_type=kind, headers=headers)
 
+    def plan(request: Request) -> Response:
+        number = request.path_params["number"]
+        path = studio.plan_page(int(number)) if number.isdecimal() else None
+        if path is None:
+            return PlainTextResponse("there is no such plan\n", 404)
+        page = path.read_text(encoding="utf-8")
+        # Its scripts run in an origin of their own: they cannot act on the session, whoever wrote the page.
+        headers = {"content-security-policy": f"{policy(page)}; sandbox allow-scripts"}
+        return Response(page, media_type="text/html", headers=headers)
+
     app.add_route("/data/{name}/{what}", data, ["GET"])
     app.add_route(GIVEN, given, ["POST"])
     app.add_route("/download/{what}", download, ["GET"])
+    app.add_route("/plan/{number}", plan, ["GET"])
 
 
 def _loaded(path: Path, _changed: int) -> SignalSet:
@@ -185,10 +197,6 @@ async def _take(studio: Studio, role: str, name: str, chunks: AsyncIterator[byte
 
 def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
     """Name, content and type of what is downloaded. Raises ValueError."""
-    if what == "trajectory" and (plan := studio.plans.file(step, "trajectory.json")) is not None:
-        return f"trajectory-{step}.json", plan.read_bytes(), "application/json"
-    if what == "executed" and (run := studio.plans.file(step, "recording.csv.gz")) is not None:
-        return f"executed-{step}.csv.gz", run.read_bytes(), "application/gzip"
     model = "model.toml" if studio.inputs.model is None else safe_name(studio.inputs.model.name)
     if what == "model":
         return model, studio.model_text(step).encode(), "application/toml"

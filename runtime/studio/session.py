@@ -5,6 +5,7 @@
     recordings/1/    what was read of the first recording: recording.json, joint1.npz ...
     steps/0/         model.toml (with the effects), fitted.toml (with the fitted values), shown.json, joint1.npz ...,
                      and once it is diagnosed verdict.json, report.html
+    plans/1/         plan.json, page.html: the report's page of a plan that was opened
     work/            what a process is at; moved to its place when all of it is there
 
 The folder may come from somebody else: nothing in it is run, and no name in it leads out of it.
@@ -194,6 +195,10 @@ class StudioSession:
     def recording(self, number: int) -> Path:
         """The folder of what was read of a recording, from 1."""
         return self.folder / "recordings" / str(int(number))
+
+    def plan(self, number: int) -> Path:
+        """The folder of a plan, from 1."""
+        return self.folder / "plans" / str(int(number))
 
     def place_for(self, name: str) -> GivenFile:
         """A name in `given/` that is free, for a file of any name."""

@@ -8,7 +8,7 @@ MOST_UPLOADED: Final = 2_000_000_000
 """bytes of one file that a browser sends; as many as a recording may have on the command line."""
 
 MOST_MODEL: Final = 10_000_000
-"""bytes of a model file or URDF that a browser sends; the largest URDFs of arms have some 100 kB; a choice."""
+"""bytes of a model file, URDF or plan that a browser sends; the largest URDFs of arms have some 100 kB; a choice."""
 
 MOST_REQUEST: Final = 1_000_000
 """bytes of any other request: clicks and texts have some 100; a choice."""
@@ -40,20 +40,5 @@ TOLD_EVERY: Final = 0.1
 TOKEN_BYTES: Final = 32
 """number of random bytes in the address: nobody guesses 256 bits; NIST SP 800-63B asks for 64."""
 
-MOST_TABLE: Final = 50_000_000
-"""bytes of a sweep's table that a browser sends: 200 000 jobs; a choice."""
-
-MOST_JOBS: Final = 200_000
-"""number of rows of a sweep's table: what is read within a second or two; a choice."""
-
-MOST_POINTS: Final = 300
-"""number of variations of a sweep that are shown: a page with more rows is slow, and nobody reads it; a choice."""
-
-MOST_REASON: Final = 400
-"""length in letters of why a variation has no plan, as it is shown; the toolkit's own have some 150; a choice."""
-
 MOST_PLANS: Final = 100
-"""number of plans in a session, and of sweeps; a choice."""
-
-ASKED_EVERY: Final = 0.05
-"""s between two looks whether files that were sent before are open: a person sees no delay; a choice."""
+"""number of plans in a session; a choice."""

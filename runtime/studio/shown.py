@@ -122,6 +122,13 @@ class RecordingShown(TypedDict):
     signals: list[str]
 
 
+class PlanShown(TypedDict):
+    """A plan that was opened: the name of its file, and in one sentence what the motion costs."""
+
+    name: str
+    headline: str
+
+
 class JointTried(TypedDict):
     """What is left of a joint's torque with other values, and relative with those that were fitted."""
 

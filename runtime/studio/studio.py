@@ -6,7 +6,6 @@ ends in the session's folder; the page looks at `version`, which is another numb
 
 from __future__ import annotations
 
-import asyncio
 import difflib
 import os
 import re
@@ -23,20 +22,26 @@ from runtime.simulation.demo import record_files
 from runtime.studio import commands as typed
 from runtime.studio.documents import Documents
 from runtime.studio.history import History, HistoryError, Kind, PlacedEffect, SessionStep, joint_errors
-from runtime.studio.plans import PlanShelf, most_bytes
 from runtime.studio.session import GivenFile, GivenRecording, Inputs, SessionError, StudioSession
-from runtime.studio.settings import ASKED_EVERY, MOST_MODEL, MOST_RECORDINGS, MOST_UPLOADED
-from runtime.studio.shown import EffectOffered, HiddenShown, RecordingShown, Row, StepShown, TriedShown, VerdictShown
-from runtime.studio.work import Work, WorkState
+from runtime.studio.settings import MOST_MODEL, MOST_PLANS, MOST_RECORDINGS, MOST_UPLOADED
+from runtime.studio.shown import (
+    EffectOffered,
+    HiddenShown,
+    PlanShown,
+    RecordingShown,
+    Row,
+    StepShown,
+    TriedShown,
+    VerdictShown,
+)
+from runtime.studio.work import Work, WorkError, WorkState
 from runtime.workspace import Source, effects_described
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
 
 T = TypeVar("T")
 
-_SET = re.compile(
-    r"(?P<of>step|recording|plan)(?P<number>\d{1,6})-(?P<kind>joint|held|tried|executed)(?P<joint>\d{1,4})", re.ASCII
-)
+_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held|tried)(?P<joint>\d{1,4})", re.ASCII)
 
 _FOREIGN = (".urdf", ".xml", ".mjcf")
 """Endings of files of which a model file is made."""
@@ -60,7 +65,7 @@ class Studio:
         self._held: int | None = session.claimed()
         session.tidy()
         self._work = Work(session.folder, effects, self._changed, self._finished)
-        self.plans = PlanShelf(session, self._work)
+        self._opening: tuple[GivenFile, ...] = ()
 
     def close(self) -> None:
         """End the process of the session. The folder stays, and may be opened again."""
@@ -122,19 +127,22 @@ class Studio:
         self._give_recording(await self._received(name, chunks, MOST_UPLOADED), held_out)
 
     def open_plans(self, *paths: Path) -> None:
-        """Open plans of this machine: trajectories, scenarios, tables of sweeps. Raises WorkError, too."""
+        """Open trajectories on this machine, as `tendon optimize --out` writes them. Raises WorkError, too."""
         for path in paths:
-            most_bytes(path.name)
-        self.plans.open([self.session.copied(path) for path in paths])
+            check_plan(path.name)
+        self._open_plans([self.session.copied(path) for path in paths])
 
     async def send_plan(self, name: str, chunks: AsyncIterator[bytes]) -> None:
-        """The same from a browser; what was sent before is opened first."""
-        most = most_bytes(name)
-        while self._work.busy and self.work is not None and self.work.task == "open_plans":
-            await asyncio.sleep(ASKED_EVERY)
-        if self._work.busy:
-            raise SessionError("something is being worked on; wait for it, or cancel it")
-        self.plans.open([await self._received(name, chunks, most)])
+        """A trajectory from a browser. Raises WorkError, too."""
+        check_plan(name)
+        self._not_busy()
+        self._open_plans([await self._received(name, chunks, MOST_MODEL)])
+
+    def remove_plan(self, number: int) -> None:
+        """Close a plan: its folder is deleted."""
+        self._not_busy()
+        shutil.rmtree(self.session.plan(number), ignore_errors=True)
+        self._changed()
 
     def hold_out(self, number: int, held_out: bool) -> None:
         """Whether a recording, from 1, is held out."""
@@ -261,13 +269,25 @@ class Studio:
         known = _SET.fullmatch(name)
         if known is None:
             return None
-        homes = {"recording": self.session.recording, "step": self.session.step, "plan": self.plans.home}
+        homes = {"recording": self.session.recording, "step": self.session.step}
         path = homes[known["of"]](int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
         return path if path.is_file() else None
 
     def report(self, number: int) -> Path | None:
         """The report of a step's diagnosis; None before it."""
         path = self.session.step(self.history.step(number).number) / "report.html"
+        return path if path.is_file() else None
+
+    def plans(self) -> dict[int, PlanShown]:
+        """The plans that are open, by number from 1."""
+        home = self.session.folder / "plans"
+        numbers = sorted(int(p.name) for p in home.iterdir() if p.name.isdecimal()) if home.is_dir() else []
+        found = {k: self._documents.read(self.session.plan(k) / "plan.json", PlanShown) for k in numbers}
+        return {number: plan for number, plan in found.items() if plan is not None}
+
+    def plan_page(self, number: int) -> Path | None:
+        """The report's page of a plan; None where there is no such plan."""
+        path = self.session.plan(number) / "page.html"
         return path if path.is_file() else None
 
     # --- behind it ---
@@ -306,7 +326,14 @@ class Studio:
                 self.session.change(history=self.history.judged(int(found["judged"]), str(found["verdict"])))
             elif work.state == "done" and "answered" in found:
                 self._put("answer", int(found["answered"]))
-            self.plans.finished(work)
+            elif work.state == "done" and work.task == "open_plans":
+                for made in found["opened"]:
+                    target = self.session.plan(max(self.plans(), default=0) + 1)
+                    target.parent.mkdir(exist_ok=True)
+                    (self.session.scratch / made).rename(target)
+            for file in self._opening:
+                self.session.given(file).unlink(missing_ok=True)
+            self._opening = ()
             self.session.tidy()
 
     def _put(self, made: str, number: int) -> None:
@@ -357,12 +384,27 @@ class Studio:
 
     def _start_over(self, inputs: Inputs) -> None:
         """With other inputs nothing that was found holds any more."""
-        if self._work.busy:
-            raise SessionError("something is being worked on; wait for it, or cancel it")
+        self._not_busy()
         with self._lock:
             shutil.rmtree(self.session.folder / "recordings", ignore_errors=True)
             self.session.started_over(inputs)
         self._changed()
+
+    def _open_plans(self, given: Sequence[GivenFile]) -> None:
+        try:
+            if len(self.plans()) + len(given) > MOST_PLANS:
+                raise SessionError(f"a session has at most {MOST_PLANS} plans; close some of them")
+            names = [{"file": file.file, "name": file.name} for file in given]
+            self._work.begin("open_plans", f"opening {', '.join(file.name for file in given)}", {"files": names})
+        except (SessionError, WorkError):
+            for file in given:
+                self.session.given(file).unlink(missing_ok=True)
+            raise
+        self._opening = tuple(given)
+
+    def _not_busy(self) -> None:
+        if self._work.busy:
+            raise SessionError("something is being worked on; wait for it, or cancel it")
 
     async def _received(self, name: str, chunks: AsyncIterator[bytes], most: int) -> GivenFile:
         """A file that is sent, once all of it is there."""
@@ -379,3 +421,9 @@ class Studio:
             path.unlink(missing_ok=True)
             raise
         return file
+
+
+def check_plan(name: str) -> None:
+    """Raises SessionError for a file that is no trajectory by its name."""
+    if Path(name).suffix.lower() != ".json":
+        raise SessionError(f"{quote(name)}: expected a trajectory (.json of tendon optimize --out)")

@@ -17,7 +17,10 @@ from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import Comparison, as_written
 from runtime.inspection.inspection import Inspection
 from runtime.loop import held_out
+from runtime.plain_json import plain
+from runtime.planning import results, trajectory
 from runtime.report.follow_up import about
+from runtime.report.page import planned_page
 from runtime.report.page.html_page import render
 from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording
 from runtime.report.summary import ResultSummary
@@ -25,11 +28,14 @@ from runtime.studio import describe
 from runtime.studio.bench import Bench, Found, Opened, Tell, empty, write
 from runtime.studio.commands import invocation
 from runtime.studio.history import PlacedEffect
+from runtime.studio.session import SessionError
 from runtime.wording import percent
+from runtime.workspace import ARMS, Source
+from symbolic.model_file.checks import quote
 
 READING, COMPILING, FITTING = "reading the recordings", "deriving and compiling the model", "fitting the model"
 LOOKING, WEIGHING = "looking for missing effects", "weighing what would have been seen"
-DRAWING = "drawing what was found"
+DRAWING, EVALUATING = "drawing what was found", "evaluating the plan"
 _FITTING = (COMPILING, FITTING, DRAWING)
 
 # --- tasks: (bench, tell, what the server says) -> what the server takes ---
@@ -97,7 +103,29 @@ def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
     return {"judged": step, "verdict": result.verdict}
 
 
-TASKS: dict[str, Callable[..., Found]] = {"begin": begin, "fit": fit, "diagnose": diagnose}
+def open_plans(bench: Bench, tell: Tell, files: Sequence[Mapping[str, str]]) -> Found:
+    """Render the report's page of each trajectory, as `tendon optimize --report` does, from the file alone.
+
+    files   name in given/, and what it was called
+    """
+    opened, made = bench.opened(), []
+    tell.parts((COMPILING, EVALUATING))
+    for k, entry in enumerate(files):
+        path = opened.session.folder / "given" / entry["file"]
+        source = _arm_of_plan(opened, trajectory.arm_of(path))
+        tell.part(COMPILING)
+        model = source.model()
+        planned = trajectory.read(path, model)
+        tell.part(EVALUATING)
+        document = plain(results.stated(model, planned))
+        work = empty(opened.session.scratch / f"plan{k}")
+        (work / "page.html").write_text(planned_page.render(model, planned, document), encoding="utf-8")
+        write(work / "plan.json", {"name": entry["name"], "headline": planned_page.headline(document)})
+        made.append(work.name)
+    return {"opened": made}
+
+
+TASKS: dict[str, Callable[..., Found]] = {"begin": begin, "fit": fit, "diagnose": diagnose, "open_plans": open_plans}
 
 
 # --- what they have in common ---
@@ -129,6 +157,16 @@ def _fitted(
         "changed": [{"effect": e.effect, "joint": e.joint} for e in changed],
         "joints": describe.errors(step, held_joints),
     }
+
+
+def _arm_of_plan(opened: Opened, arm: str) -> Source:
+    """The model file of an arm: the session's, or one that ships with Tendon. Raises SessionError."""
+    given = opened.inputs.model
+    if given is not None and arm in (opened.source.arm().name, given.name.removesuffix(".toml")):
+        return opened.source
+    if arm in {path.stem for path in ARMS.glob("*.toml")}:
+        return Source.shipped(arm, opened.effects)
+    raise SessionError(f"the plan is for the arm {quote(arm)}, which is not the session's; give its model file first")
 
 
 def _keep_signals(work: Path, opened: Opened, number: int, parent: int | None, changed: str) -> None:

@@ -21,11 +21,11 @@ from typing import Any, TextIO
 
 from runtime.plain_json import plain
 from runtime.progress import Progress, heard_by
-from runtime.studio import plan_tasks, questions, tasks
+from runtime.studio import questions, tasks
 from runtime.studio.bench import Bench, Tell
 from runtime.studio.settings import TOLD_EVERY
 
-TASKS = tasks.TASKS | questions.TASKS | plan_tasks.TASKS
+TASKS = tasks.TASKS | questions.TASKS
 
 
 class _Teller:

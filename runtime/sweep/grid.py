@@ -57,27 +57,6 @@ def parse(texts: Sequence[str], effects: Declared, joints: Names = ()) -> tuple[
     return axes
 
 
-def is_axis(name: str) -> bool:
-    """Whether something may be called so that varies, whatever the effects are."""
-    return name in _ALWAYS or bool(_ONE_SPRING.fullmatch(name) or _CONTACT.fullmatch(name))
-
-
-def job_at(
-    scenario: Scenario,
-    setting: Mapping[str, Value | None],
-    seed: int,
-    model: Model,
-    code: Code,
-    effects: Declared,
-) -> Job:
-    """The job of a table's row; a blank in it is what its case leaves out. Raises GridError, ModelError."""
-    stated = {name: value for name, value in setting.items() if value is not None} | {"seed": seed}
-    axes = parse(
-        [f"{name}={value if isinstance(value, str) else repr(value)}" for name, value in stated.items()], effects
-    )
-    return jobs(scenario, axes, model, code, None)[0]
-
-
 def _sought(effects: Declared) -> dict[str, DescribedParameter]:
     """What is sought of springs, by name."""
     return {p.name: p for info in springs(effects).values() for p in info.parameters if p.planned}

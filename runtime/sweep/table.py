@@ -22,8 +22,6 @@ CLOSE = 0.01
 """Of the best cost: starts that come this near have found the same."""
 _TYPES = {"case": "string", "seed": "int64", "feasible": "bool", "iterations": "int64", "message": "string"}
 """Of columns that are no floats."""
-FIXED = ("seed", "feasible", "cost", "message")
-"""Columns that every table has; what varies stands before them."""
 
 
 class TableError(ValueError):

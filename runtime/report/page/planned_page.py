@@ -40,7 +40,7 @@ def write_plan(
 
 def render(model: Model, trajectory: Trajectory, document: Document, commands: Sequence[str] = ()) -> str:
     """The page; the same bytes for the same plan."""
-    goal = document["objective"]
+    goal = document.get("objective")
     return filled(
         "sheet.html.j2",
         {
@@ -52,7 +52,7 @@ def render(model: Model, trajectory: Trajectory, document: Document, commands: S
             "facts": [
                 {"name": f"cost of joint {j['joint']}", "value": quantity(j["cost"], f"({j['units']['force']})^2 s")}
                 for j in document["joints"]
-                if j["joint"] in goal["joints"]
+                if goal is None or j["joint"] in goal["joints"]
             ],
             "commands": list(commands),
             "moving": moving(model, trajectory),

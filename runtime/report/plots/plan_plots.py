@@ -138,9 +138,8 @@ def _phases(ax: Axes, document: Document, named: bool) -> None:
     for phase in document["phases"]:
         ends = begins + phase["duration"]
         if named:
-            said = f"{phase['from']} – {phase['to']}"
-            wide = phase["duration"] > 0.3 * document["cycle_time"]
-            text = said if wide else ""
+            wide = "from" in phase and phase["duration"] > 0.3 * document["cycle_time"]
+            text = f"{phase['from']} – {phase['to']}" if wide else ""
             ax.text((begins + ends) / 2, 1.02, text, transform=ax.get_xaxis_transform(), ha="center", fontsize=7)
         else:
             ax.axvline(ends, color=FAINT, lw=0.5, ls=":", zorder=0)

@@ -6,7 +6,7 @@ from nicegui import ui
 
 from runtime.report.page.filling import script, stylesheet
 from runtime.report.signals import SCRIPTS
-from runtime.studio.page import arm, joint_views, library, plans, start, steps, trying, verdict, working
+from runtime.studio.page import arm, joint_views, library, start, steps, trying, verdict, working
 from runtime.studio.page.parts import PageSection, put
 from runtime.studio.page.view import PageView
 from runtime.studio.studio import Studio
@@ -47,7 +47,6 @@ def _head() -> None:
     """Styles and scripts: those of the report, of the signals, and the page's own."""
     ui.add_head_html(f"<style>{stylesheet()}</style>")
     ui.add_head_html('<link rel="stylesheet" href="/static/page/studio.css">')
-    ui.add_head_html('<link rel="stylesheet" href="/static/page/plans.css">')
     ui.add_body_html(f"<script>{script()}</script>")
     for name in SCRIPTS:
         ui.add_body_html(f'<script src="/static/signals/{name}"></script>')
@@ -124,5 +123,6 @@ def _sections(view: PageView) -> list[PageSection]:
             lambda: (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None,
             lambda: start.recordings(view),
         ),
+        PageSection("section", "plans", lambda: (view.busy, repr(studio.plans())), lambda: start.plans(view)),
     ]
-    return [*made, *plans.sections(view)]
+    return made

@@ -78,6 +78,19 @@ def recordings(view: PageView) -> None:
             put("file-drop", as_="held_out", label="Another recording to hold out")
 
 
+def plans(view: PageView) -> None:
+    """Trajectories that were opened, each a link to the report's page of it."""
+    put("h2", "Plans")
+    put("file-drop", as_="plan", label="Drop a plan here (JSON of tendon optimize --out) to see its motion and limits")
+    with put("ul", classes="effects"):
+        for number, plan in view.studio.plans().items():
+            with put("li"):
+                put("a", plan["name"], href=f"/plan/{number}", target="_blank", rel="noopener")
+                put("span", plan["headline"], "of")
+                remove = partial(view.act, view.studio.remove_plan, number)
+                button("Close", remove, disabled=view.busy, data_do=f"close-plan-{number}")
+
+
 def _recording(view: PageView, place: int, given: GivenRecording, shown: RecordingShown | None) -> None:
     studio, disabled = view.studio, view.busy
     put("h3", given.given.name)

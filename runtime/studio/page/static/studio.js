@@ -26,7 +26,7 @@
       const label = document.createElement("label"), input = document.createElement("input"), text = document.createElement("span");
       this.said = document.createElement("p");
       this.said.setAttribute("role", "status");
-      Object.assign(input, { type: "file", multiple: this.getAttribute("as") !== "model" });
+      Object.assign(input, { type: "file", multiple: !["model", "plan"].includes(this.getAttribute("as")) });
       text.textContent = this.getAttribute("label");
       label.append(text, input);
       this.append(label, this.said);
