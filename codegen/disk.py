@@ -11,8 +11,6 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from codegen.banner import BANNER, MARK
-
 _TEXTS = ("", ".c", ".h", ".py", ".ld", ".md", ".txt", ".cmake")
 """Endings of files that carry a banner."""
 _HERE, _EXCHANGE = -100, 2
@@ -193,6 +191,8 @@ def _orphans(files: Mapping[str, str], directory: Path) -> list[str]:
 
 def has_banner(path: Path) -> bool:
     """Whether a file says of itself that it is generated, or copied from Tendon."""
+    from codegen.pages import BANNER, MARK  # which loads the templates
+
     if path.suffix not in _TEXTS or not path.is_file():
         return False
     with path.open("rb") as file:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from codegen.c.c_batches import LANES
+from codegen.c.c_effects import LANES
 from codegen.tape.tape import Tape
 from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint, to_json

@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from codegen.toolchain import build, cache, cross
+from codegen.toolchain import build, cross
 from codegen.toolchain.cross import HOST
 from symbolic.described import declared
 
@@ -82,7 +82,7 @@ def prepare_arm(arm: Arm) -> Path:
 
         _fill(directory, render.arm_files(derive(arm)), build.STRAIGHT)
 
-    return cache.entry(f"arm-{arm.name}-{build.key(_digest(UNUSED_BY_ARMS), repr(arm))}", fill)
+    return build.entry(f"arm-{arm.name}-{build.key(_digest(UNUSED_BY_ARMS), repr(arm))}", fill)
 
 
 def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
@@ -139,7 +139,7 @@ def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST
             report = source_tree.compile_board(directory, arm.name, processor, tools)
         (directory / "image.json").write_text(metadata.text(report), "utf-8")
 
-    return cache.entry(f"firmware-{target}-{arm.name}-{build.key(_digest(UNUSED_BY_FIRMWARE), *content)}", fill)
+    return build.entry(f"firmware-{target}-{arm.name}-{build.key(_digest(UNUSED_BY_FIRMWARE), *content)}", fill)
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
@@ -158,7 +158,7 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
         shutil.copyfile(build.shared_library(page, "machine", build.LOOPS), directory / "machine.so")
         _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
-    return cache.entry(f"effects-{build.key(_digest(UNUSED_BY_ARMS), content)}", fill)
+    return build.entry(f"effects-{build.key(_digest(UNUSED_BY_ARMS), content)}", fill)
 
 
 def _shipped(space: bool) -> str:

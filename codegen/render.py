@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 from codegen import effect_functions as ef
 from codegen import metadata
-from codegen.banner import BANNER
-from codegen.c import c_batches, c_code, c_continued, c_effects, c_filters, c_lanes
-from codegen.c.c_code import F32, F64, Precision, Routine
+from codegen.c import c_code, c_effects, c_filters, c_lanes
+from codegen.c.c_code import F32, F64, Precision, Routine, identifier
 from codegen.c.controller import Controller
-from codegen.c.language import identifier
-from codegen.casadi import casadi_code, tables
-from codegen.pages import page
-from codegen.tape.balanced import balanced
-from codegen.tape.tape import Tape
+from codegen.casadi import casadi_code
+from codegen.pages import BANNER, page
+from codegen.tape.tape import Tape, balanced
 from symbolic.effects.declaration import Effect
 from symbolic.functions import SymbolicFunction
 
@@ -84,7 +81,7 @@ def arm_files(model: ArmModel) -> dict[str, str]:
         "casadi/casadi.py.j2",
         banner=f"# {BANNER} {origin}",
         title=f"The arm {name}: its equations, and what the model file gives them.",
-        tables=tables.arm_tables(model),
+        tables=casadi_code.arm_tables(model),
         functions=builders,
     )
     files["metadata.json"] = metadata.text(metadata.arm(model, tapes))
@@ -93,14 +90,14 @@ def arm_files(model: ArmModel) -> dict[str, str]:
 
 def _call(name: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
     if function.continues is not None:
-        return c_continued.call(name, function, function.continues, tape, precision)
+        return c_code.continued_call(name, function, function.continues, tape, precision)
     return c_code.call(name, function, tape, precision)
 
 
 def _batches(name: str, function: SymbolicFunction, tape: Tape, begun: bool) -> list[Routine]:
     """begun: another function goes on from this one."""
     if function.continues is not None:
-        return [c_continued.batch(name, function, function.continues)]
+        return [c_code.continued_batch(name, function, function.continues)]
     if begun:
         return c_lanes.range_and_batch(name, function, tape)
     return [(c_lanes if c_lanes.in_lanes(tape) else c_code).batch(name, function, tape)]
@@ -139,9 +136,9 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
     for precision in (F32, F64):
         routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
         files |= _c_files("effects", origin, precision, c_effects.types(effects, precision), routines)
-    batches = [routine for effect in effects for routine in c_batches.batches(effect, F64)]
+    batches = [routine for effect in effects for routine in c_effects.batches(effect, F64)]
     batches += [c_filters.decimation(F64), c_filters.decimation_at_once(F64), c_filters.in_band(F64)]
-    types = [c_batches.signals_type(F64), c_filters.columns_type(F64)]
+    types = [c_effects.signals_type(F64), c_filters.columns_type(F64)]
     files |= _c_files("effects_batch", origin, F64, types, batches)
     builders = [
         casadi_code.builder(function, widths=True)
@@ -152,7 +149,7 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
         "casadi/casadi.py.j2",
         banner=f"# {BANNER} {origin}",
         title="The effects: what each adds to the motor torque of a joint, and their memories.",
-        tables=tables.effect_tables(effects),
+        tables=casadi_code.effect_tables(effects),
         functions=builders,
     )
     files["effects.json"] = metadata.text(metadata.library(effects))

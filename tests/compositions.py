@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from stepped import Controller
 
-from codegen.c.controller_records import MIN_DEGREE
+from codegen.c.controller import MIN_DEGREE
 from runtime.model.loader import Model
 from runtime.planning.trajectory import JointMotion, Phase, Trajectory
 

@@ -21,7 +21,7 @@ symbolic.contact
 symbolic.model
 symbolic.controller_law
 
-codegen.banner codegen.pages codegen.disk
+codegen.pages codegen.disk
 codegen.tape codegen.effect_functions
 codegen.c
 codegen.casadi

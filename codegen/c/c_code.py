@@ -1,21 +1,141 @@
-"""C99 text of symbolic functions: declarations, comments and bodies, as finished strings for the templates."""
+"""C99 of symbolic functions: how C spells a tape, and the functions of one sample or of many, as finished strings.
+
+Sines and cosines of a double-precision function of one sample are taken together, as many angles at once as a vector
+holds: one by one they take a third of the time of inverse dynamics. The bits are the same.
+"""
 
 from __future__ import annotations
 
+import keyword
 import re
+import struct
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import sympy as sp
 
-from codegen.c.c_angles import TogetherPrinter
-from codegen.c.language import C_DOUBLE, C_FLOAT
 from codegen.tape.numbering import ARITHMETIC
-from codegen.tape.printers import Language, Printer
+from codegen.tape.printers import ATOM, Language, Printer, float64
 from codegen.tape.tape import Tape
-from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+from symbolic.functions import Argument, Continuation, Output, Struct, SymbolicFunction
+
+
+def float32(number: Fraction) -> str:
+    """Shortest decimal that reads back as the nearest float, with its suffix."""
+    nearest = struct.unpack("<f", struct.pack("<f", number.numerator / number.denominator))[0]
+    for digits in range(1, 10):
+        text = f"{nearest:.{digits}g}"
+        if struct.unpack("<f", struct.pack("<f", float(text)))[0] == nearest:
+            break
+    return (text if "." in text or "e" in text else text + ".0") + "f"
+
+
+_C_WORDS = frozenset(
+    [
+        *("auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"),
+        *("float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"),
+        *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"),
+        *("asm", "typeof", "NULL", "bool", "true", "false"),
+    ]
+)
+_ARGUMENTS = frozenset(["count", "parameters", "s", "p", "dt", "k", "out"])
+"""What generated functions call their own arguments and their loop's index."""
+
+
+def _c(kind: str) -> Language:
+    suffix = {"double": "f64", "float": "f32"}[kind]
+
+    def pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
+        if cosine is None:
+            return [f"const {kind} {sine} = tendon_sin_{suffix}({angle});"]
+        if sine is None:
+            return [f"const {kind} {cosine} = tendon_cos_{suffix}({angle});"]
+        return [f"{kind} {sine};", f"{kind} {cosine};", f"tendon_sincos_{suffix}({angle}, &{sine}, &{cosine});"]
+
+    return Language(
+        literal=float64 if kind == "double" else float32,
+        call=lambda op, arguments: f"tendon_{op}_{suffix}({', '.join(arguments)})",
+        pair=pair,
+        assign=lambda name, text: f"const {kind} {name} = {text};",
+        reserved=_C_WORDS,
+    )
+
+
+C_DOUBLE, C_FLOAT = _c("double"), _c("float")
+
+
+def word(name: str) -> bool:
+    """Whether `name` is one in C and in Python, of an argument for example."""
+    return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in _C_WORDS | set(keyword.kwlist)
+
+
+def identifier(name: str) -> bool:
+    """Whether `name` can stand in C and in Python beside the arguments of generated functions."""
+    return word(name) and name not in _ARGUMENTS
+
+
+_KNOWN = frozenset((*ARITHMETIC, "const", "leaf"))
+_WIDEST = 8
+"""Lanes of the widest vectors."""
+_ARRAYS = {"sin": "sine", "cos": "cosine"}
+
+
+class TogetherPrinter(Printer):
+    """Prints a tape in double precision, its angles and their sines and cosines first."""
+
+    def __init__(self, tape: Tape, leaves: Mapping[sp.Symbol, str], taken: frozenset[str]) -> None:
+        self.known = _known(tape)
+        places = _angles_first(tape, self.known)
+        super().__init__(C_DOUBLE, _reordered(tape, places), leaves, taken | {"angle", *_ARRAYS.values()})
+        self.known = [self.known[i] for i in places]
+
+    def _pair(self, angle: int) -> list[int]:
+        together = [a for a in self.angles if self.known[a]]
+        if angle not in together or len(together) < 2:
+            return super()._pair(angle)
+        room = -(-len(together) // _WIDEST) * _WIDEST
+        self.lines += [
+            f"const double angle[{room}] = {{{', '.join(self.texts[a][0] for a in together)}}};",
+            *(f"double {array}[{room}];" for array in _ARRAYS.values()),
+            f"tendon_sincos_each_f64({len(together)}, angle, sine, cosine);",
+        ]
+        return [node for k, a in enumerate(together) for node in self._elements(a, k)]
+
+    def _elements(self, angle: int, k: int) -> list[int]:
+        """Sine and cosine of the k-th angle get their names."""
+        nodes = self.angles[angle]
+        for op, i in nodes.items():
+            name = self.names.get(i) or self._fresh(f"{op}_{k + 1}")
+            self.lines.append(self.language.assign(name, f"{_ARRAYS[op]}[{k}]"))
+            self.texts[i] = name, ATOM
+        return list(nodes.values())
+
+
+def _known(tape: Tape) -> list[bool]:
+    """Whether a node follows from inputs and parameters by arithmetic alone."""
+    known: list[bool] = []
+    for node in tape.nodes:
+        known.append(node.op in _KNOWN and all(known[a] for a in node.args))
+    return known
+
+
+def _angles_first(tape: Tape, known: list[bool]) -> list[int]:
+    """The nodes' order: what the known angles need, their sines and cosines, everything else."""
+    first = {i for i, node in enumerate(tape.nodes) if node.op in _ARRAYS and known[node.args[0]]}
+    needed = set(first)
+    for i in range(len(tape.nodes) - 1, -1, -1):
+        if i in needed:
+            needed.update(tape.nodes[i].args)
+    ahead, rest = sorted(needed - first), [i for i in range(len(tape.nodes)) if i not in needed]
+    return [*ahead, *sorted(first), *rest]
+
+
+def _reordered(tape: Tape, places: list[int]) -> Tape:
+    at = {old: new for new, old in enumerate(places)}
+    nodes = tuple(tape.nodes[i]._replace(args=tuple(at[a] for a in tape.nodes[i].args)) for i in places)
+    return Tape(nodes, tuple(at[i] for i in tape.outputs), {at[i]: name for i, name in tape.names.items()})
 
 
 @dataclass(frozen=True)
@@ -254,3 +374,69 @@ def indent(lines: list[str], depth: int) -> str:
         for line in lines
     ]
     return "\n".join(part for group in parts for part in group)
+
+
+BLOCK = 256
+"""Samples that one function computes before the other goes on: those of an arm are still in the processor's first or
+second cache then."""
+
+
+def continued_call(
+    prefix: str, function: SymbolicFunction, continued: Continuation, tape: Tape, precision: Precision
+) -> Routine:
+    """One sample a call, as c_code.call has it. `tape`: of the function as a whole."""
+    kind, suffix = precision.kind, precision.suffix
+    (output,) = function.outputs
+    arguments = [f"const {kind} {a.name}[{len(a.symbols)}]" for a in function.inputs]
+    arguments = [*struct_argument(prefix, function, precision), *arguments]
+    arguments.append(f"{kind} {output.name}[{len(output.expressions)}]")
+    first = f"{prefix}_{continued.function}_{suffix}({', '.join(_passed(function))});"
+    lines = [first, *_rest(function, continued, precision, str)]
+    head = declaration(f"void {prefix}_{function.name}_{suffix}", arguments)
+    return Routine(describe(function, tape), head, indent(lines, 1))
+
+
+def continued_batch(prefix: str, function: SymbolicFunction, continued: Continuation) -> Routine:
+    """Structure of arrays, as c_lanes.batch has it; the other function's samples from one to another are called."""
+    (output,) = function.outputs
+    inputs = [f"const {F64.kind} *restrict {a.name}" for a in function.inputs]
+    arguments = [
+        "size_t count",
+        *struct_argument(prefix, function, F64),
+        *inputs,
+        f"{F64.kind} *restrict {output.name}",
+    ]
+    passed = ", ".join(["count", "first", "last", *_passed(function)])
+    rest = _rest(function, continued, F64, row)
+    body = [
+        f"for (size_t first = 0U; first < count; first += {BLOCK}U) {{",
+        f"    const size_t last = (count - first < {BLOCK}U) ? count : first + {BLOCK}U;",
+        f"    {prefix}_{continued.function}_range_{F64.suffix}({passed});",
+        *([f"    {LOOP}", "    for (size_t k = first; k < last; ++k) {"] if rest else []),
+        *(f"        {line}" for line in rest),
+        *(["    }"] if rest else []),
+        "}",
+    ]
+    return Routine(
+        comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),
+        declaration(f"void {prefix}_{function.name}_batch_{F64.suffix}", arguments),
+        indent(body, 1),
+    )
+
+
+def _passed(function: SymbolicFunction) -> list[str]:
+    return [*(a.name for a in function.arguments), function.outputs[0].name]
+
+
+def _rest(
+    function: SymbolicFunction, continued: Continuation, precision: Precision, index: Callable[[int], str]
+) -> list[str]:
+    """The statements on the elements that differ. `index`: how an element's place is spelt."""
+    (output,) = function.outputs
+    leaves = struct_leaves(function)
+    leaves |= {s: f"{a.name}[{index(i)}]" for a in function.inputs for i, s in enumerate(a.symbols)}
+    leaves |= {symbol: f"{output.name}[{index(i)}]" for symbol, i in continued.values}
+    places = [i for symbol, i in continued.values if output.expressions[i] != symbol]
+    tape = Tape.from_expressions([output.expressions[i] for i in places], (), leaves, where=function.name)
+    lines, texts = Printer(precision.language, tape, leaves, taken(function) | {"first", "last"}).print()
+    return lines + assign([f"{output.name}[{index(i)}]" for i in places], texts)

@@ -1,20 +1,24 @@
-"""C99 of the effects library: functions that take what an effect reads by name, and nothing else.
+"""C99 of the effects library, for a controller and for NumPy.
 
-The signals come first, then the step, then the parameters, and last the memory, in a struct of its own.
+A controller's functions take the signals that an effect reads by name, then the step, the parameters, and the states in
+a struct of their own. Those for NumPy run along the samples of a recording in double precision and all take the same
+arguments: one array a signal at every joint, and the parameters as one array in declared order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+
+import sympy as sp
 
 from codegen import effect_functions as ef
-from codegen.c.c_code import Precision, Routine, assign, comment, declaration, describe, indent
-from codegen.c.language import identifier, word
+from codegen.c.c_code import LOOP, Precision, Routine, assign, comment, declaration, describe, identifier, indent, word
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
-from symbolic.effects.declaration import DT, Effect
-from symbolic.functions import Argument, SymbolicFunction
+from symbolic.effects.declaration import DT, SIGNALS, Effect
+from symbolic.functions import Argument, Output, SymbolicFunction
 
 HEAD = comment(
     "What each effect adds to the motor torque of a joint, on the motor's side: friction has the sign of qd.",
@@ -123,3 +127,179 @@ def _comment(effect: Effect, function: SymbolicFunction, takes: Signature, tape:
     if takes.writes_state:
         outputs = (replace(outputs[0], name="state", shape=(), unit=units, meaning=f"{names}: {outputs[0].meaning}"),)
     return describe(replace(function, inputs=inputs, outputs=outputs), tape)
+
+
+LANES = 8
+"""Choices of parameters along which a memory is simulated at once: what each waits for, the others fill, and they share
+the processor's vectors."""
+
+_TAKEN = frozenset({s.name for s in SIGNALS} | set("sijkpx") | {"count", "joints", "dt", "out", "at", "own"})
+_EACH_JOINT = "for (size_t at = 0; at < joints; ++at) {"
+_EACH_SAMPLE = "for (size_t k = 0; k < count; ++k) {"
+_EACH_LANE = f"for (size_t j = 0; j < {LANES}; ++j) {{"
+
+
+def signals_type(precision: Precision) -> str:
+    """The struct of one array a signal."""
+    arrays = [f"    const {precision.kind} *{s.name};" for s in SIGNALS]
+    note = comment("An array a signal; those that an effect does not read may be null.")
+    return "\n".join([note, "typedef struct {", *arrays, f"}} tendon_signals_{precision.suffix};"])
+
+
+def arguments_of(precision: Precision) -> list[str]:
+    """Of all that runs along the samples."""
+    kind, suffix = precision.kind, precision.suffix
+    read = [f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
+    return ["size_t count", "size_t joints", *read, f"{kind} *restrict out"]
+
+
+def batches(effect: Effect, precision: Precision) -> list[Routine]:
+    """Along the samples: `columns` (rows: fixed part, then one a linear parameter), `torque` and, where there are
+    any, `states`, and `columns` of several choices of parameters at once."""
+    functions = [ef.columns(effect), ef.torque(effect), *([ef.states(effect)] if effect.states else [])]
+    found = [_AlongSamples(effect, function, precision).routine() for function in functions]
+    return [*found, *([_AtOnce(effect, functions[0], precision).routine()] if effect.states else [])]
+
+
+@dataclass(frozen=True)
+class _AlongSamples:
+    """A function of an effect along the samples at every joint, and its memory with it."""
+
+    effect: Effect
+    function: SymbolicFunction
+    precision: Precision
+
+    @property
+    def rows(self) -> int:
+        return len(self.function.outputs[0].expressions)
+
+    def routine(self) -> Routine:
+        effect, kind, states = self.effect, self.precision.kind, len(self.effect.states)
+        arguments = {"s": {s.symbol for s in effect.signals}, "dt": {DT}, "p": {p.symbol for p in effect.parameters}}
+        body = [
+            *(f"(void){name};" for name, symbols in arguments.items() if not symbols & self._read),
+            *([f"{kind} x[{states}];", "if (count == 0U) {", "    return;", "}"] if states else []),
+            *self._at_joints(),
+        ]
+        rows = f"{self.rows} row{'s' if self.rows > 1 else ''}"
+        note = comment(f"{self.function.name} along `count` samples, {rows} a joint in `out`.")
+        return Routine(note, self._declared("batch"), indent(body, 1))
+
+    def _declared(self, how: str) -> str:
+        head = f"void tendon_{self.function.name}_{how}_{self.precision.suffix}"
+        return declaration(head, arguments_of(self.precision))
+
+    @cached_property
+    def _start(self) -> Tape:
+        return Tape.of(ef.start(self.effect))
+
+    @cached_property
+    def _step(self) -> Tape:
+        return Tape.of(ef.step(self.effect))
+
+    @cached_property
+    def _both(self) -> Tape:
+        """Outputs and the states' steps on one tape, which share what they have in common."""
+        steps = tuple(sp.sympify(s.step) for s in self.effect.states)
+        outputs = (*self.function.outputs, Output("x_next", steps, (len(steps),), "", ""))
+        return Tape.of(replace(ef.step(self.effect), outputs=outputs, definitions=()))
+
+    @cached_property
+    def _read(self) -> set[object]:
+        return _leaves(self._both) | _leaves(self._start)
+
+    def _at_joints(self) -> list[str]:
+        """The memory of every joint is its own, or one for all."""
+        between = {s.symbol for s in self.effect.signals if s.between}
+        own = _leaves(self._step) | _leaves(self._start)
+        if not between or between & own:
+            sample = self._in_lanes(self._both, self.rows)
+            vectors = [] if self.effect.states else [LOOP]
+            joint = [*self._arrays(self._read, "at"), *self._begun(), *vectors, *_block(_EACH_SAMPLE, sample)]
+            return _block(_EACH_JOINT, joint)
+        # What gives way at its own joint is felt at all, and its memory reads what is the same at each.
+        felt = Tape.of(self.function)
+        joint = [*self._arrays(_leaves(felt) - own, "at"), *self._in_lanes(felt, self.rows)]
+        sample = [*_block(_EACH_JOINT, joint), *self._in_lanes(self._step, 0)]
+        return [*self._arrays(own, "0"), *self._begun(), *_block(_EACH_SAMPLE, sample)]
+
+    def _arrays(self, read: set[object], at: str) -> list[str]:
+        """Statements that name the arrays of the signals that are read, at a joint."""
+        names = [s.name for s in self.effect.signals if s.symbol in read]
+        return [f"const {self.precision.kind} *restrict {name} = s[{at}].{name};" for name in names]
+
+    def _begun(self) -> list[str]:
+        """Statements that set the states from the first sample."""
+        if not self.effect.states:
+            return []
+        lines, texts = self._printed(self._start, "0")
+        begun = [*lines, *assign([self._state(i) for i in range(len(texts))], texts)]
+        # What the samples call their own intermediate values stays free.
+        return self._each_lane(_block("{", begun) if lines else begun)
+
+    def _in_lanes(self, tape: Tape, rows: int) -> list[str]:
+        """Statements at sample k: so many rows first, then the states of the next sample, where there are any."""
+        lines, texts = self._printed(tape, "k")
+        lines += assign([self._out(i) for i in range(rows)], texts[:rows])
+        lines += [self.precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
+        steps = range(len(texts) - rows)
+        return self._each_lane(lines + assign([self._state(i) for i in steps], [f"next{i}" for i in steps]))
+
+    def _printed(self, tape: Tape, at: str) -> tuple[list[str], list[str]]:
+        leaves = {p.symbol: self._parameter(i) for i, p in enumerate(self.effect.parameters)} | {DT: "dt"}
+        leaves |= {s.symbol: self._state(i) for i, s in enumerate(self.effect.states)}
+        leaves |= {s.symbol: f"{s.name}[{at}]" for s in self.effect.signals}
+        taken = _TAKEN | {f"next{i}" for i in range(len(self.effect.states))}
+        return Printer(self.precision.language, tape, leaves, taken).print()
+
+    def _each_lane(self, lines: list[str]) -> list[str]:
+        return lines
+
+    def _parameter(self, i: int) -> str:
+        return f"p[{i}]"
+
+    def _state(self, i: int) -> str:
+        return f"x[{i}]"
+
+    def _out(self, i: int) -> str:
+        return f"out[({self.rows}U * at + {i}U) * count + k]"
+
+
+@dataclass(frozen=True)
+class _AtOnce(_AlongSamples):
+    """Of LANES choices of parameters."""
+
+    def routine(self) -> Routine:
+        kind, width = self.precision.kind, len(self.effect.parameters)
+        own = [f"for (size_t i = 0; i < {width}; ++i) {{", f"    own[i][j] = p[{width} * j + i];", "}"]
+        body = [
+            *([] if DT in self._read else ["(void)dt;"]),
+            f"{kind} own[{width}][{LANES}];",
+            f"{kind} x[{len(self.effect.states)}][{LANES}];",
+            *("if (count == 0U) {", "    return;", "}"),
+            *_block(_EACH_LANE, own),
+            *self._at_joints(),
+        ]
+        what = f"{self.function.name} of {LANES} choices of parameters, p ({LANES}, {width})"
+        note = comment(f"{what}; out (joints, {self.rows}, count, {LANES}).")
+        return Routine(note, self._declared("at_once"), indent(body, 1))
+
+    def _each_lane(self, lines: list[str]) -> list[str]:
+        return [LOOP, *_block(_EACH_LANE, lines)]
+
+    def _parameter(self, i: int) -> str:
+        return f"own[{i}][j]"
+
+    def _state(self, i: int) -> str:
+        return f"x[{i}][j]"
+
+    def _out(self, i: int) -> str:
+        return f"out[(({self.rows}U * at + {i}U) * count + k) * {LANES}U + j]"
+
+
+def _leaves(tape: Tape) -> set[object]:
+    return {node.value for node in tape.nodes if node.op == "leaf"}
+
+
+def _block(head: str, lines: list[str]) -> list[str]:
+    return [head, *(f"    {line}" for line in lines), "}"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from codegen.c.c_batches import LANES, arguments_of
 from codegen.c.c_code import Precision, Routine, comment, declaration, indent
+from codegen.c.c_effects import LANES, arguments_of
 
 _OUTPUTS = 4
 """Outputs that one reading of the samples serves; their sums fill the registers of four doubles."""

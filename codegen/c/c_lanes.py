@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from codegen.c.c_code import (
+    C_DOUBLE,
     F64,
     Routine,
     batch_attribute,
@@ -21,7 +22,6 @@ from codegen.c.c_code import (
     struct_leaves,
     taken,
 )
-from codegen.c.language import C_DOUBLE
 from codegen.tape.numbering import ARITHMETIC
 from codegen.tape.printers import Printer, Text
 from codegen.tape.tape import Tape

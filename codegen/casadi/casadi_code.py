@@ -1,19 +1,55 @@
-"""CasADi text of symbolic functions: one builder a function, smooth surrogates of named width."""
+"""CasADi text of symbolic functions: a builder a function, surrogates of named width, tables of parameters."""
 
 from __future__ import annotations
 
+import json
+import keyword
 import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sympy as sp
 
 from codegen.c.c_code import description, legend
-from codegen.casadi.language import CASADI
-from codegen.tape.printers import Printer
+from codegen.pages import page
+from codegen.tape.printers import Language, Printer, float64
 from codegen.tape.tape import Tape
 from symbolic import units as u
-from symbolic.functions import Argument, Output, SymbolicFunction
+from symbolic.effects.declaration import Effect, Parameter, State
+from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+from symbolic.model import ArmModel
+from symbolic.model_file.arm import Joint
 from symbolic.primitives import WIDTHS
+
+_CALLS = {
+    "exp": "ca.exp",
+    "log": "ca.log",
+    "sqrt": "ca.sqrt",
+    "abs": "ca.fabs",
+    "atan2": "ca.atan2",
+    "max": "ca.fmax",
+    "min": "ca.fmin",
+    "sgn": "ca.sign",
+    "pow": "_power",
+    "rise": "_rise",
+}
+"""Those that begin with _ are defined in the page."""
+
+
+def _pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
+    lines = [f"{sine} = ca.sin({angle})"] if sine else []
+    return lines + ([f"{cosine} = ca.cos({angle})"] if cosine else [])
+
+
+CASADI = Language(
+    literal=float64,
+    call=lambda op, arguments: f"{_CALLS[op]}({', '.join(arguments)})",
+    pair=_pair,
+    assign=lambda name, text: f"{name} = {text}",
+    reserved=frozenset(keyword.kwlist) | {"ca"},
+)
+
 
 WIDTH_UNITS = {"rate": u.RATE, "position": u.POSITION, "force": u.FORCE, "time": u.SECOND}
 """Of the widths of the switches, in the order of primitives.WIDTHS."""
@@ -111,3 +147,78 @@ def _doc(function: SymbolicFunction, inputs: list[Argument], tape: Tape) -> str:
         for part in textwrap.wrap(line.replace("\\", "/").replace('"', "'"), 112, subsequent_indent="  ")
     ]
     return '"""' + "\n    ".join(wrapped) + '\n    """'
+
+
+def arm_tables(model: ArmModel) -> str:
+    """PARAMETERS, JOINTS, EFFECTS and parameters() of an arm."""
+    arm, struct = model.arm, model.struct
+    contact = {} if arm.contact is None else arm.contact.effects
+    return page(
+        "casadi/arm_tables.py.j2",
+        name=arm.name,
+        count=len(struct.symbols),
+        example=struct.symbols[0].name,
+        parameters=_struct(struct),
+        joints=[_entry(_joint(joint)) for joint in arm.joints],
+        effects=_rows({**arm.effects, **contact}),
+    ).rstrip()
+
+
+def effect_tables(effects: Sequence[Effect]) -> str:
+    """PARAMETERS, STATES, WIDTHS, parameters() and widths() of the library."""
+    return page(
+        "casadi/effect_tables.py.j2",
+        parameters=[_group(e.name, map(_parameter, e.parameters)) for e in effects],
+        states=[_group(e.name, map(_quantity, e.states)) for e in effects if e.states],
+        widths=[f'"{name}": {literal(unit.text())},' for name, unit in WIDTH_UNITS.items()],
+        arguments=", ".join(WIDTH_UNITS),
+    ).rstrip()
+
+
+def literal(value: Any) -> str:
+    """A value of JSON as Python writes it."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{literal(k)}: {literal(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "(" + ", ".join(map(literal, value)) + ("," if len(value) == 1 else "") + ")"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+
+
+def _struct(struct: Struct) -> list[str]:
+    rows = zip(struct.symbols, struct.defaults, struct.units, struct.meanings, strict=True)
+    return [f"{literal(s.name)}: {literal((value, unit, text))}," for s, value, unit, text in rows]
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    limits = joint.limits
+    return {
+        "type": joint.type,
+        "gear_ratio": joint.gear_ratio,
+        "position_limits": limits.position,
+        "speed_limit": limits.speed,
+        "torque_limit": limits.torque,
+        "effects": {name: dict(values) for name, values in joint.effects.items()},
+    }
+
+
+def _entry(data: Mapping[str, Any]) -> list[str]:
+    """A dictionary, a line an item; the items of the last value on lines of their own."""
+    *plain, (name, last) = data.items()
+    rows = [f"{literal(k)}: {literal(v)}," for k, v in plain]
+    return [*rows, f"{literal(name)}: {{", *(f"    {row}" for row in _rows(last)), "},"]
+
+
+def _rows(data: Mapping[str, Any]) -> list[str]:
+    return [f"{literal(k)}: {literal(v)}," for k, v in data.items()]
+
+
+def _group(name: str, rows: Iterable[str]) -> list[str]:
+    return [f"{literal(name)}: {{", *(f"    {row}" for row in rows), "},"]
+
+
+def _quantity(quantity: Parameter | State) -> str:
+    return f"{literal(quantity.name)}: {literal((quantity.unit.text(), quantity.meaning))},"
+
+
+def _parameter(parameter: Parameter) -> str:
+    return f"{literal(parameter.name)}: {literal((parameter.unit.text(), parameter.meaning, parameter.default))},"

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from math import ceil, exp, pi
+from pathlib import Path
 from typing import Any
 
-from codegen.c.language import float32
-from codegen.firmware.handwritten import handwritten_files
+from codegen.c.c_code import float32
 from codegen.firmware.messages import LEAST_FILTER, RATES, STEPS
 from symbolic.model_file.arm import Control, DescribedJoint
 
@@ -35,6 +35,7 @@ HIGHEST = 1e38
 LATE_PERIODS = 2.0
 """Control periods between two steps that are let pass at least, where they are longer than tendon_board.h's time."""
 _MICROSECONDS = 1e6
+_BOARD_HEADER = Path(__file__).resolve().parent / "tree" / "src" / "tendon_board.h"
 _KINDS = {"revolute": ("TORQUE", "SPEED", "ERROR", "ANGLE"), "prismatic": ("FORCE", "LINEAR_SPEED", "SLIP", "TRAVEL")}
 _DEFINED = re.compile(r"^#define (TENDON_MOST_\w+) ([0-9.e+]+)[fU]? ", re.MULTILINE)
 
@@ -161,4 +162,4 @@ def _whole(value: int) -> Ceiling:
 def _of_board(name: str) -> Ceiling:
     """A number of tendon_board.h. Raises KeyError."""
     name = f"TENDON_MOST_{name}"
-    return Ceiling(float(dict(_DEFINED.findall(handwritten_files()["src/tendon_board.h"]))[name]), name)
+    return Ceiling(float(dict(_DEFINED.findall(_BOARD_HEADER.read_text(encoding="utf-8")))[name]), name)

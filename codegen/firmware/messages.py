@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from codegen.c.controller_records import COORDINATES, MAX_DEGREE, MIN_DEGREE
-from codegen.c.records import Record
+from codegen.c.controller import COORDINATES, MAX_DEGREE, MIN_DEGREE, Record
 
 MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
 """What a board holds of a trajectory: phases, control points of all phases; and control points in a message."""

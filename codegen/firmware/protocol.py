@@ -1,6 +1,6 @@
 """The link between a host and an arm's controller: messages, states, reasons and results, in one table.
 
-From it come the C that packs and unpacks (codegen.firmware.protocol_code), protocol.json for the host, and PROTOCOL.md.
+From it come the C that packs and unpacks (codegen.firmware.protocol_text), protocol.json for the host, and PROTOCOL.md.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from codegen.c.controller import Controller
-from codegen.c.controller_records import COORDINATES, MAX_DEGREE, STATUS
-from codegen.c.records import Record
+from codegen.c.controller import COORDINATES, MAX_DEGREE, STATUS, Controller, Record
 from codegen.firmware.ceilings import Ceilings
 from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, Message, commands, reports
 

@@ -1,27 +1,124 @@
-"""The firmware's tree: equations, controller, machine, boards and build files, complete without Python."""
+"""The firmware's source tree: equations, controller, machine, boards and build files, complete without Python."""
 
 from __future__ import annotations
 
+import functools
 import shutil
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from codegen import disk, render
-from codegen.banner import BANNER, MARK
-from codegen.c.controller import Controller
-from codegen.firmware import protocol_page
-from codegen.firmware.handwritten import handwritten_files
-from codegen.firmware.machine import machine_files
-from codegen.firmware.protocol import REASONS, Protocol
-from codegen.pages import page
+from codegen import disk, metadata, render
+from codegen.c.c_code import comment
+from codegen.c.controller import STATUS, Controller
+from codegen.firmware import protocol_text
+from codegen.firmware.ceilings import Ceilings
+from codegen.firmware.messages import LARGEST
+from codegen.firmware.protocol import ACKS, NOT_READY, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol, records_of
+from codegen.pages import BANNER, MARK, page
 from codegen.toolchain import build, cross
 from codegen.toolchain.cross import HOST, TARGETS, Target, Toolchain
 from codegen.toolchain.stack import EXCEPTION_FRAME
 from symbolic.effects.declaration import Effect
 from symbolic.model import ArmModel
 from symbolic.model_file.checks import check_stated
+
+TREE = Path(__file__).resolve().parent / "tree"
+
+
+@functools.cache
+def handwritten_files() -> Mapping[str, str]:
+    """Relative path in the firmware's tree -> text, in order."""
+    found = {path.relative_to(TREE).as_posix(): path for path in TREE.rglob("*.[ch]")}
+    return MappingProxyType({path: found[path].read_text(encoding="utf-8") for path in sorted(found)})
+
+
+_MAIN = "src/main.c"
+"""Calls the board; the other sources in src/ use only its ceilings."""
+_FIXED = {"state": "controller_state"}
+"""What the machine calls a record of the controller, where that is not the record's own name."""
+
+
+def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Mapping[str, str]) -> dict[str, str]:
+    """Relative path in the firmware's tree -> text.
+
+    library     all effects by name; those that the model file activates are compensated
+    equations   the sources of the same model that the machine calls, by path
+    """
+    controller = Controller.of(model, library)
+    protocol = Protocol.of(controller)
+    people = {"banner_text": f"{BANNER} Link to the arm {protocol.arm}.", **protocol_text.page_holes(protocol)}
+    files = {
+        **{path: text for path, text in handwritten_files().items() if path.startswith("src/") and path != _MAIN},
+        "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=None),
+        "src/tendon_controller.h": page("firmware/tendon_controller.h.j2", **_names(controller)),
+    }
+    # Without the ceilings: a model file with tighter limits needs no new firmware.
+    build = _checksum({**equations, **files, **_messages(controller, protocol, 0)})
+    files |= {
+        "src/tendon_arm.h": page(
+            "firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=_ceilings(protocol.ceilings)
+        ),
+        **_messages(controller, protocol, build),
+        "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **people),
+        "protocol.json": metadata.text(protocol.document(build)),
+    }
+    return dict(sorted(files.items()))
+
+
+def _checksum(files: Mapping[str, str]) -> int:
+    """CRC-32 of paths and texts."""
+    return zlib.crc32("\0".join(part for item in sorted(files.items()) for part in item).encode())
+
+
+def _messages(controller: Controller, protocol: Protocol, build: int) -> dict[str, str]:
+    holes = {
+        "banner": f"/* {BANNER} Link to the arm {protocol.arm}. */",
+        **protocol_text.code_holes(controller, protocol, build),
+    }
+    return {f"src/tendon_messages.{kind}": page(f"firmware/tendon_messages.{kind}.j2", **holes) for kind in ("h", "c")}
+
+
+def _numbers(protocol: Protocol) -> dict[str, Any]:
+    """What the page of tendon_arm.h needs."""
+    bits = sum(1 << reason.number for reason in REASONS if reason.torque == "zero")
+    return {
+        "banner": f"/* {BANNER} Numbers of the arm {protocol.arm}. */",
+        "name": protocol.arm,
+        "n": len(protocol.types),
+        "looks": protocol.looks,
+        "telemetry_records": TELEMETRY_RECORDS,
+        "acks": ACKS,
+        "not_ready": f"0x{NOT_READY:08x}U",
+        "outrun": f"{OUTRUN}f",
+        "no_limit": f"{LARGEST:.9g}f",
+        "without_torque": f"0x{bits:x}U",
+        "status": [
+            {"name": flag.upper(), "bit": bit, "comment": comment(text)} for flag, (bit, text) in STATUS.items()
+        ],
+    }
+
+
+def _ceilings(ceilings: Ceilings) -> dict[str, Any]:
+    """What the page of tendon_arm.h needs of them."""
+    return {**vars(ceilings), "rows": " \\\n    " + ", \\\n    ".join(ceilings.rows())}
+
+
+def _names(controller: Controller) -> dict[str, Any]:
+    """What the page of tendon_controller.h needs."""
+    name = controller.model.arm.name
+    return {
+        "banner": f"/* {BANNER} Controller of the arm {name}. */",
+        "name": name,
+        "types": [
+            {"own": record.name, "fixed": f"tendon_{_FIXED.get(short, short)}"}
+            for short, record in records_of(controller).items()
+        ],
+    }
+
 
 BOARD = "boards/mps2"
 """The board that is emulated."""
@@ -75,7 +172,7 @@ def _page_holes(protocol: Protocol) -> dict[str, Any]:
         "banner_title": BANNER,
         "mark": MARK,
         "exception_frame": EXCEPTION_FRAME,
-        **protocol_page.line_holes(protocol),
+        **protocol_text.line_holes(protocol),
         "reasons": [" | ".join(cells) for cells in reasons],
     }
 
@@ -96,7 +193,7 @@ def _flags() -> dict[str, Any]:
 
 def _library(files: Iterable[str]) -> list[str]:
     """Sources that do not depend on a board."""
-    return sorted(path for path in files if path.startswith("src/") and path.endswith(".c") and path != "src/main.c")
+    return sorted(path for path in files if path.startswith("src/") and path.endswith(".c") and path != _MAIN)
 
 
 def _is_hot(source: str) -> bool:
@@ -112,7 +209,7 @@ def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) 
     """
     there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*.c"))
     # In the Makefile's order, so that it links the same image.
-    sources = [*_library(there), "src/main.c", *(path for path in there if path.startswith(BOARD))]
+    sources = [*_library(there), _MAIN, *(path for path in there if path.startswith(BOARD))]
     small = [path for path in sources if not _is_hot(path)]
     image = cross.compile_image(directory, sources, f"{BOARD}/mps2.ld", target, tools, output=name, small=small)
     shutil.rmtree(directory / "objects")

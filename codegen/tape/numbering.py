@@ -6,15 +6,57 @@ needs them, numbers stay exact rationals until a printer rounds them, and what n
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import sympy as sp
 
-from codegen.tape.lowering import Larger, Smaller
 from symbolic import primitives
+
+Lowering = Literal["exact", "smooth"]
+
+_X, _WIDTH = sp.Dummy("x", real=True), sp.Dummy("width", positive=True)
+
+
+class Larger(sp.Function):
+    """The larger of two."""
+
+    is_extended_real = True
+
+
+class Smaller(sp.Function):
+    """The smaller of two."""
+
+    is_extended_real = True
+
+
+def lower(expr: Any, lowering: Lowering) -> sp.Expr:
+    """`expr` for a tape: as it is, or as primitives.smooth gives it, with Larger and Smaller for Max and Min."""
+    e = sp.sympify(expr)
+    return _smooth(e, {}) if lowering == "smooth" else e
+
+
+@functools.cache
+def _surrogates() -> dict[Any, sp.Expr]:
+    """The surrogate of every primitive in _X and _WIDTH."""
+    plain = {kind: primitives.smooth(kind(_X, _WIDTH)) for kind in _PRIMITIVES}
+    return {kind: e.replace(sp.Max, Larger).replace(sp.Min, Smaller) for kind, e in plain.items()}
+
+
+def _smooth(e: sp.Expr, done: dict[sp.Expr, sp.Expr]) -> sp.Expr:
+    """Equal parts are lowered once."""
+    if e not in done:
+        if not e.has(*_PRIMITIVES):
+            done[e] = e
+        else:
+            args = [_smooth(a, done) for a in e.args]
+            surrogate = _surrogates().get(type(e))
+            done[e] = e.func(*args) if surrogate is None else surrogate.xreplace({_X: args[0], _WIDTH: args[1]})
+    return done[e]
+
 
 ARITHMETIC = ("add", "sub", "mul", "div", "neg")
 _PRIMITIVES = {primitives.sgn: "sgn", primitives.step: "step", primitives.ramp: "ramp"}

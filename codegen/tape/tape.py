@@ -1,13 +1,15 @@
 """Expressions to one straight-line tape of binary operations.
 
-Equal values are numbered once (commutative operands in one order, a difference in one direction), signs
-travel with the reference until something needs them, numbers stay exact rationals until a printer rounds
-them, and what no output needs is removed. What a recursion has named keeps its name.
+Equal values are numbered once (commutative operands in one order, a difference in one direction), signs travel with the
+reference until something needs them, and numbers stay exact rationals until a printer rounds them. Operations that no
+output needs are removed; values that a recursion names keep their names.
 """
 
 from __future__ import annotations
 
 import functools
+import heapq
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,11 +17,61 @@ from typing import Any
 
 import sympy as sp
 
-from codegen.tape import magnitude, sharing
-from codegen.tape.lowering import Lowering, lower
-from codegen.tape.numbering import ARITHMETIC, Node, Numbering
+from codegen.tape import sharing
+from codegen.tape.numbering import ARITHMETIC, Lowering, Node, Numbering, lower
 from symbolic import primitives
 from symbolic.functions import SymbolicFunction
+
+Pair = tuple[float, float]
+"""A value and the sum of the absolute values of its terms."""
+
+
+def _scaled(op: str, a: Pair, b: Pair = (0.0, 0.0), c: Pair = (0.0, 0.0)) -> Pair:
+    """One operation on such pairs."""
+    (x, mx), (y, my) = a, b
+    if op in ("add", "sub"):
+        return (x + y if op == "add" else x - y), mx + my
+    if op == "mul":
+        return x * y, mx * my
+    if op == "div":
+        return x / y, mx / abs(y) * (my / abs(y))
+    if op in ("neg", "abs"):
+        return (-x if op == "neg" else abs(x)), mx
+    if op in ("sin", "cos"):
+        value, slope = (math.sin(x), math.cos(x)) if op == "sin" else (math.cos(x), math.sin(x))
+        return value, abs(value) + abs(slope) * mx
+    if op in ("max", "min"):
+        return (max(x, y) if op == "max" else min(x, y)), max(mx, my)
+    if op in ("sgn", "step"):
+        value = float((x > 0) - (x < 0)) if op == "sgn" else float(x > 0)
+        return value, abs(value)
+    if op == "gate":
+        return b if x > 0 else (0.0, 0.0)
+    if op == "side":
+        return b if x > 0 else c if x < 0 else (0.0, 0.0)
+    if op == "ramp":
+        return max(x, 0.0), mx if x > 0 else 0.0
+    return _transcendental(op, x, mx, y, my)
+
+
+def _transcendental(op: str, x: float, mx: float, y: float, my: float) -> Pair:
+    if op == "sqrt":
+        value = math.sqrt(x)
+        return value, value * (mx / x) if x > 0 else 0.0
+    if op == "exp":
+        value = math.exp(min(x, 700.0))
+        return value, value * (1 + mx)
+    if op == "rise":
+        return -math.expm1(-x), 1.0 + math.exp(-x) * (1 + mx)
+    if op == "log":
+        return math.log(x), abs(math.log(x)) + mx / abs(x)
+    if op == "atan2":
+        value = math.atan2(x, y)
+        return value, abs(value) + (abs(y) * mx + abs(x) * my) / (x * x + y * y)
+    if x <= 0:
+        return 0.0, 0.0
+    value = x**y
+    return value, value * (1 + abs(y) * mx / x + abs(math.log(x)) * my)
 
 
 @dataclass(frozen=True)
@@ -111,9 +163,7 @@ class Tape:
             else:
                 # An angle that is an input as given has no error of its own to amplify.
                 exact = node.op in ("sin", "cos") and self.nodes[node.args[0]].op == "leaf"
-                pairs.append(
-                    magnitude.scale(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args))
-                )
+                pairs.append(_scaled(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args)))
         return [pairs[i][1] for i in self.outputs]
 
 
@@ -153,3 +203,74 @@ _ARITHMETIC: dict[str, Callable[..., Any]] = {
     "div": lambda a, b: a / b,
     "neg": lambda a: -a,
 }
+
+
+_SUM = ("add", "sub")
+_WAIT = {"leaf": 0, "const": 0, "sin": 12, "cos": 12, "div": 4}
+"""Operations' worth of time from the last argument to the value; those that are not listed: one."""
+
+Term = tuple[int, int, int]
+"""(when it is known, its place among the new nodes, its sign)."""
+
+
+def balanced(tape: Tape) -> Tape:
+    """The same outputs; what has a name keeps its terms."""
+    return _Balancing(tape).tape()
+
+
+class _Balancing:
+    """New nodes as they are made."""
+
+    def __init__(self, tape: Tape) -> None:
+        self.old = tape
+        self.nodes: list[Node] = []
+        self.known: list[int] = []
+        self.place: dict[int, int] = {}
+        uses, read_by_sums = tape.uses(), {a for node in tape.nodes if node.op in _SUM for a in node.args}
+        self.inner = [
+            node.op in _SUM and uses[i] == 1 and i in read_by_sums and i not in tape.names
+            for i, node in enumerate(tape.nodes)
+        ]
+
+    def tape(self) -> Tape:
+        for i, node in enumerate(self.old.nodes):
+            if self.inner[i]:
+                continue
+            if node.op in _SUM:
+                self.place[i] = self._summed(self._terms(i, 1))
+            else:
+                self.place[i] = self._node(Node(node.op, tuple(map(self.place.__getitem__, node.args)), node.value))
+        names = {self.place[i]: name for i, name in self.old.names.items()}
+        return Tape(tuple(self.nodes), tuple(self.place[i] for i in self.old.outputs), names)
+
+    def _node(self, node: Node) -> int:
+        self.nodes.append(node)
+        self.known.append(max(map(self.known.__getitem__, node.args), default=0) + _WAIT.get(node.op, 1))
+        return len(self.nodes) - 1
+
+    def _terms(self, i: int, sign: int) -> list[Term]:
+        """What is added up at a node, through the sums inside it."""
+        a, b = self.old.nodes[i].args
+        other = sign if self.old.nodes[i].op == "add" else -sign
+        found = []
+        for arg, its in ((a, sign), (b, other)):
+            if self.inner[arg]:
+                found += self._terms(arg, its)
+            else:
+                place = self.place[arg]
+                found.append((self.known[place], place, its))
+        return found
+
+    def _summed(self, terms: list[Term]) -> int:
+        """The earliest two joined until one is left, which has the sign of the whole."""
+        heapq.heapify(terms)
+        while len(terms) > 1:
+            (_, a, first), (_, b, second) = heapq.heappop(terms), heapq.heappop(terms)
+            if first == second:
+                place, sign = self._node(Node("add", (a, b))), first
+            else:
+                place, sign = self._node(Node("sub", (a, b) if first > 0 else (b, a))), 1
+            heapq.heappush(terms, (self.known[place], place, sign))
+        ((_, place, sign),) = terms
+        assert sign > 0, "a sum that the tape has without a negation has a term without one"
+        return place

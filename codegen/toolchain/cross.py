@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from codegen.toolchain import stack
-from codegen.toolchain.build import WARNINGS
-from codegen.toolchain.cache import BuildError, cache_directory
-from codegen.toolchain.elf import Elf
+from codegen.toolchain.build import WARNINGS, BuildError, cache_directory
+from codegen.toolchain.stack import Elf
 from symbolic.model_file.checks import quote
 
 LANGUAGE = ("-std=c99", "-pedantic", "-ffreestanding")

@@ -1,15 +1,188 @@
-"""The worst stack of a Cortex-M image: frames as the compiler states them, calls from the machine code."""
+"""Images of Cortex-M processors: their symbols and sizes, and the worst-case stack.
+
+The compiler states the frame of every function; the calls are read from the machine code.
+"""
 
 from __future__ import annotations
 
 import bisect
+import io
 import struct
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
-from codegen.toolchain import thumb
-from codegen.toolchain.elf import Elf, Symbol
+from elftools.elf.constants import SH_FLAGS
+from elftools.elf.elffile import ELFFile
+from elftools.elf.sections import Section, SymbolTableSection
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """address: with the lowest bit set for a function in Thumb code; section: index, 0 if undefined or absolute."""
+
+    name: str
+    address: int
+    size: int
+    function: bool
+    section: int
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Bytes. text: code, constants, vector table; data: initialised, in flash and in RAM; bss: zeroed."""
+
+    text: int
+    data: int
+    bss: int
+
+
+class Elf:
+    """The sections, symbols and segments of an image. Raises ELFError if the file is no ELF file."""
+
+    def __init__(self, content: bytes) -> None:
+        self._file = ELFFile(io.BytesIO(content))
+        self.entry: int = self._file["e_entry"]
+        self.sections: list[Section] = list(self._file.iter_sections())
+
+    @classmethod
+    def read(cls, path: Path) -> Elf:
+        """The image in a file."""
+        return cls(path.read_bytes())
+
+    @cached_property
+    def symbols(self) -> list[Symbol]:
+        """In the file's order, the mapping symbols ($t, $d) among them."""
+        return [
+            Symbol(
+                symbol.name,
+                symbol["st_value"],
+                symbol["st_size"],
+                symbol["st_info"]["type"] == "STT_FUNC",
+                symbol["st_shndx"] if isinstance(symbol["st_shndx"], int) else 0,
+            )
+            for table in self.sections
+            if isinstance(table, SymbolTableSection)
+            for symbol in table.iter_symbols()
+        ]
+
+    @property
+    def sizes(self) -> Sizes:
+        """Bytes of code and constants, of initialised data, and of zeroed data."""
+        taken = [s for s in self.sections if s["sh_flags"] & SH_FLAGS.SHF_ALLOC]
+        bss = sum(s["sh_size"] for s in taken if s["sh_type"] == "SHT_NOBITS")
+        writable = [s for s in taken if s["sh_flags"] & SH_FLAGS.SHF_WRITE]
+        data = sum(s["sh_size"] for s in writable if s["sh_type"] != "SHT_NOBITS")
+        return Sizes(sum(s["sh_size"] for s in taken) - bss - data, data, bss)
+
+    def binary(self) -> tuple[int, bytes]:
+        """The content of the flash: the address of its first byte, and the bytes, gaps filled with 0xFF.
+
+        It is made of sections, as a segment may begin with the ELF header. Raises ValueError if nothing is loaded.
+        """
+        parts = [
+            (section["sh_addr"] - segment["p_vaddr"] + segment["p_paddr"], section.data())
+            for section in self.sections
+            for segment in self._file.iter_segments("PT_LOAD")
+            if section["sh_flags"] & SH_FLAGS.SHF_ALLOC
+            and section["sh_type"] != "SHT_NOBITS"
+            and section["sh_size"]
+            and segment["p_vaddr"] <= section["sh_addr"] < segment["p_vaddr"] + segment["p_filesz"]
+        ]
+        if not parts:
+            raise ValueError("nothing is loaded")
+        start = min(address for address, _ in parts)
+        image = bytearray(b"\xff" * (max(address + len(part) for address, part in parts) - start))
+        for address, part in parts:
+            image[address - start : address - start + len(part)] = part
+        return start, bytes(image)
+
+
+_RETURN = 14  # the link register
+
+
+@dataclass
+class _Flow:
+    """What a function's instructions may do to the program counter.
+
+    jumps       targets of branches, those within the function among them
+    calls       targets of branches that come back
+    registers   through which it calls or jumps, that of the return apart
+    constants   by register: what is loaded into it as a constant, or from a register with a constant
+    """
+
+    jumps: set[int] = field(default_factory=set)
+    calls: set[int] = field(default_factory=set)
+    registers: set[int] = field(default_factory=set)
+    constants: dict[int, set[int]] = field(default_factory=lambda: defaultdict(set))
+
+
+def _flow(code: bytes, start: int, is_code: Callable[[int], bool]) -> _Flow:
+    """Of a function's bytes, its literals among them.
+
+    start     address of the first byte
+    is_code   whether an instruction stands at an address, by the mapping symbols
+    """
+    found, at = _Flow(), 0
+    halves: dict[int, int] = {}
+    while at + 2 <= len(code):
+        here = start + at
+        (first,) = struct.unpack_from("<H", code, at)
+        at += 2
+        if not is_code(here):
+            continue
+        if first >> 11 not in (0b11101, 0b11110, 0b11111):
+            _narrow(found, first, here, code, start)
+        elif at + 2 <= len(code):
+            (second,) = struct.unpack_from("<H", code, at)
+            at += 2
+            _wide(found, first, second, here, code, start, halves)
+    return found
+
+
+def _narrow(found: _Flow, word: int, here: int, code: bytes, start: int) -> None:
+    if word & 0xFF87 == 0x4780 or (word & 0xFF87 == 0x4700 and word >> 3 & 15 != _RETURN):  # BLX, BX
+        found.registers.add(word >> 3 & 15)
+    elif word >> 11 == 0b11100:  # B
+        found.jumps.add(here + 4 + _signed(word & 0x7FF, 11) * 2)
+    elif word >> 12 == 0b1101 and word >> 8 & 15 < 14:  # B<c>
+        found.jumps.add(here + 4 + _signed(word & 0xFF, 8) * 2)
+    elif word >> 8 == 0x46:  # MOV Rd, Rm
+        found.constants[word >> 4 & 8 | word & 7] |= found.constants[word >> 3 & 15]
+    elif word >> 11 == 0b01001:  # LDR Rt, [pc, #]
+        _literal(found, word >> 8 & 7, (here + 4 & ~3) + (word & 0xFF) * 4, code, start)
+
+
+def _wide(found: _Flow, first: int, second: int, here: int, code: bytes, start: int, halves: dict[int, int]) -> None:
+    sign, j1, j2 = first >> 10 & 1, second >> 13 & 1, second >> 11 & 1
+    immediate = (first & 15) << 12 | sign << 11 | (second >> 12 & 7) << 8 | second & 0xFF
+    register = second >> 8 & 15
+    if first >> 11 == 0b11110 and second & 0x9000 == 0x9000:  # B.W, BL
+        top = (sign << 2 | (1 - (j1 ^ sign)) << 1 | (1 - (j2 ^ sign))) << 21
+        target = here + 4 + _signed(top | (first & 0x3FF) << 11 | second & 0x7FF, 24) * 2
+        (found.calls if second & 0x4000 else found.jumps).add(target)
+    elif first >> 11 == 0b11110 and second & 0xD000 == 0x8000 and first >> 6 & 15 < 14:  # B<c>.W
+        offset = sign << 19 | j2 << 18 | j1 << 17 | (first & 0x3F) << 11 | second & 0x7FF
+        found.jumps.add(here + 4 + _signed(offset, 20) * 2)
+    elif first & 0xFBF0 == 0xF240 and not second & 0x8000:  # MOVW
+        halves[register] = immediate
+    elif first & 0xFBF0 == 0xF2C0 and not second & 0x8000 and register in halves:  # MOVT
+        found.constants[register].add(immediate << 16 | halves[register])
+    elif first & 0xFF7F == 0xF85F:  # LDR.W Rt, [pc, #]
+        offset = (second & 0xFFF) if first & 0x80 else -(second & 0xFFF)
+        _literal(found, second >> 12, (here + 4 & ~3) + offset, code, start)
+
+
+def _literal(found: _Flow, register: int, address: int, code: bytes, start: int) -> None:
+    if 0 <= address - start <= len(code) - 4:
+        found.constants[register] |= set(struct.unpack_from("<I", code, address - start))
+
+
+def _signed(value: int, bits: int) -> int:
+    return value - (1 << bits) if value >> (bits - 1) else value
+
 
 EXCEPTION_FRAME = 108
 """Bytes that an exception pushes at most: 8 registers, 18 words of the floating-point unit, alignment."""
@@ -54,7 +227,7 @@ def frames_of_sections(elf: Elf) -> dict[str, int]:
     for section in elf.sections:
         if section.name != ".stack_sizes":
             continue
-        content, at = elf.content(section), 0
+        content, at = section.data(), 0
         while at < len(content):
             (address,) = struct.unpack_from("<I", content, at)
             at, size, shift = at + 4, 0, 0
@@ -113,7 +286,7 @@ class _Calls:
     """calls: who branches to whom, tail calls included; indirect: who calls through a pointer."""
 
     def __init__(self, elf: Elf) -> None:
-        text = {i for i, section in enumerate(elf.sections) if section.executable}
+        text = {i for i, section in enumerate(elf.sections) if section["sh_flags"] & SH_FLAGS.SHF_EXECINSTR}
         functions = [s for s in elf.symbols if s.function and s.section in text and s.size]
         # Two names at one address are one function.
         self._functions = list(
@@ -125,7 +298,7 @@ class _Calls:
         self.indirect: set[str] = set()
         for function in self._functions:
             section = elf.sections[function.section]
-            self._scan(function, elf.content(section), section.address)
+            self._scan(function, section.data(), section["sh_addr"])
 
     def name_at(self, address: int) -> str:
         """The function that holds an address."""
@@ -140,7 +313,7 @@ class _Calls:
 
     def _scan(self, function: Symbol, content: bytes, base: int) -> None:
         start = function.address & ~1
-        flow = thumb.flow(content[start - base : start - base + function.size], start, self._is_code)
+        flow = _flow(content[start - base : start - base + function.size], start, self._is_code)
         within = range(start, start + function.size)
         targets = flow.calls | {target for target in flow.jumps if target not in within}
         for register in flow.registers:

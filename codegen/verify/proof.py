@@ -17,8 +17,7 @@ from typing import Any
 
 import sympy as sp
 
-from codegen.tape.balanced import balanced
-from codegen.tape.tape import Tape
+from codegen.tape.tape import Tape, balanced
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ASSUMED_SHARE, ArmModel
 from symbolic.model_file.arm import Link

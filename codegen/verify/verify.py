@@ -23,10 +23,10 @@ import sympy as sp
 from codegen import effect_functions as ef
 from codegen import render
 from codegen.c import c_effects
-from codegen.tape.lowering import Lowering
+from codegen.tape.numbering import Lowering
 from codegen.tape.tape import Tape
-from codegen.toolchain import build, cache
-from codegen.verify import sampling
+from codegen.toolchain import build
+from codegen.verify import reference
 from codegen.verify.proof import FunctionProof, prove_model
 from codegen.verify.reference import Reference
 from symbolic.controller_law import compensation
@@ -132,7 +132,7 @@ def _numbers(values: Sequence[float]) -> dict[str, list[Any]]:
     return {"decimal": list(values), "hex": [value.hex() for value in values]}
 
 
-Run = Callable[[sampling.Values], list[float]]
+Run = Callable[[reference.Values], list[float]]
 """A target's function: flat outputs for values of its symbols."""
 
 
@@ -142,7 +142,7 @@ class Subject:
 
     function: SymbolicFunction
     targets: Mapping[str, Run]
-    draw: Callable[[random.Random], sampling.Values]
+    draw: Callable[[random.Random], reference.Values]
 
     @functools.cached_property
     def rules(self) -> dict[Lowering, tuple[Reference, Tape]]:
@@ -181,7 +181,7 @@ def verify(
     return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors), prove_model(model, seed))
 
 
-def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
+def compare(subject: Subject, points: Sequence[reference.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
     """The worst point of each target, and the first two points as test vectors."""
     function = subject.function
     names = [f"{o.name}[{i}]" if o.shape else o.name for o in function.outputs for i in range(len(o.expressions))]
@@ -209,11 +209,11 @@ def compare(subject: Subject, points: Sequence[sampling.Values]) -> tuple[list[F
     return cases, vectors
 
 
-def _inputs(function: SymbolicFunction, values: sampling.Values) -> dict[str, list[float]]:
+def _inputs(function: SymbolicFunction, values: reference.Values) -> dict[str, list[float]]:
     return {a.name: [values[s] for s in a.symbols] for a in function.arguments}
 
 
-def _vector(function: SymbolicFunction, values: sampling.Values, flat: list[Any], scales: list[float]) -> Vector:
+def _vector(function: SymbolicFunction, values: reference.Values, flat: list[Any], scales: list[float]) -> Vector:
     outputs, rest = {}, [float(x) for x in flat]
     for o in function.outputs:
         outputs[o.name], rest = rest[: len(o.expressions)], rest[len(o.expressions) :]
@@ -247,7 +247,7 @@ def casadi_module(files: Mapping[str, str], name: str) -> Any:
         (directory / path).write_text(text, encoding="utf-8")
 
     spec = importlib.util.spec_from_file_location(
-        f"{name}_casadi", cache.entry(f"casadi-{build.key(text)}", fill) / path
+        f"{name}_casadi", build.entry(f"casadi-{build.key(text)}", fill) / path
     )
     if spec is None or spec.loader is None:
         raise ImportError(f"cannot import the generated {path}")
@@ -266,7 +266,7 @@ def arm_subjects(model: ArmModel) -> list[Subject]:
     def subject(function: SymbolicFunction) -> Subject:
         targets = {_TARGET[s]: _arm_call(compiled[s], s, arm.name, function) for s in _REAL}
         targets["CasADi"] = _casadi_call(getattr(module, function.name)(), function, widths=False)
-        return Subject(function, targets, lambda rng: sampling.arm_values(rng, arm, function, others))
+        return Subject(function, targets, lambda rng: reference.arm_values(rng, arm, function, others))
 
     return [subject(function) for function in model.functions]
 
@@ -275,7 +275,7 @@ def _arm_call(library: ctypes.CDLL, suffix: str, arm: str, function: SymbolicFun
     real = _REAL[suffix]
     kernel = getattr(library, f"{arm}_{function.name}_{suffix}")
 
-    def run(values: sampling.Values) -> list[float]:
+    def run(values: reference.Values) -> list[float]:
         arguments = [
             _array(real, a.symbols, values) if a.shape else real(values[a.symbols[0]]) for a in function.arguments
         ]
@@ -286,7 +286,7 @@ def _arm_call(library: ctypes.CDLL, suffix: str, arm: str, function: SymbolicFun
     return run
 
 
-def _array(real: Any, symbols: Sequence[sp.Symbol], values: sampling.Values) -> Any:
+def _array(real: Any, symbols: Sequence[sp.Symbol], values: reference.Values) -> Any:
     return (real * max(len(symbols), 1))(*(values[s] for s in symbols))
 
 
@@ -299,7 +299,7 @@ def controller_subjects(model: ArmModel, library: Mapping[str, Effect]) -> list[
 
     def subject(function: SymbolicFunction) -> Subject:
         targets = {_TARGET["f32"]: _arm_call(compiled, "f32", arm.name, function)}
-        return Subject(function, targets, lambda rng: sampling.controller_values(rng, model, found))
+        return Subject(function, targets, lambda rng: reference.controller_values(rng, model, found))
 
     return [subject(function) for function in found.functions]
 
@@ -309,7 +309,7 @@ def _casadi_call(kernel: Any, function: SymbolicFunction, widths: bool) -> Run:
     if widths:
         groups.append((WIDTHS, (len(WIDTHS),)))
 
-    def run(values: sampling.Values) -> list[float]:
+    def run(values: reference.Values) -> list[float]:
         outputs = kernel.call([_matrix([values[s] for s in symbols], shape) for symbols, shape in groups])
         # CasADi counts down the columns, the function along the rows.
         return [float(x) for output in outputs for x in output.T.full().ravel("F")]
@@ -345,8 +345,8 @@ def _effect_subject(effect: Effect, function: SymbolicFunction, targets: Mapping
     start = Reference(ef.start(effect))
     first = function.outputs[0].name == "columns"
 
-    def draw(rng: random.Random) -> sampling.Values:
-        values = sampling.effect_values(rng, effect)
+    def draw(rng: random.Random) -> reference.Values:
+        values = reference.effect_values(rng, effect)
         if first:
             # The batch begins in the initial state.
             values |= {s.symbol: float(x) for s, x in zip(effect.states, start(values), strict=True)}
@@ -361,7 +361,7 @@ def _effect_call(library: ctypes.CDLL, suffix: str, effect: Effect, function: Sy
     takes = c_effects.signature(effect, function, Tape.of(function))
     kernel.restype = None if takes.writes_state else real
 
-    def run(values: sampling.Values) -> list[float]:
+    def run(values: reference.Values) -> list[float]:
         arguments = [real(values[a.symbols[0]]) for a in takes.inputs]
         state = _array(real, [s.symbol for s in effect.states], values)
         if not takes.writes_state:
@@ -376,7 +376,7 @@ def _columns_call(library: ctypes.CDLL, effect: Effect) -> Run:
     kernel = getattr(library, f"tendon_{effect.name}_columns_batch_f64")
     rows = 1 + len(effect.columns)
 
-    def run(values: sampling.Values) -> list[float]:
+    def run(values: reference.Values) -> list[float]:
         one = [ctypes.c_double(values.get(s.symbol, 0.0)) for s in SIGNALS]
         pointers = (ctypes.c_void_p * len(one))(*(ctypes.addressof(x) for x in one))
         p = _array(ctypes.c_double, [parameter.symbol for parameter in effect.parameters], values)

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_arms import MIXED
 
-from codegen.tape.balanced import balanced
-from codegen.tape.tape import Tape
+from codegen.tape.tape import Tape, balanced
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 

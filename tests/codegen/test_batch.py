@@ -18,7 +18,7 @@ from random_arms import MIXED
 from codegen import effect_functions as ef
 from codegen import render
 from codegen.toolchain import build
-from codegen.verify import sampling, verify
+from codegen.verify import reference, verify
 from runtime.model.loader import Library, Model
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import DT
@@ -49,9 +49,10 @@ def test_states_along_the_samples(name: str, library: Library) -> None:
     effect = LIBRARY[name]
     calls = {s.function.name: s.targets.get("C double") for s in verify.effect_subjects([effect])}
     rng = random.Random(name)
-    base = sampling.effect_values(rng, effect) | {DT: 1e-3}
+    base = reference.effect_values(rng, effect) | {DT: 1e-3}
     points = [
-        base | {s.symbol: sampling.effect_values(rng, effect)[s.symbol] for s in effect.signals} for _ in range(SAMPLES)
+        base | {s.symbol: reference.effect_values(rng, effect)[s.symbol] for s in effect.signals}
+        for _ in range(SAMPLES)
     ]
     expected = []
     states = calls[ef.start(effect).name](points[0])
@@ -74,12 +75,12 @@ def test_states_along_the_samples(name: str, library: Library) -> None:
 def test_many_choices_in_the_band(name: str, choices: int, library: Library) -> None:
     """Through the filter at once as one after another, bit for bit; more than lanes, and fewer."""
     effect, rng = LIBRARY[name], random.Random(name)
-    points = [sampling.effect_values(rng, effect) for _ in range(4 * SAMPLES)]
+    points = [reference.effect_values(rng, effect) for _ in range(4 * SAMPLES)]
     signals = {s.name: np.array([v[s.symbol] for v in points]) for s in effect.signals} | {
         "t": np.arange(4.0 * SAMPLES)
     }
     shapes = [
-        {p.name: sampling.effect_values(rng, effect)[p.symbol] for p in effect.parameters if p.role == "shape"}
+        {p.name: reference.effect_values(rng, effect)[p.symbol] for p in effect.parameters if p.role == "shape"}
         for _ in range(choices)
     ]
     kernel = np.random.default_rng(0).standard_normal(21)

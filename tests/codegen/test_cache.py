@@ -14,7 +14,7 @@ import pytest
 import sympy as sp
 
 from codegen import prepare
-from codegen.toolchain import cache
+from codegen.toolchain import build
 from codegen.toolchain.build import BuildError, shared_library
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import Effect, LinearForm, parameter
@@ -24,11 +24,11 @@ ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from codegen.toolchain import cache
+from codegen.toolchain import build
 def fill(directory):
     (directory / "half.c").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
-cache.entry("killed", fill)
+build.entry("killed", fill)
 """
 
 
@@ -85,7 +85,7 @@ def test_an_entry_that_is_not_whole_is_made_anew(empty_cache: Path, damage: Call
     damage(path)
     assert answer() == 42
     assert path.read_bytes() == kept
-    damage(path.parent / cache.DIGEST)
+    damage(path.parent / build.DIGEST)
     assert answer() == 42
     assert len(list(empty_cache.iterdir())) == 1
 
@@ -136,7 +136,7 @@ def test_what_a_process_is_at_is_left_to_it(empty_cache: Path) -> None:
         shared_library(ANSWER, "answer")
         assert (directory / "one.c").read_text() == "one"
 
-    assert (cache.entry("slow", fill) / "one.c").read_text() == "one"
+    assert (build.entry("slow", fill) / "one.c").read_text() == "one"
     assert len(list(empty_cache.iterdir())) == 2
 
 
@@ -145,7 +145,7 @@ def test_a_full_disk_is_one_line(empty_cache: Path) -> None:  # noqa: ARG001
         raise OSError(28, "No space left on device")
 
     with pytest.raises(BuildError, match=r"cannot write the cache .*: No space left on device; set TENDON_CACHE"):
-        cache.entry("full", fill)
+        build.entry("full", fill)
 
 
 def own(symbol: sp.Symbol) -> Effect:
@@ -171,7 +171,7 @@ def test_loaded_code_is_checked_before_it_is_loaded(empty_cache: Path) -> None: 
     path = shared_library(ANSWER, "answer")
     assert ctypes.CDLL(str(path)).answer() == 42
     turned(path)
-    assert not cache.is_whole(path.parent)
+    assert not build.is_whole(path.parent)
 
 
 RENDERED = """

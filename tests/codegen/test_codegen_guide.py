@@ -18,9 +18,9 @@ import pytest
 from random_arms import MIXED
 
 from codegen import pages
-from codegen.banner import BANNER
+from codegen.pages import BANNER
 from codegen.tape.tape import Tape
-from codegen.verify import sampling, verify
+from codegen.verify import reference, verify
 from runtime.model.loader import Model
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
@@ -106,7 +106,7 @@ def test_the_back_end_of_the_guide(monkeypatch: pytest.MonkeyPatch, vishard4: Ar
         for function in model.functions:
             space |= {"targets": {}, "module": SimpleNamespace(**module), "function": function}
             exec(compile(target, "verify.py", "exec"), space)
-            draw = partial(sampling.arm_values, arm=arm, function=function, others=others)
+            draw = partial(reference.arm_values, arm=arm, function=function, others=others)
             subject = verify.Subject(function, space["targets"], draw)
             (case,), _ = verify.compare(subject, [draw(random.Random(seed)) for seed in range(2)])
             assert case.target == "NumPy"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from codegen import disk
-from codegen.banner import BANNER
+from codegen.pages import BANNER
 
 OLD = {f"{name}.c": f"/* {BANNER} */\nint old_{name};\n" for name in "abcdef"} | {"same.h": f"/* {BANNER} */\n"}
 NEW = {f"src/{name}.c": f"/* {BANNER} */\nint new_{name};\n" for name in "abc"} | {

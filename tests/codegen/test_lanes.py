@@ -11,7 +11,7 @@ import spatial_arms
 from random_arms import MIXED
 
 from codegen import render
-from codegen.c import c_continued, c_lanes
+from codegen.c import c_code, c_lanes
 from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from symbolic.functions import SymbolicFunction
@@ -21,7 +21,7 @@ from symbolic.model_file.arm import Arm
 ARMS = {arm.name: arm for arm in (MIXED["rprrp"], spatial_arms.known("rx90"), spatial_arms.drawn("rrpr", 4))}
 COUNTS = (0, 1, 2, 7, 8, 9, 37)
 """Of samples: below a vector's lanes, whole vectors, and some left over."""
-BLOCKS = (37, c_continued.BLOCK, 2 * c_continued.BLOCK + 5)
+BLOCKS = (37, c_code.BLOCK, 2 * c_code.BLOCK + 5)
 """Of functions that go on from another one, a block of samples after the other."""
 
 

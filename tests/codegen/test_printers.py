@@ -10,8 +10,8 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.c.language import C_DOUBLE, C_FLOAT, float32, identifier
-from codegen.casadi.language import CASADI
+from codegen.c.c_code import C_DOUBLE, C_FLOAT, float32, identifier
+from codegen.casadi.casadi_code import CASADI
 from codegen.tape.printers import Printer, float64
 from codegen.tape.tape import Tape
 

@@ -16,8 +16,8 @@ import sympy as sp
 from random_arms import MIXED
 
 from codegen import disk, render
-from codegen.banner import BANNER
 from codegen.c import c_code
+from codegen.pages import BANNER
 from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from symbolic.effects import LIBRARY
@@ -29,7 +29,7 @@ from symbolic.model_file.arm import Arm
 ROOT = Path(__file__).resolve().parents[2]
 DIGEST = """
 import hashlib
-from codegen.banner import BANNER
+from codegen.pages import BANNER
 from codegen import disk, render
 from symbolic.effects import LIBRARY
 from symbolic.model import derive

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 from codegen.effect_functions import torque
-from codegen.verify import sampling
+from codegen.verify import reference
 from codegen.verify.reference import Reference
 from symbolic.effects import LIBRARY
 from symbolic.primitives import WIDTHS, ramp, sgn, smooth, step
@@ -23,7 +23,7 @@ def test_tends_to_the_exact_law(name: str) -> None:
     effect = LIBRARY[name]
     exact, surrogate = (Reference(torque(effect), rule) for rule in ("exact", "smooth"))
     for seed in range(10):
-        values = sampling.effect_values(random.Random(seed), effect)
+        values = reference.effect_values(random.Random(seed), effect)
         errors = []
         for width in (1.0, 1e-2, 1e-4, 1e-9):
             values |= dict.fromkeys(WIDTHS, width)

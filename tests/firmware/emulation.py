@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import unicorn
+from elftools.elf.constants import SH_FLAGS
 from unicorn import arm_const as arm
 
-from codegen.toolchain.elf import Elf
+from codegen.toolchain.stack import Elf
 
 CPUS = {"cortex-m4f": arm.UC_CPU_ARM_CORTEX_M4, "cortex-m7": arm.UC_CPU_ARM_CORTEX_M7}
 _CODE, _RAM, _SIZE, _STACK = 0x0000_0000, 0x2000_0000, 0x40_0000, 0x2030_0000
 _SYSTEM, _CPACR, _PAGE = 0xE000_E000, 0xE000_ED88, 0x1000
-_ALLOCATED = 2
 _RETURN = 0x003F_FFF0
 """Where functions return to: past every image."""
 _REGISTERS = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG_R3)
@@ -38,8 +38,8 @@ class Processor:
             self.cpu.mem_map(place, size)
         file = Elf.read(image)
         for section in file.sections:
-            if section.flags & _ALLOCATED:
-                self.cpu.mem_write(section.address, file.content(section))
+            if section["sh_flags"] & SH_FLAGS.SHF_ALLOC and section["sh_type"] != "SHT_NOBITS":
+                self.cpu.mem_write(section["sh_addr"], section.data())
         self.cpu.mem_write(_CPACR, struct.pack("<I", 0x00F0_0000))
         self.cpu.reg_write(arm.UC_ARM_REG_C1_C0_2, 0x00F0_0000)
         self.cpu.reg_write(arm.UC_ARM_REG_FPEXC, 0x4000_0000)

@@ -19,7 +19,7 @@ from bench_arm import THERE_AND_BACK, trajectory
 from driven import Rig, rig
 from emulation import places
 
-from codegen.toolchain.elf import Elf
+from codegen.toolchain.stack import Elf
 from runtime.hardware import emulated_boards
 from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost

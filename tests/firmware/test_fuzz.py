@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from random_arms import MIXED
 
-from codegen.firmware.machine import machine_files
+from codegen.firmware.source_tree import machine_files
 from codegen.render import arm_files, controller_files
 from codegen.toolchain import build
 from symbolic.effects import LIBRARY

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from random_arms import MIXED
 
-from codegen.banner import BANNER, MARK
 from codegen.firmware import source_tree
-from codegen.firmware.handwritten import TREE, handwritten_files
+from codegen.firmware.source_tree import TREE, handwritten_files
+from codegen.pages import BANNER, MARK
 from codegen.toolchain import build, cross
 from symbolic.effects import LIBRARY
 from symbolic.model import derive

@@ -21,7 +21,7 @@ from unicorn import arm_const
 from codegen import prepare
 from codegen.firmware import source_tree
 from codegen.toolchain import build, cross
-from codegen.toolchain.elf import Elf
+from codegen.toolchain.stack import Elf
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
 from runtime.hardware import emulated_boards

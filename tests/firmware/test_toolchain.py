@@ -11,7 +11,7 @@ import pytest
 from codegen.toolchain import cross
 from codegen.toolchain.build import BuildError
 from codegen.toolchain.cross import TARGETS, Image
-from codegen.toolchain.elf import Elf
+from codegen.toolchain.stack import Elf
 
 SCRIPT = """ENTRY(entry)
 MEMORY { FLASH (rx) : ORIGIN = 0x100, LENGTH = 64K  RAM (rw) : ORIGIN = 0x20000000, LENGTH = 64K }

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from codegen import prepare
-from codegen.banner import BANNER, MARK
 from codegen.firmware import source_tree
 from codegen.firmware.protocol import REASONS
 from codegen.firmware.source_tree import FirmwareTree
+from codegen.pages import BANNER, MARK
 from codegen.toolchain import cross
 from runtime.cli import main, output
 from symbolic.effects import LIBRARY

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.toolchain import cache
+from codegen.toolchain import build
 from codegen.toolchain.build import shared_library
 from runtime.cli import output
 from runtime.cli.main import app
@@ -110,7 +110,7 @@ def test_a_killed_making_of_an_entry(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("TENDON_CACHE", str(folder))
     count = 0
     for _ in points(lambda: shared_library(ANSWER, "answer"), folder, lambda: fresh(folder, {}), 1):
-        assert cache.is_whole(shared_library(ANSWER, "answer").parent)
+        assert build.is_whole(shared_library(ANSWER, "answer").parent)
         assert len(list(folder.iterdir())) == 1
         count += 1
     assert count > 2
