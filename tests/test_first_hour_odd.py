@@ -109,7 +109,7 @@ def test_what_is_said_cures(tmp_path, capsys, name):
         if not cure:
             break
         typed += [word for option in cure for word in shlex.split(option)]
-    assert (status, said[-1]) == (0, "Nothing looks wrong; with MODEL more can be told.")
+    assert (status, said[-1]) == (0, "Nothing looks wrong; with MODEL more can be checked.")
     cells = [cell for option, cell in zip(typed[::2], typed[1::2], strict=True) if option in ("--map", "--columns")]
     r = read(path, 2, mapping(cells))
     np.testing.assert_allclose(np.diff(r.t), np.diff(m["t"]), atol=1e-6)
@@ -125,7 +125,7 @@ def test_exchanged_torques_without_a_model(tmp_path, capsys, seed):
     m, path = motion(seed), tmp_path / "a.csv"
     named("t,q1,q2,tau1,tau2", "t", "q", "tau")(path, {**m, "tau": m["tau"][::-1]})
     said = inspected(capsys, path)[1][-1]
-    if said == "Nothing looks wrong; with MODEL more can be told.":
+    if said == "Nothing looks wrong; with MODEL more can be checked.":
         return
     assert "if its sign is wrong, pass " in said
     typed = _CURE.findall(said.partition("; if torques stand in each other's place, ")[2])

@@ -12,6 +12,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN
 from runtime.cli.setting_options import with_settings
+from runtime.documents.recordings import ExperimentDocument
 from runtime.experiments.options import ExperimentSettings
 
 app = typer.Typer()
@@ -40,7 +41,7 @@ def experiment(
 
     source = opened(model, effects)
     from runtime.experiments import design as experiments
-    from runtime.report.terminal import experiment_pages
+    from runtime.report.terminal import recording_pages
 
     check_hidden(source, "--between", experiments.rival_texts(",".join(between)))
     with pages.working("deriving and compiling the model"):
@@ -48,9 +49,10 @@ def experiment(
     rivals = experiments.parse_rivals(",".join(between), loaded)
     with pages.working("looking for a motion") as tell:
         proposal = experiments.propose(loaded, rivals, settings, tell)
-    document = proposal.to_json()
-    if out and proposal.separated:
-        experiments.write_motion(out, loaded, proposal.motion)
-    emit(json, {**document, "out": str(out) if out and proposal.separated else None}, experiment_pages.show)
+    written = out if proposal.separated else None
+    if written:
+        experiments.write_motion(written, loaded, proposal.motion)
+    document = proposal.document().as_part_of(ExperimentDocument, out=str(written) if written else None)
+    emit(json, document, recording_pages.experiment)
     if not proposal.separated:
         raise typer.Exit(NO)

@@ -33,7 +33,7 @@ def inspect(
     """What is in a file, and what looks wrong about it. Exit 1 if it cannot be used as it is."""
     from runtime.inspection.inspection import inspect as inspected
     from runtime.inspection.inspection import with_model
-    from runtime.report.terminal import inspection_pages, pages
+    from runtime.report.terminal import pages, recording_pages
 
     columns = mapping(maps)
     source = None
@@ -47,7 +47,7 @@ def inspect(
             loaded = source.model()
         with pages.working("fitting"):
             found = with_model(found, loaded)
-    emit(json, found.to_json(), inspection_pages.inspection)
+    emit(json, found.document(), recording_pages.inspection)
     if picture is not None and found.recording is not None:
         from runtime.inspection.signals import complete_signals
         from runtime.report.plots.inspection_plots import signals_over_time

@@ -12,6 +12,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
+from runtime.documents.recordings import SimulatedEffect, SimulateDocument
 from runtime.simulation.options import SimulationSettings
 
 app = typer.Typer()
@@ -34,7 +35,7 @@ def simulate(
     json: Json = None,
 ) -> None:
     """Record the model itself. With a hidden effect if wanted, to try a diagnosis on."""
-    from runtime.report.terminal import pages
+    from runtime.report.terminal import pages, recording_pages
 
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
@@ -51,14 +52,17 @@ def simulate(
     recording.write(out, made)
     known = structure(loaded)
     present = [
-        {
-            "effect": term.effect,
-            "joint": term.joint,
-            "hidden": term not in known,
-            "values": dict(v),
-            "assumed": [name for name in v if name not in known.get(term, v)],
-        }
+        SimulatedEffect(
+            effect=term.effect,
+            joint=term.joint,
+            hidden=term not in known,
+            values=dict(v),
+            assumed=[name for name in v if name not in known.get(term, v)],
+        )
         for term, v in values.items()
     ]
-    document = {"out": str(out), "samples": len(made.t), "seconds": len(made.t) * made.dt, "seed": settings.seed}
-    emit(json, {**document, "effects": present}, pages.simulation)
+    samples = len(made.t)
+    document = SimulateDocument(
+        out=str(out), samples=samples, seconds=samples * made.dt, seed=settings.seed, effects=present
+    )
+    emit(json, document, recording_pages.simulation)

@@ -42,6 +42,7 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
 Interval = tuple[float, float]
 OpenInterval = tuple[float | None, float | None]
 JointNumber = Annotated[int, key("number of the joint, from 1")]
+JointName = Annotated[str | None, key("name in the model file; null if it has none")]
 JointOrArm = Annotated[int | None, key("number of the joint, from 1; null for an effect of the whole arm")]
 Unit = Annotated[str, key("unit of the values; 1 for a number without one")]
 Interval95 = Annotated[Interval | None, key("95 % confidence interval; null where the data determine none", "`unit`")]

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,17 @@ from numpy.typing import NDArray
 from runtime import files
 from runtime.diagnosis.branches import complete
 from runtime.diagnosis.diagnose import begin, judged
+from runtime.documents.parts import EffectAt
+from runtime.documents.recordings import (
+    AssumedNoise,
+    MovedJoint,
+    ProposalDocument,
+    ProposedMotion,
+    ReliefEntry,
+    SeparationEntry,
+    TrialDiagnosis,
+    ValuedEffect,
+)
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
@@ -100,16 +110,16 @@ class SimulatedDiagnosis:
         open_rivals = [str(t) for t in (*self.rivals, *self.named[1:]) if t in self.others]
         return f"{self.hidden} is named, but not told from {', '.join(open_rivals)}" if open_rivals else None
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "hidden": None if self.hidden is None else _place(self.hidden),
-            "seed": self.seed,
-            "verdict": self.verdict,
-            "named": [_place(t) for t in self.named],
-            "rivals": [_place(t) for t in self.rivals],
-            "right": self.right,
-            "problem": self.problem,
-        }
+    def document(self) -> TrialDiagnosis:
+        return TrialDiagnosis(
+            hidden=None if self.hidden is None else _place(self.hidden),
+            seed=self.seed,
+            verdict=self.verdict,
+            named=[_place(t) for t in self.named],
+            rivals=[_place(t) for t in self.rivals],
+            right=self.right,
+            problem=self.problem,
+        )
 
 
 @dataclass(frozen=True)
@@ -232,64 +242,63 @@ class Proposal:
         what = "the base model" if other is None else terms[other]
         return f"{what} explains {terms[truth]} to within {s.rms:.2g} noise floors"
 
-    def to_json(self) -> dict[str, Any]:
-        """As `tendon experiment --json`."""
+    def document(self) -> ProposalDocument:
+        """As `tendon experiment --json`, but for the file."""
         rivals = self.bench.rivals
-        return {
-            "separated": self.separated,
-            "reason": self.reason,
-            "rivals": [{**_place(r.term), "values": dict(r.values)} for r in rivals],
-            "motion": {
-                "pieces": list(self.names),
-                "times": self.times,
-                "seconds": self.seconds,
-                "joints": [self._joint(i, t) for i, t in enumerate(peaks(self.bench, self.motion).T)],
-            },
-            "noise": [
-                {"joint": i + 1, "torque": noise, "floor": floor}
-                for i, (noise, floor) in enumerate(zip(self.bench.noise, self.bench.floor, strict=True))
-            ],
-            "band": self.bench.band.document(),
-            "separations": [self._pair(*pair) for pair in self.after],
-            "trials": [t.to_json() for t in self.confirmation.trials],
-            "ordinary_trials": [t.to_json() for t in self.ordinary.trials],
-            "relief": [{"change": name, "sigmas": s, "enough": enough} for name, s, enough in self.relief],
-        }
+        motion = ProposedMotion(
+            pieces=list(self.names),
+            times=self.times,
+            seconds=self.seconds,
+            joints=[self._joint(i, t) for i, t in enumerate(peaks(self.bench, self.motion).T)],
+        )
+        noise = enumerate(zip(self.bench.noise, self.bench.floor, strict=True), 1)
+        return ProposalDocument(
+            separated=self.separated,
+            reason=self.reason,
+            rivals=[ValuedEffect(effect=r.term.effect, joint=r.term.joint, values=dict(r.values)) for r in rivals],
+            motion=motion,
+            noise=[AssumedNoise(joint=i, torque=torque, floor=floor) for i, (torque, floor) in noise],
+            band=self.bench.band.document(),
+            separations=[self._pair(*pair) for pair in self.after],
+            trials=[t.document() for t in self.confirmation.trials],
+            ordinary_trials=[t.document() for t in self.ordinary.trials],
+            relief=[ReliefEntry(change=name, sigmas=s, enough=enough) for name, s, enough in self.relief],
+        )
 
-    def _joint(self, i: int, torque: Array) -> dict[str, Any]:
+    def _joint(self, i: int, torque: Array) -> MovedJoint:
         joint, q = self.bench.model.joints[i], self.motion[i]
         allowed = Envelope.of(joint)
-        return {
-            "joint": i + 1,
-            "name": joint.name,
-            "position": [float(q.min()), float(q.max())],
-            "position_limits": [allowed.middle - allowed.reach / MARGIN, allowed.middle + allowed.reach / MARGIN],
-            "position_stated": joint.position_limits is not None,
-            "position_unit": joint.position_unit,
-            "speed": float(np.abs(np.diff(q)).max() * RATE),
-            "speed_limit": allowed.speed / MARGIN,
-            "speed_stated": joint.speed_limit is not None,
-            "torque": float(torque[0]),
-            "torque_with_rivals": float(torque.max()),
-            "torque_limit": float(self.limit.largest[0, i] if joint.torque_limit is None else joint.torque_limit),
-            "torque_stated": joint.torque_limit is not None,
-            "force_unit": joint.force_unit,
-        }
+        return MovedJoint(
+            joint=i + 1,
+            name=joint.name,
+            position=(float(q.min()), float(q.max())),
+            position_limits=(allowed.middle - allowed.reach / MARGIN, allowed.middle + allowed.reach / MARGIN),
+            position_stated=joint.position_limits is not None,
+            position_unit=joint.position_unit,
+            speed=float(np.abs(np.diff(q)).max() * RATE),
+            speed_limit=allowed.speed / MARGIN,
+            speed_stated=joint.speed_limit is not None,
+            torque=float(torque[0]),
+            torque_with_rivals=float(torque.max()),
+            torque_limit=float(self.limit.largest[0, i] if joint.torque_limit is None else joint.torque_limit),
+            torque_stated=joint.torque_limit is not None,
+            force_unit=joint.force_unit,
+        )
 
-    def _pair(self, truth: int, other: int | None) -> dict[str, Any]:
+    def _pair(self, truth: int, other: int | None) -> SeparationEntry:
         rivals, pair = self.bench.rivals, (truth, other)
-        return {
-            "hidden": _place(rivals[truth].term),
-            "explained_by": None if other is None else _place(rivals[other].term),
-            "before": self.before[pair].rms,
-            "after": self.after[pair].rms,
-            "sigmas_before": self.before[pair].strength,
-            "sigmas_after": self.after[pair].strength,
-        }
+        return SeparationEntry(
+            hidden=_place(rivals[truth].term),
+            explained_by=None if other is None else _place(rivals[other].term),
+            before=self.before[pair].rms,
+            after=self.after[pair].rms,
+            sigmas_before=self.before[pair].strength,
+            sigmas_after=self.after[pair].strength,
+        )
 
 
-def _place(term: Term) -> dict[str, Any]:
-    return {"effect": term.effect, "joint": term.joint}
+def _place(term: Term) -> EffectAt:
+    return EffectAt(effect=term.effect, joint=term.joint)
 
 
 def propose(

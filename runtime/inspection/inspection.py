@@ -12,12 +12,23 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import unreliable
+from runtime.documents.recordings import (
+    ClockShift,
+    DeterminedParameter,
+    FieldEntry,
+    InertiaEntry,
+    InspectDocument,
+    MissEntry,
+    OtherClock,
+    RepeatsEntry,
+    SuspicionEntry,
+)
 from runtime.estimation.compare import series
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify
@@ -25,13 +36,13 @@ from runtime.estimation.suspicions import Suspicion, doubts, suspicions
 from runtime.inspection import signals
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF, UNRELATED, WELL_TOLD
 from runtime.inspection.signals import (
-    clock_json,
+    clock_entry,
     integral,
-    joints_json,
+    joint_entries,
     moves,
     scale,
-    shifts_json,
-    signals_json,
+    shift_entries,
+    signal_entries,
     unit_in_name,
 )
 from runtime.model.loader import Model
@@ -267,41 +278,33 @@ class Inspection:
         degrees = dict.fromkeys(s.joint for s in told if s.kind == "degrees")
         return [*told, *rates_in_degrees(self.recording, list(degrees))]
 
-    def to_json(self) -> dict[str, Any]:
-        """Every figure."""
-        recording, fitted = self.recording, self.fitted
-        return {
-            "file": str(self.path),
-            "format": self.contents.format,
-            "fields": [{"name": f.name, "clock": f.clock} for f in self.contents.fields],
-            "problem": self.problem,
-            "suggested": [] if recording else self._suggested(),
-            "notes": list(recording.notes) if recording else [],
-            "clock": clock_json(recording) if recording else None,
-            "clocks": [_clock_json(clock) for clock in recording.clocks] if recording else [],
-            "signals": signals_json(recording) if recording else [],
-            "joints": joints_json(recording, self.names) if recording else [],
-            "shifts": shifts_json(recording) if recording else [],
-            "repeats": None if fitted is None else {"seconds": repeats.find(fitted.motion)[0].seconds},
-            "delay": [] if fitted is None else fitted.delay_entries(),
-            "parameters": [] if fitted is None else _parameters(fitted),
-            "unfitted": self.unfitted,
-            **self._fit_json(),
-            "suspicions": [{"joint": s.joint, "kind": s.kind, "found": s.found, "cure": s.cure} for s in self.found],
-            "cures": list(dict.fromkeys(option for s in self.found for option in s.maps)),
-        }
-
-    def _fit_json(self) -> dict[str, Any]:
-        """Where the data do not look wrong: parts of the joints' torques that the best fit misses, why it may not be
-        believed, and inertias that nothing in the model file can be held against."""
-        if self.fitted is None or self.found:
-            return {"misses": [], "unreliable": "", "inertias": []}
-        joints = series(self.fitted)
-        return {
-            "misses": [{"joint": s.joint, "part": s.relative} for s in joints if len(s.t)],
-            "unreliable": unreliable(self.fitted, joints),
-            "inertias": _inertias(self.fitted),
-        }
+    def document(self) -> InspectDocument:
+        """As `tendon inspect --json`. The fit is described only where the data do not look wrong."""
+        recording, fitted, suspicious = self.recording, self.fitted, self.found
+        believed = None if suspicious else fitted
+        joints = () if believed is None else series(believed)
+        return InspectDocument(
+            file=str(self.path),
+            format=self.contents.format,
+            fields=[FieldEntry(name=f.name, clock=f.clock) for f in self.contents.fields],
+            problem=self.problem,
+            suggested=[] if recording else self._suggested(),
+            notes=list(recording.notes) if recording else [],
+            clock=clock_entry(recording) if recording else None,
+            clocks=[_other_clock(clock) for clock in recording.clocks] if recording else [],
+            signals=signal_entries(recording) if recording else [],
+            joints=joint_entries(recording, self.names) if recording else [],
+            shifts=shift_entries(recording) if recording else [],
+            repeats=None if fitted is None else RepeatsEntry(seconds=repeats.find(fitted.motion)[0].seconds),
+            delay=[] if fitted is None else fitted.delay_entries(),
+            parameters=[] if fitted is None else _parameters(fitted),
+            unfitted=self.unfitted,
+            misses=[MissEntry(joint=s.joint, part=s.relative) for s in joints if len(s.t)],
+            unreliable="" if believed is None else unreliable(believed, joints),
+            inertias=[] if believed is None else _inertias(believed),
+            suspicions=[SuspicionEntry(joint=s.joint, kind=s.kind, found=s.found, cure=s.cure) for s in suspicious],
+            cures=list(dict.fromkeys(option for s in suspicious for option in s.maps)),
+        )
 
     def _suggested(self) -> list[str]:
         """Options that may name what was not found."""
@@ -344,19 +347,18 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
         return replace(inspection, unfitted=str(error))
 
 
-def _clock_json(clock: BroughtClock) -> dict[str, Any]:
-    """Signals of another clock than the positions', and by how much its stamps are later, s."""
-    shift = None if clock.shift is None else {"value": clock.shift.value, "error": clock.shift.error}
-    return {
-        "clock": clock.name,
-        "signals": clock.signals,
-        "rate_hz": clock.rate,
-        "shift": shift,
-        "corrected": clock.corrected,
-    }
+def _other_clock(clock: BroughtClock) -> OtherClock:
+    """Signals of another clock than the positions', and by how much its stamps are later."""
+    return OtherClock(
+        clock=clock.name,
+        signals=list(clock.signals),
+        rate_hz=clock.rate,
+        shift=None if clock.shift is None else ClockShift(value=clock.shift.value, error=clock.shift.error),
+        corrected=clock.corrected,
+    )
 
 
-def _inertias(fitted: Identification) -> list[dict[str, Any]]:
+def _inertias(fitted: Identification) -> list[InertiaEntry]:
     """Of joints that move what each moves at q = 0, as fitted; none where the model file says it."""
     model, motion = fitted.model, fitted.motion
     if model.lumps_known or motion.rigid_given:
@@ -365,20 +367,23 @@ def _inertias(fitted: Identification) -> list[dict[str, Any]]:
     moved = np.diagonal(model.inertia(np.zeros((model.n, 1)), lumps)[:, :, 0])
     units = ["kg" if joint.type == "prismatic" else "kg m^2" for joint in model.joints]
     able = [i for i in range(model.n) if motion.moving(i).any()]
-    return [{"joint": i + 1, "value": float(moved[i]), "unit": units[i]} for i in able]
+    return [InertiaEntry(joint=i + 1, value=float(moved[i]), unit=units[i]) for i in able]
 
 
-def _parameters(fitted: Identification) -> list[dict[str, Any]]:
-    """Which parameters this recording can tell: "well", "together" with others, "hardly", or "no"."""
+def _parameters(fitted: Identification) -> list[DeterminedParameter]:
+    """How well this recording determines each parameter."""
     inference = fitted.inference
     lumps = zip(fitted.model.lumps, inference.lumps, strict=True)
     rows: list[tuple[str, int | None, Estimate]] = [(lump.name, None, e) for lump, e in lumps]
     for term, values in inference.values.items():
         rows += [(f"{term} {name}", term.joint, e) for name, e in values.items()]
-    return [{"name": name, "joint": joint, "told": _told(e), **e.document().to_json()} for name, joint, e in rows]
+    return [
+        e.document().as_part_of(DeterminedParameter, name=name, joint=joint, told=_determined(e))
+        for name, joint, e in rows
+    ]
 
 
-def _told(e: Estimate) -> str:
+def _determined(e: Estimate) -> Literal["well", "hardly", "together", "no"]:
     if e.with_others:
         return "together"
     if e.interval is None or not np.all(np.isfinite(e.interval)):

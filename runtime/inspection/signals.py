@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
 from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SHIFT_PASSES, SMALLEST_SHIFT, TOP_SPEED
 from runtime.motion.band import resolution
 from runtime.motion.clock import EvenGrid, grid
@@ -120,59 +120,59 @@ def unit_in_name(name: str) -> str | None:
 Array = NDArray[np.float64]
 
 
-def clock_json(recording: Recording) -> dict[str, Any]:
+def clock_entry(recording: Recording) -> ClockEntry:
     """Rate, jitter and gaps of the samples. jitter: 0 where it is but rounding."""
     steps = np.concatenate([np.diff(recording.t[s]) for s in recording.segments])
     whole = np.diff(recording.t)[np.diff(recording.run) == 0]
     step = float(np.median(steps))
-    return {
-        "samples": len(recording.t),
-        "seconds": float(sum(recording.t[s.stop - 1] - recording.t[s.start] for s in recording.segments)),
-        "rate_hz": 1 / step,
-        "jitter": jitter if (jitter := float(np.std(steps))) > ROUNDING * step else 0.0,
-        "longest_step": float(steps.max()),
-        "gaps": int(np.count_nonzero((whole > GAP * step) | (whole <= 0))),
-        "runs": len(np.unique(recording.run)),
-        "period": grid(recording).period,
-    }
+    return ClockEntry(
+        samples=len(recording.t),
+        seconds=float(sum(recording.t[s.stop - 1] - recording.t[s.start] for s in recording.segments)),
+        rate_hz=1 / step,
+        jitter=jitter if (jitter := float(np.std(steps))) > ROUNDING * step else 0.0,
+        longest_step=float(steps.max()),
+        gaps=int(np.count_nonzero((whole > GAP * step) | (whole <= 0))),
+        runs=len(np.unique(recording.run)),
+        period=grid(recording).period,
+    )
 
 
-def signals_json(recording: Recording) -> list[dict[str, Any]]:
+def signal_entries(recording: Recording) -> list[SignalEntry]:
     """Of each signal its field, unit, range, resolution and the standard deviation of its white noise."""
     even = grid(recording)
     found = []
     for name, unit, values in complete_signals(recording):
         low, high = float(values.min()), float(values.max())
         found.append(
-            {
-                "signal": name,
-                "field": recording.cells.get(name, name),
-                "unit": unit,
-                "least": low,
-                "largest": high,
-                "resolution": resolution(values),
-                "noise": _noise(values, even) if high > low else 0.0,
-            }
+            SignalEntry(
+                signal=name,
+                field=recording.cells.get(name, name),
+                unit=unit,
+                least=low,
+                largest=high,
+                resolution=resolution(values),
+                noise=_noise(values, even) if high > low else 0.0,
+            )
         )
     return found
 
 
-def joints_json(recording: Recording, names: tuple[str | None, ...]) -> list[dict[str, Any]]:
+def joint_entries(recording: Recording, names: tuple[str | None, ...]) -> list[RecordedJoint]:
     """Of each joint whether it moves, how far and how fast; names: the model's."""
     even = grid(recording)
     found = []
     for i, q in enumerate(recording.q):
         rate = np.concatenate([np.diff(s.of(q[s.samples])) for s in even.stretches]) / even.period
         found.append(
-            {
-                "joint": i + 1,
-                "name": names[i] if i < len(names) else None,
-                "moves": moves(q, even),
-                "unit": "m" if recording.types[i] == "prismatic" else "rad",
-                "range": float(np.ptp(q)),
-                "top_speed": float(np.quantile(np.abs(rate), TOP_SPEED)),
-                "powered": bool(np.ptp(recording.tau[i]) > 0),
-            }
+            RecordedJoint(
+                joint=i + 1,
+                name=names[i] if i < len(names) else None,
+                moves=moves(q, even),
+                unit="m" if recording.types[i] == "prismatic" else "rad",
+                range=float(np.ptp(q)),
+                top_speed=float(np.quantile(np.abs(rate), TOP_SPEED)),
+                powered=bool(np.ptp(recording.tau[i]) > 0),
+            )
         )
     return found
 
@@ -194,7 +194,7 @@ def _noise(values: Array, even: EvenGrid) -> float:
     return float(np.sqrt(SampleNoise.on(even.longest, rate).density(values) * rate / 2))
 
 
-def shifts_json(recording: Recording) -> list[dict[str, Any]]:
+def shift_entries(recording: Recording) -> list[ShiftEntry]:
     """Of each signal the s by which it is later than its joint's position at the motor; of those that can be told."""
     samples = max(recording.segments, key=lambda s: s.stop - s.start)
     t = recording.t[samples]
@@ -205,7 +205,7 @@ def shifts_json(recording: Recording) -> list[dict[str, Any]]:
             q, other = q - q.mean(), integral(t, other)
         late = _lag(t, q, other)
         if late is not None and abs(late) > SMALLEST_SHIFT * recording.dt:
-            found.append({"signal": name, "value": late, "unit": "s"})
+            found.append(ShiftEntry(signal=name, value=late, unit="s"))
     return found
 
 

@@ -183,7 +183,7 @@ def offered(search: Search) -> list[EffectOffered]:
 
 def recording(index: int, given: GivenRecording, inspection: Inspection, joints: int) -> RecordingShown:
     """What was read of a recording, and what would put right what looks wrong with it."""
-    document = inspection.to_json()
+    document = inspection.document().to_json()
     found = [cure(s) for s in inspection.found]
     if inspection.problem is not None and inspection.recording is not None:
         found.append({"said": inspection.problem, "maps": [], "gaps": True})

@@ -150,7 +150,7 @@ def experiment(bench: Bench, tell: Tell, step: int, rivals: Sequence[Mapping[str
     work = empty(opened.session.scratch / "answer")
     if proposal.separated:
         write_motion(work / "motion.csv", model, proposal.motion)
-    write(work / "experiment.json", proposal.to_json())
+    write(work / "experiment.json", proposal.document().to_json())
     return {"answered": step}
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from runtime.cli import main, output
 from runtime.inspection.inspection import of_rates, without_model
-from runtime.inspection.signals import map_options, shifts_json
+from runtime.inspection.signals import map_options, shift_entries
 from runtime.recordings.contents import RecordedField
 from runtime.recordings.recording import Recording, read
 from tests.runtime.formats import write_mcap
@@ -117,7 +117,7 @@ def test_without_a_model_the_signals_are_asked(tmp_path, capsys):
     assert "its torque brakes the motion on the whole" in out
     assert '--map tau1="-tau1"' in out
     status, out, _ = run(capsys, "inspect", path, "--map", "tau1=-tau1")
-    assert "Nothing looks wrong; with MODEL more can be told." in out
+    assert "Nothing looks wrong; with MODEL more can be checked." in out
 
 
 def test_a_missing_header(tmp_path, capsys):
@@ -162,7 +162,7 @@ def test_a_fit_that_may_not_be_believed(tmp_path, capsys):
     """As identify refuses it; nothing is then called right."""
     path = write(tmp_path / "run.csv", changed(tau1=np.cos(motion()["t"]), qd1=None))
     _, out, _ = run(capsys, "inspect", path, "drive")
-    assert out.splitlines()[-1].startswith("The fit may not be believed: ")
+    assert out.splitlines()[-1].startswith("The fit is not to be believed: ")
     assert run(capsys, "identify", "drive", path)[0] == 1
 
 
@@ -228,7 +228,7 @@ def test_an_inertia_that_the_file_leaves_open_is_shown(tmp_path, capsys, scale):
     path = write(tmp_path / "run.csv", changed(tau1=motion()["tau1"] * scale, qd1=None))
     found = json.loads(run(capsys, "inspect", path, arm, "--json", "-")[1])
     assert found["inertias"] == [{"joint": 1, "value": pytest.approx(INERTIA * scale, rel=0.02), "unit": "kg m^2"}]
-    assert "The fit's inertia, which the model file leaves open: " in run(capsys, "inspect", path, arm)[1]
+    assert "Fitted inertia, which the model file leaves open: " in run(capsys, "inspect", path, arm)[1]
 
 
 def test_currents_without_a_model(tmp_path, capsys):
@@ -314,7 +314,7 @@ def test_a_shift_in_time_is_found(late):
     t = r.t - late
     link = np.array([1.01 * np.sin(3 * t), 0.7 * np.cos(5 * t + 1) + 0.02])
     rate = np.array([3 * np.cos(3 * t), -3.5 * np.sin(5 * t + 1)])
-    found = {s["signal"]: s["value"] for s in shifts_json(two_joints(q_link=link, qd=rate))}
+    found = {s.signal: s.value for s in shift_entries(two_joints(q_link=link, qd=rate))}
     assert found == pytest.approx(dict.fromkeys(("q1_link", "q2_link", "qd1", "qd2"), late), abs=1e-5)
 
 

@@ -38,9 +38,10 @@ from runtime.documents.fits import (
     JudgedFitDocument,
 )
 from runtime.documents.parts import DelayEntry, EffectAt, EstimateEntry
+from runtime.documents.recordings import ClockEntry, DeterminedParameter, InspectDocument
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.report.terminal import cells, inspection_pages, loop_pages, pages
+from runtime.report.terminal import cells, loop_pages, pages, recording_pages
 from runtime.wording import fixed, told_apart
 
 
@@ -135,10 +136,10 @@ def test_what_is_known_of_an_effect_at_many_joints_is_said_once(capsys: pytest.C
         "dry@3 up",
         "plate stiffness",
     ]
-    parameters = [{"name": name, "told": "well"} for name in known]
-    inspection_pages._parameters({"suspicions": [], "parameters": parameters, "misses": [], "inertias": []})
+    parameters = [made(DeterminedParameter, name=name, told="well") for name in known]
+    recording_pages.inspection(made(InspectDocument, clock=made(ClockEntry), parameters=parameters))
     told = "ZZ1, I2; dry (up, down) at joints 1, 2; dry (up) at joint 3; plate (stiffness)"
-    assert capsys.readouterr().out == f"These data tell: {told}\n"
+    assert f"\nWell determined: {told}\n" in capsys.readouterr().out
 
 
 def test_long_inputs_of_a_comparison_are_counted(capsys: pytest.CaptureFixture[str]) -> None:

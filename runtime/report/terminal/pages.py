@@ -15,13 +15,10 @@ from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     Document,
     empty_table,
-    figure,
     percent,
     say,
     show_table,
 )
-from runtime.wording import joints_said
-from symbolic.model_file.checks import at_joint
 
 _PATIENCE = 2.0  # s
 _A_JOINT_EACH = 7  # numbers of a vector that a table has room for
@@ -142,22 +139,6 @@ def _ratio(case: Document) -> float:
 
 def _digits(value: float | None) -> str:
     return "–" if value is None else f"{value:.9g}"
-
-
-def simulation(document: Document) -> None:
-    """What is in a simulated recording."""
-    hidden = [entry for entry in document["effects"] if entry["hidden"]]
-    say(f"{document['out']}: {document['samples']} samples, {figure(document['seconds'])} s")
-    for entry in hidden:
-        values = ", ".join(f"{name} {figure(value)}" for name, value in entry["values"].items())
-        say(f"hidden: {entry['effect']}{at_joint(entry['joint'])}: {values}")
-    assumed: dict[str, list[int]] = {}
-    for entry in document["effects"]:
-        if entry["assumed"]:
-            assumed.setdefault(entry["effect"], []).extend([entry["joint"]] if entry["joint"] else [])
-    if assumed:
-        places = "; ".join(name + (f" at {joints_said(joints)}" if joints else "") for name, joints in assumed.items())
-        say(f"open in the model file, hence moderate values (--json has them): {places}")
 
 
 def _short(value: Any) -> str:
