@@ -42,7 +42,7 @@ class ClockEntry(Document, frozen=True, kw_only=True):
     period: Annotated[float, key("period of the even grid on which the recording is read", "s")]
 
 
-class ClockShift(Document, frozen=True, kw_only=True):
+class ClockShiftEntry(Document, frozen=True, kw_only=True):
     """Offset between two clocks."""
 
     value: Annotated[float, key("by how much the stamps are later than those of the positions", "s")]
@@ -55,7 +55,7 @@ class OtherClock(Document, frozen=True, kw_only=True):
     clock: Annotated[str, key("name of the clock")]
     signals: Annotated[list[str], key("its signals")]
     rate_hz: Annotated[float, key("sample rate", "Hz")]
-    shift: Annotated[ClockShift | None, key("offset from the clock of the positions; null if unknown")]
+    shift: Annotated[ClockShiftEntry | None, key("offset from the clock of the positions; null if unknown")]
     corrected: Annotated[bool, key("whether the offset was removed")]
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import unreliable
 from runtime.documents.recordings import (
-    ClockShift,
+    ClockShiftEntry,
     DeterminedParameter,
     FieldEntry,
     InertiaEntry,
@@ -353,7 +353,7 @@ def _other_clock(clock: BroughtClock) -> OtherClock:
         clock=clock.name,
         signals=list(clock.signals),
         rate_hz=clock.rate,
-        shift=None if clock.shift is None else ClockShift(value=clock.shift.value, error=clock.shift.error),
+        shift=None if clock.shift is None else ClockShiftEntry(value=clock.shift.value, error=clock.shift.error),
         corrected=clock.corrected,
     )
 
