@@ -27,6 +27,7 @@ from runtime.cli import (
     output,
     paper,
     places,
+    schema,
     simulate,
     studio,
     sweep,
@@ -61,6 +62,7 @@ for _verb in (
     firmware,
     export_arm,
     paper,
+    schema,
 ):
     for _command in _verb.app.registered_commands:
         if _command.callback is not None:

@@ -1,0 +1,74 @@
+"""What --json prints is what its schema says, and the guide's table of keys is up to date."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.documents import verbs
+from runtime.plain_json import plain
+
+jsonschema = pytest.importorskip("jsonschema")
+
+MODEL = ["--seconds", "8", "--repeats", "2"]
+LINES = {
+    "simulate": ["drive", "--out", "other.csv", *MODEL],
+    "inspect": ["run.csv", "drive"],
+    "compare": ["drive", "run.csv"],
+    "identify": ["drive", "run.csv"],
+    "diagnose": ["drive", "run.csv"],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a recording of the drive."""
+    place = tmp_path_factory.mktemp("documents")
+    assert output.run(app, ["simulate", "drive", "--out", str(place / "run.csv"), *MODEL]) == 0
+    return place
+
+
+@pytest.mark.parametrize("verb", LINES)
+def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It validates, and the struct holds every key of it."""
+    monkeypatch.chdir(folder)
+    assert output.run(app, [verb, *LINES[verb], "--json", "found.json"]) == 0
+    document = json.loads((folder / "found.json").read_text())
+    jsonschema.Draft202012Validator(verbs.schema(verb)).validate(document)
+    assert plain(msgspec.convert(document, verbs.BY_VERB[verb])) == document
+
+
+def test_a_document_of_another_kind_does_not_validate() -> None:
+    validator = jsonschema.Draft202012Validator(verbs.schema("simulate"))
+    right: dict[str, Any] = {"out": "run.csv", "samples": 1, "seconds": 0.1, "seed": 0, "effects": []}
+    assert validator.is_valid(right)
+    assert not validator.is_valid(right | {"samples": "many"})
+    assert not validator.is_valid({k: v for k, v in right.items() if k != "seed"})
+
+
+@pytest.mark.parametrize("verb", verbs.BY_VERB)
+def test_every_number_and_key_has_a_meaning(verb: str) -> None:
+    schema = verbs.schema(verb)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    for component in schema["$defs"].values():
+        assert all("description" in entry for entry in component["properties"].values())
+
+
+def test_the_verb_prints_one_schema_or_all(capsys: pytest.CaptureFixture[str]) -> None:
+    assert output.run(app, ["schema", "diagnose"]) == 0
+    one = json.loads(capsys.readouterr().out)
+    assert output.run(app, ["schema", "--json", "-"]) == 0
+    everything = json.loads(capsys.readouterr().out)
+    assert (everything["diagnose"], list(everything)) == (one, list(verbs.BY_VERB))
+    assert output.run(app, ["schema", "nothing"]) == 2
+    assert "there is one for: inspect" in capsys.readouterr().err
+
+
+def test_the_table_of_keys_is_up_to_date() -> None:
+    assert verbs.KEYS.read_text() == verbs.table_of_keys(), "run python -m runtime.documents.verbs"
