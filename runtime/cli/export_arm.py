@@ -37,15 +37,15 @@ def export_arm(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Write an arm as URDF or MJCF. With bodies that can be, and with what the format can say of its effects."""
+    """Write an arm as URDF or MJCF. With physically possible bodies and the effects that the format has a place for."""
     from runtime import files
-    from runtime.report.terminal import exchange_pages
+    from runtime.report.terminal import pages
     from runtime.report.terminal.pages import working
 
     if onto is not None and to is not Format.URDF:
         raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
     source = opened(model, effects)
-    with working("looking for bodies that can be"):
+    with working("looking for physically possible bodies"):
         data, document = source.exported(to.value, onto)
     files.replace(out, data)
-    emit(json, {"out": str(out), **document}, exchange_pages.exported)
+    emit(json, {"out": str(out), **document}, pages.exported)

@@ -68,11 +68,11 @@ def import_arm(
 ) -> None:
     """Make a model file from a URDF or MJCF. What it does not state is unknown, to be identified."""
     from runtime import files
-    from runtime.report.terminal import exchange_pages
+    from runtime.report.terminal import pages
     from symbolic.model_file.exchange.importing import imported
 
     if out.exists():
         raise UsageError(f"{out}: is there already; choose another name")
     made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
     files.replace(out, made.text.encode())
-    emit(json, {"out": str(out), **made.document()}, exchange_pages.imported)
+    emit(json, {"out": str(out), **made.document()}, pages.imported)

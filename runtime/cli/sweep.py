@@ -66,7 +66,7 @@ def sweep(
     json: Json = None,
 ) -> None:
     from runtime.planning import scenario_file
-    from runtime.report.terminal import pages, sweep_pages
+    from runtime.report.terminal import pages, plan_pages
     from runtime.sweep import grid, journal
     from runtime.sweep import table as tables
     from runtime.sweep.job import Code
@@ -107,7 +107,7 @@ def sweep(
         "journal": diary,
         "variations": variations,
     }
-    emit(json, document, sweep_pages.show)
+    emit(json, document, plan_pages.sweep)
     if not all(variation["feasible"] for variation in variations):
         raise typer.Exit(NO)
 
@@ -140,11 +140,11 @@ def _pool(code: Code, workers: int | None, scheduler: str | None) -> AbstractCon
 
 def _run(jobs: Sequence[Job], pool: Pool, kept: Journal) -> dict[str, JobResult]:
     """All results by key, with progress; if it is interrupted, says how many are kept."""
-    from runtime.report.terminal import sweep_pages
+    from runtime.report.terminal import plan_pages
     from runtime.sweep import journal
 
     try:
-        with sweep_pages.progress(len(jobs), kept.finished(jobs)) as tell:
+        with plan_pages.sweep_progress(len(jobs), kept.finished(jobs)) as tell:
             return journal.run(jobs, pool, kept, lambda result: tell(result.feasible))
     except BaseException:
         done = kept.finished(jobs)

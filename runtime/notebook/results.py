@@ -25,7 +25,7 @@ from runtime.report.page.page_figures import Drawn
 from runtime.report.page.planned_page import write_plan
 from runtime.report.plots import plan_plots
 from runtime.report.summary import LoopDocument, ResultSummary
-from runtime.report.terminal import exchange_pages, loop_pages, plan_pages
+from runtime.report.terminal import loop_pages, pages, plan_pages
 
 
 class ResultFigures(Sequence[Drawn]):
@@ -187,7 +187,7 @@ class ExportResult(_Result):
 
     written: dict[str, Any]
 
-    _page = staticmethod(exchange_pages.exported)
+    _page = staticmethod(pages.exported)
 
     @property
     def document(self) -> Any:

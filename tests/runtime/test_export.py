@@ -269,7 +269,7 @@ def test_a_rotor_of_nothing_stays_so(seven: SimpleNamespace) -> None:
 
 def said(run: Run, *arguments: object) -> dict:
     status, out, err = run("export", *arguments, "--json", "-")
-    assert (status, err.replace("looking for bodies that can be …\n", "")) == (0, "")
+    assert (status, err.replace("looking for physically possible bodies …\n", "")) == (0, "")
     document: dict = json.loads(out)
     return document
 

@@ -1,7 +1,8 @@
-"""Results for people: tables from the same dictionaries that --json writes."""
+"""Progress, and what effects, verify, import and export print on the terminal."""
 
 from __future__ import annotations
 
+import shlex
 import sys
 import threading
 import time
@@ -13,8 +14,10 @@ from rich.console import Console
 
 from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
+    COMMAND,
     Document,
     empty_table,
+    figure,
     percent,
     say,
     show_table,
@@ -23,6 +26,8 @@ from runtime.report.terminal.cells import (
 _PATIENCE = 2.0  # s
 _A_JOINT_EACH = 7  # numbers of a vector that a table has room for
 _EVERY = 10.0  # s
+_ROUNDING = 1e-9
+"""Part of the torque that rounding may miss."""
 
 
 @contextmanager
@@ -147,3 +152,54 @@ def _short(value: Any) -> str:
             return f"({len(value)} numbers, with --json)"
         return "[" + " ".join(_short(v) for v in value) + "]"
     return f"{value:.3g}" if isinstance(value, (int, float)) else str(value)
+
+
+def imported(document: Document) -> None:
+    """The joints of the new arm, and what a person should know of it."""
+    joints = document["joints"]
+    count = "1 joint" if len(joints) == 1 else f"{len(joints)} joints"
+    say(f"{document['out']}: {document['name']}, {count} from {document['base']} to {document['tip']}")
+    table = empty_table("joint", "name", "type", "mass [kg]", "range", "unknown")
+    for joint in joints:
+        effects = [name for name, values in joint["effects"].items() if not values]
+        mass = "" if joint["mass"] is None else f"{joint['mass']:.4g}"
+        unknown = ", ".join([*joint["unknown"], *effects])
+        table.add_row(str(joint["joint"]), joint["name"], joint["type"], mass, _range(joint), unknown)
+    show_table(table)
+    say(*document["notes"])
+    model = shlex.quote(document["out"])
+    say(
+        "",
+        "Next, with recordings of the arm:",
+        f"  {COMMAND}inspect RECORDING {model}",
+        "      shows what is in one and what looks wrong with it",
+        f"  {COMMAND}improve {model} RECORDING --held-out ANOTHER",
+        "      finds the unknown values and what the model lacks",
+    )
+
+
+def _range(joint: Document) -> str:
+    unit = "rad" if joint["type"] == "revolute" else "m"
+    position = joint["limits"]["position"]
+    return "" if position is None else f"{position[0]:.4g} to {position[1]:.4g} {unit}"
+
+
+def exported(document: Document) -> None:
+    """The bodies of the written arm, how well they stand for the model, and what the file cannot say."""
+    say(f"{document['out']}: {document['name']}")
+    table = empty_table("joint", "name", "mass [kg]", "centre [m]", "rotor", "damping", "friction")
+    for joint in document["joints"]:
+        com = ", ".join(f"{value:.3g}" for value in joint["com"])
+        said = (figure(joint[word]) for word in ("damping", "friction"))
+        rotor = figure(joint["rotor_inertia"] or None)
+        table.add_row(str(joint["joint"]), joint["name"], f"{joint['mass']:.4g}", com, rotor, *said)
+    show_table(table)
+    if document["missing"] > _ROUNDING:
+        say(
+            "No physically possible bodies have the model's base parameters: the exported ones miss "
+            f"{100 * document['missing']:.2g} % of its torques."
+        )
+    if document["unsaid"]:
+        say(f"The file does not say: {'; '.join(document['unsaid'])}.")
+    if document["kept"]:
+        say(f"The file into which it was written keeps its own: {'; '.join(document['kept'])}.")
