@@ -12,6 +12,7 @@ from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
+from runtime.documents.models import ExportDocument
 from runtime.workspace import UsageError
 
 app = typer.Typer()
@@ -48,4 +49,4 @@ def export_arm(
     with working("looking for physically possible bodies"):
         data, document = source.exported(to.value, onto)
     files.replace(out, data)
-    emit(json, {"out": str(out), **document}, pages.exported)
+    emit(json, ExportDocument.of(str(out), document), pages.exported)

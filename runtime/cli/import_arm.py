@@ -13,6 +13,7 @@ from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
+from runtime.documents.models import ImportDocument
 from runtime.setting import Checked, Setting
 from runtime.workspace import UsageError, effects_described
 
@@ -75,4 +76,4 @@ def import_arm(
         raise UsageError(f"{out}: is there already; choose another name")
     made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
     files.replace(out, made.text.encode())
-    emit(json, {"out": str(out), **made.document()}, pages.imported)
+    emit(json, ImportDocument.of(str(out), made.document()), pages.imported)

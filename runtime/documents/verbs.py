@@ -13,6 +13,7 @@ import msgspec
 from runtime import files
 from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
+from runtime.documents.models import ExportDocument, ImportDocument
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
@@ -25,6 +26,8 @@ BY_VERB: dict[str, type[Document]] = {
     "demo": ImprovementDocument,
     "simulate": SimulateDocument,
     "experiment": ExperimentDocument,
+    "import": ImportDocument,
+    "export": ExportDocument,
 }
 KEYS = Path(__file__).parent / "KEYS.md"
 
@@ -79,7 +82,7 @@ def _type(entry: dict[str, Any]) -> str:
         inside = entry.get("items") or entry["prefixItems"][0]
         return f"{_type(inside)}[]"
     if entry.get("type") == "object":
-        return f"name → {_type(entry['additionalProperties'])}"
+        return f"name → {_type(entry.get('additionalProperties', {}))}"
     return str(entry.get("type", "any"))
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.documents.fits import JudgedFitDocument
+from runtime.documents.models import ExportDocument
 from runtime.estimation.compare import Comparison
 from runtime.loop.improve import Improvement
 from runtime.notebook.arm import LoadedArm, PathOrText
@@ -185,16 +186,16 @@ class PlanResult(_Result):
 class ExportResult(_Result):
     """An arm that was written for simulators: its bodies, and what the format cannot say."""
 
-    written: dict[str, Any]
+    written: ExportDocument
 
     _page = staticmethod(pages.exported)
 
     @property
-    def document(self) -> Any:
+    def document(self) -> ExportDocument:
         """As `tendon export --json`."""
         return self.written
 
     def __repr__(self) -> str:
-        left = (("not said", "unsaid"), ("kept as they were", "kept"))
-        lines = [f"{words}: {'; '.join(self.json[key])}" for words, key in left if self.json[key]]
-        return "\n".join([f"{self.json['out']}: {self.json['name']}", *lines])
+        left = (("not said", self.written.unsaid), ("kept as they were", self.written.kept))
+        lines = [f"{words}: {'; '.join(entries)}" for words, entries in left if entries]
+        return "\n".join([f"{self.written.out}: {self.written.name}", *lines])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from runtime import files
 from runtime.diagnosis import diagnose as diagnosis
 from runtime.diagnosis.credibility import judged
+from runtime.documents.models import ExportDocument
 from runtime.estimation import compare as comparison
 from runtime.estimation import identify as identification
 from runtime.loop import held_out as held_outs
@@ -141,7 +142,7 @@ def export(
     """
     data, document = arm.source.exported(to, None if onto is None else Path(onto))
     files.replace(Path(path), data)
-    return ExportResult({"out": str(path), **document})
+    return ExportResult(ExportDocument.of(str(path), document))
 
 
 def optimize(

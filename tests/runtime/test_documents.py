@@ -23,14 +23,17 @@ LINES = {
     "compare": ["drive", "run.csv"],
     "identify": ["drive", "run.csv"],
     "diagnose": ["drive", "run.csv"],
+    "export": ["drive", "--to", "urdf", "--out", "other.urdf"],
+    "import": ["arm.urdf", "--out", "arm.toml"],
 }
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With a recording of the drive."""
+    """With a recording of the drive and its URDF."""
     place = tmp_path_factory.mktemp("documents")
     assert output.run(app, ["simulate", "drive", "--out", str(place / "run.csv"), *MODEL]) == 0
+    assert output.run(app, ["export", "drive", "--to", "urdf", "--out", str(place / "arm.urdf")]) == 0
     return place
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
+from runtime.documents.models import ExportDocument, ImportDocument, ImportedJoint
 from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     COMMAND,
@@ -154,20 +155,20 @@ def _short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, (int, float)) else str(value)
 
 
-def imported(document: Document) -> None:
+def imported(document: ImportDocument) -> None:
     """The joints of the new arm, and what a person should know of it."""
-    joints = document["joints"]
+    joints = document.joints
     count = "1 joint" if len(joints) == 1 else f"{len(joints)} joints"
-    say(f"{document['out']}: {document['name']}, {count} from {document['base']} to {document['tip']}")
+    say(f"{document.out}: {document.name}, {count} from {document.base} to {document.tip}")
     table = empty_table("joint", "name", "type", "mass [kg]", "range", "unknown")
     for joint in joints:
-        effects = [name for name, values in joint["effects"].items() if not values]
-        mass = "" if joint["mass"] is None else f"{joint['mass']:.4g}"
-        unknown = ", ".join([*joint["unknown"], *effects])
-        table.add_row(str(joint["joint"]), joint["name"], joint["type"], mass, _range(joint), unknown)
+        effects = [name for name, values in joint.effects.items() if not values]
+        mass = "" if joint.mass is None else f"{joint.mass:.4g}"
+        unknown = ", ".join([*joint.unknown, *effects])
+        table.add_row(str(joint.joint), joint.name or "", joint.type, mass, _range(joint), unknown)
     show_table(table)
-    say(*document["notes"])
-    model = shlex.quote(document["out"])
+    say(*document.notes)
+    model = shlex.quote(document.out)
     say(
         "",
         "Next, with recordings of the arm:",
@@ -178,28 +179,28 @@ def imported(document: Document) -> None:
     )
 
 
-def _range(joint: Document) -> str:
-    unit = "rad" if joint["type"] == "revolute" else "m"
-    position = joint["limits"]["position"]
+def _range(joint: ImportedJoint) -> str:
+    unit = "rad" if joint.type == "revolute" else "m"
+    position = joint.limits.position
     return "" if position is None else f"{position[0]:.4g} to {position[1]:.4g} {unit}"
 
 
-def exported(document: Document) -> None:
+def exported(document: ExportDocument) -> None:
     """The bodies of the written arm, how well they stand for the model, and what the file cannot say."""
-    say(f"{document['out']}: {document['name']}")
+    say(f"{document.out}: {document.name}")
     table = empty_table("joint", "name", "mass [kg]", "centre [m]", "rotor", "damping", "friction")
-    for joint in document["joints"]:
-        com = ", ".join(f"{value:.3g}" for value in joint["com"])
-        said = (figure(joint[word]) for word in ("damping", "friction"))
-        rotor = figure(joint["rotor_inertia"] or None)
-        table.add_row(str(joint["joint"]), joint["name"], f"{joint['mass']:.4g}", com, rotor, *said)
+    for joint in document.joints:
+        com = ", ".join(f"{value:.3g}" for value in joint.com)
+        friction = map(figure, (joint.damping, joint.friction))
+        rotor = figure(joint.rotor_inertia or None)
+        table.add_row(str(joint.joint), joint.name, f"{joint.mass:.4g}", com, rotor, *friction)
     show_table(table)
-    if document["missing"] > _ROUNDING:
+    if document.missing > _ROUNDING:
         say(
             "No physically possible bodies have the model's base parameters: the exported ones miss "
-            f"{100 * document['missing']:.2g} % of its torques."
+            f"{100 * document.missing:.2g} % of its torques."
         )
-    if document["unsaid"]:
-        say(f"The file does not say: {'; '.join(document['unsaid'])}.")
-    if document["kept"]:
-        say(f"The file into which it was written keeps its own: {'; '.join(document['kept'])}.")
+    if document.unsaid:
+        say(f"The file does not say: {'; '.join(document.unsaid)}.")
+    if document.kept:
+        say(f"The file into which it was written keeps its own: {'; '.join(document.kept)}.")
