@@ -22,7 +22,7 @@ class LimitsEntry(Document, frozen=True, kw_only=True):
     torque: Annotated[float | None, key("largest torque or force", "N m or N")]
 
 
-class ImportedJoint(Document, frozen=True, kw_only=True):
+class ImportedJointEntry(Document, frozen=True, kw_only=True):
     """A joint of an imported arm."""
 
     joint: JointNumber
@@ -44,18 +44,18 @@ class ImportDocument(Document, frozen=True, kw_only=True):
     base: Annotated[str, key("link where the arm begins")]
     tip: Annotated[str, key("link where it ends")]
     gravity: Gravity
-    joints: Annotated[list[ImportedJoint], key("joints from the base outwards")]
+    joints: Annotated[list[ImportedJointEntry], key("joints from the base outwards")]
     held: Annotated[list[str], key("moving joints off its way, which are held")]
     notes: Annotated[list[str], key("what to know about the import")]
 
     @classmethod
     def of(cls, out: str, made: Mapping[str, Any]) -> ImportDocument:
         """From ImportedArm.document()."""
-        joints = [ImportedJoint(**{**joint, "limits": LimitsEntry(**joint["limits"])}) for joint in made["joints"]]
+        joints = [ImportedJointEntry(**{**joint, "limits": LimitsEntry(**joint["limits"])}) for joint in made["joints"]]
         return cls(**{**made, "out": out, "joints": joints})
 
 
-class ExportedJoint(Document, frozen=True, kw_only=True):
+class ExportedJointEntry(Document, frozen=True, kw_only=True):
     """A joint of an exported arm and the body that it moves."""
 
     joint: JointNumber
@@ -78,11 +78,11 @@ class ExportDocument(Document, frozen=True, kw_only=True):
     name: ArmName
     missing: Annotated[float, key("rms of the torque that the bodies miss, over that of the torque", "1")]
     gravity: Gravity
-    joints: Annotated[list[ExportedJoint], key("joints and bodies from the base outwards")]
+    joints: Annotated[list[ExportedJointEntry], key("joints and bodies from the base outwards")]
     unsaid: Annotated[list[str], key("what the format has no place for")]
     kept: Annotated[list[str], key("what the file that was written into says otherwise")]
 
     @classmethod
     def of(cls, out: str, made: Mapping[str, Any]) -> ExportDocument:
         """From exporting.document()."""
-        return cls(**{**made, "out": out, "joints": [ExportedJoint(**joint) for joint in made["joints"]]})
+        return cls(**{**made, "out": out, "joints": [ExportedJointEntry(**joint) for joint in made["joints"]]})

@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
-from runtime.documents.models import ExportDocument, ImportDocument, ImportedJoint
+from runtime.documents.models import ExportDocument, ImportDocument, ImportedJointEntry
 from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     COMMAND,
@@ -179,7 +179,7 @@ def imported(document: ImportDocument) -> None:
     )
 
 
-def _range(joint: ImportedJoint) -> str:
+def _range(joint: ImportedJointEntry) -> str:
     unit = "rad" if joint.type == "revolute" else "m"
     position = joint.limits.position
     return "" if position is None else f"{position[0]:.4g} to {position[1]:.4g} {unit}"
