@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -12,6 +12,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile, check_own
 from runtime.cli.output import emit
 from runtime.cli.places import FILLED
 from runtime.cli.rendered import render_all
+from runtime.documents.models import AddDocument
 
 app = typer.Typer()
 
@@ -38,9 +39,19 @@ def add(
     with source.replaced(text):
         rendered.write()
     added = name if number is None else f"{name}@{number}"
-    document = {"model": str(model), "added": added, **rendered.document()}
+    made = rendered.document([])
+    document = AddDocument(
+        model=str(model),
+        added=added,
+        name=made.name,
+        directory=made.directory,
+        effects_directory=made.effects_directory,
+        files=made.files,
+        effects_files=made.effects_files,
+        operations=made.operations,
+    )
 
-    def show(_: Any) -> None:
+    def show(_: AddDocument) -> None:
         from runtime.report.terminal.pages import say
 
         say(f"{model}: {added} added; {rendered.directory} regenerated")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -13,6 +12,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import FILLED
 from runtime.cli.rendered import render_all
+from runtime.documents.models import GenerateDocument
 
 app = typer.Typer()
 
@@ -32,16 +32,16 @@ def generate(
     if not check:
         rendered.write()
 
-    def show(document: Mapping[str, Any]) -> None:
+    def show(document: GenerateDocument) -> None:
         from runtime.report.terminal.pages import say
 
         if check:
             say(*(stale or [f"{rendered.directory}: up to date"]))
             return
         say(f"{rendered.directory}: {len(rendered.files)} files; effects in {rendered.beside}")
-        count = document["operations"]["inverse_dynamics"]
+        count = document.operations["inverse_dynamics"]
         say("inverse dynamics: " + ", ".join(f"{value} {name}" for name, value in count.items() if value))
 
-    emit(json, {**rendered.document(), "stale": stale}, show)
+    emit(json, rendered.document(stale), show)
     if stale:
         raise typer.Exit(NO)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from runtime.cli.places import check_directory, keep
+from runtime.documents.models import GenerateDocument
 from runtime.workspace import ARMS, Source, UsageError
 
 NOTE, SHIPPED = ".model", "tendon: "
@@ -55,18 +55,20 @@ class Rendered:
         folder.parent.mkdir(parents=True, exist_ok=True)
         return folder if os.access(folder.parent, os.W_OK) else folder / NOTE
 
-    def document(self) -> dict[str, Any]:
+    def document(self, stale: list[str]) -> GenerateDocument:
+        """As `tendon generate --json`; stale: files that are out of date."""
         import json
 
         functions = json.loads(self.files["metadata.json"])["functions"]
-        return {
-            "name": self.name,
-            "directory": str(self.directory),
-            "effects_directory": str(self.beside),
-            "files": sorted(self.files),
-            "effects_files": sorted(self.effect_files),
-            "operations": {name: function["operations"] for name, function in functions.items()},
-        }
+        return GenerateDocument(
+            name=self.name,
+            directory=str(self.directory),
+            effects_directory=str(self.beside),
+            files=sorted(self.files),
+            effects_files=sorted(self.effect_files),
+            operations={name: function["operations"] for name, function in functions.items()},
+            stale=stale,
+        )
 
 
 def render_all(source: Source, text: str, out: Path | None, effects: Path | None) -> Rendered:

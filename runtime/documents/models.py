@@ -86,3 +86,37 @@ class ExportDocument(Document, frozen=True, kw_only=True):
     def of(cls, out: str, made: Mapping[str, Any]) -> ExportDocument:
         """From exporting.document()."""
         return cls(**{**made, "out": out, "joints": [ExportedJointEntry(**joint) for joint in made["joints"]]})
+
+
+Directory = Annotated[str, key("directory of the generated files")]
+EffectsDirectory = Annotated[str, key("directory of the library of effects")]
+Files = Annotated[list[str], key("generated files")]
+EffectsFiles = Annotated[list[str], key("files of the library of effects")]
+Operations = Annotated[
+    dict[str, dict[str, int]], key("operations of each generated function by kind; arithmetic: their sum", "1")
+]
+
+
+class GenerateDocument(Document, frozen=True, kw_only=True):
+    """What was generated: `tendon generate --json`."""
+
+    name: ArmName
+    directory: Directory
+    effects_directory: EffectsDirectory
+    files: Files
+    effects_files: EffectsFiles
+    operations: Operations
+    stale: Annotated[list[str], key("files that --check found out of date")]
+
+
+class AddDocument(Document, frozen=True, kw_only=True):
+    """What was added and generated: `tendon add --json`."""
+
+    model: Annotated[str, key("path of the model file")]
+    added: Annotated[str, key("effect and joint that were added")]
+    name: ArmName
+    directory: Directory
+    effects_directory: EffectsDirectory
+    files: Files
+    effects_files: EffectsFiles
+    operations: Operations

@@ -13,7 +13,7 @@ import msgspec
 from runtime import files
 from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
-from runtime.documents.models import ExportDocument, ImportDocument
+from runtime.documents.models import AddDocument, ExportDocument, GenerateDocument, ImportDocument
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
@@ -26,6 +26,8 @@ BY_VERB: dict[str, type[Document]] = {
     "demo": ImprovementDocument,
     "simulate": SimulateDocument,
     "experiment": ExperimentDocument,
+    "generate": GenerateDocument,
+    "add": AddDocument,
     "import": ImportDocument,
     "export": ExportDocument,
 }

@@ -23,6 +23,7 @@ LINES = {
     "compare": ["drive", "run.csv"],
     "identify": ["drive", "run.csv"],
     "diagnose": ["drive", "run.csv"],
+    "generate": ["drive", "--out", "drive"],
     "export": ["drive", "--to", "urdf", "--out", "other.urdf"],
     "import": ["arm.urdf", "--out", "arm.toml"],
 }
