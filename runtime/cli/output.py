@@ -1,4 +1,4 @@
-"""What a verb leaves behind: its figures for a person or as JSON, an exit status, an error in one line."""
+"""Output of a verb: its document on the terminal or as JSON, its exit status, and errors in one line."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ D = TypeVar("D")
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 _ALLOCATED, _YOUNGER = 100_000, 50
-"""New objects, and collections of younger ones, between two searches for circles of objects: Python's 700 and 10 are
-for programs that run for days. A verb derives equations out of a million small objects, nearly all of which stay."""
+"""Thresholds of the garbage collector. A verb allocates a million small objects, nearly all of which stay alive; Python's
+defaults of 700 and 10 would scan them over and over."""
 
 
 def open_streams() -> None:
-    """A closed standard stream is one into which nothing comes: no file that is opened later takes its place. What a
-    terminal cannot show is shown by its number."""
+    """Open closed standard streams on the null device, so that no file that is opened later gets their descriptor.
+    Characters that the terminal cannot encode are escaped."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         if getattr(sys, name) is None:
             with suppress(OSError):
@@ -44,10 +44,10 @@ def open_streams() -> None:
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
-    """The exit status of `tendon ARGUMENTS`; whatever a user did wrong is one line on standard error."""
+    """Run `tendon ARGUMENTS` and return its exit status; errors of the user are one line on standard error."""
     try:
         status = int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
-        # typer makes a status of Ctrl-C, and no word.
+        # typer turns Ctrl-C into a status without a message.
         return _complain("interrupted", INTERRUPTED) if status == INTERRUPTED else status
     except BrokenPipeError:
         # The reader of our output has gone; do not complain again when Python flushes.
@@ -56,7 +56,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _complain("interrupted", INTERRUPTED)
     except OSError as error:
-        # All files that are written say their names; what has none is a stream.
+        # Errors of files carry their name; without one it is a stream.
         return _complain(_reason(error, "standard output" if error.errno in _NO_ROOM else ""), BAD_INPUT)
     except Exception as error:
         if _came_of_ctrl_c(error):
@@ -70,20 +70,20 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
 
 
 def _came_of_ctrl_c(error: BaseException | None) -> bool:
-    """Whether it is what became of Ctrl-C, as in the middle of an import of compiled code."""
+    """Whether Ctrl-C caused the error, possibly wrapped, as during an import of compiled code."""
     return error is not None and (
         isinstance(error, KeyboardInterrupt) or _came_of_ctrl_c(error.__cause__ or error.__context__)
     )
 
 
 def collect_seldom() -> None:
-    """Search for garbage seldom: a fifth of the time of `generate` is spent on finding none."""
+    """Run the garbage collector rarely: with the defaults it takes a fifth of the time of `generate` and frees nothing."""
     gc.set_threshold(_ALLOCATED, _YOUNGER, _YOUNGER)
 
 
 def leave(status: int) -> NoReturn:
-    """End the process; after Ctrl-C at once: what it holds in memory takes a second to be given back in order. What is
-    left then is not searched for circles any more."""
+    """End the process; after Ctrl-C at once, because an orderly release of its memory takes a second. The final garbage
+    collection is skipped."""
     if status == INTERRUPTED:
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
@@ -94,7 +94,7 @@ def leave(status: int) -> NoReturn:
 
 
 def _is_for_people(error: Exception) -> bool:
-    """Our own errors (ModelError, RecordingError, BuildError...) and only those; a bug keeps its traceback."""
+    """Whether it is one of our own errors (ModelError, RecordingError, ...); any other is a bug and keeps its traceback."""
     home = type(error).__module__.split(".")[0]
     return home in ("runtime", "symbolic", "codegen")
 
@@ -116,7 +116,8 @@ def _complain(message: str, status: int) -> int:
 
 
 def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
-    """Print `document` for a person, or as JSON alone (`-`), or both a file and the print."""
+    """Show a document on the terminal and write it as JSON to the file `target`, if any; `-`: only JSON on standard
+    output."""
     clean = plain(document)
     text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     if target == "-":
@@ -131,7 +132,7 @@ def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
 
 
 def _shows(text: str) -> bool:
-    """Whether standard output knows all letters of a text."""
+    """Whether standard output can encode a text."""
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
@@ -141,7 +142,7 @@ def _shows(text: str) -> bool:
 
 @contextmanager
 def costs_itself(what: str) -> Iterator[None]:
-    """A drawing of what has been said already: that it cannot be written is said, and changes nothing else."""
+    """Report a failure to write a figure or a page, without changing the exit status: the result is printed already."""
     try:
         yield
     except OSError as error:

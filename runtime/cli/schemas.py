@@ -1,6 +1,6 @@
-"""The JSON schemas that ship for editors: made of what the readers declare, committed, and copied by `init`.
+"""JSON schemas of model and scenario files for editors: generated from the readers' declarations, copied by `init`.
 
-`python -m runtime.cli.schemas` writes them anew; a test holds them up to date.
+`python -m runtime.cli.schemas` regenerates them; a test keeps them up to date.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ MODEL, SCENARIO = "model.schema.json", "scenario.schema.json"
 
 
 def made() -> dict[str, str]:
-    """Their texts by file name."""
+    """Generated schemas by file name."""
     from runtime.planning.scenario_file import SCENARIO as KEYS
     from symbolic.effects import DECLARED, LIBRARY
     from symbolic.model_file.schema import file_schema, model_schema
@@ -28,7 +28,7 @@ def made() -> dict[str, str]:
 
 
 def shipped() -> dict[str, bytes]:
-    """Those that came with the toolkit, by file name."""
+    """Committed schemas by file name."""
     return {name: (FOLDER / name).read_bytes() for name in (MODEL, SCENARIO)}
 
 
