@@ -21,8 +21,8 @@ D = TypeVar("D")
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 _ALLOCATED, _YOUNGER = 100_000, 50
-"""Thresholds of the garbage collector. A verb allocates a million small objects, nearly all of which stay alive; Python's
-defaults of 700 and 10 would scan them over and over."""
+"""Thresholds of the garbage collector. A verb allocates a million small objects, nearly all of which stay
+alive; Python's defaults of 700 and 10 would scan them over and over."""
 
 
 def open_streams() -> None:
@@ -77,7 +77,7 @@ def _came_of_ctrl_c(error: BaseException | None) -> bool:
 
 
 def collect_seldom() -> None:
-    """Run the garbage collector rarely: with the defaults it takes a fifth of the time of `generate` and frees nothing."""
+    """Run the garbage collector rarely: by default it takes a fifth of the time of `generate` and frees nothing."""
     gc.set_threshold(_ALLOCATED, _YOUNGER, _YOUNGER)
 
 
@@ -94,7 +94,7 @@ def leave(status: int) -> NoReturn:
 
 
 def _is_for_people(error: Exception) -> bool:
-    """Whether it is one of our own errors (ModelError, RecordingError, ...); any other is a bug and keeps its traceback."""
+    """Whether it is one of our own errors, such as ModelError; any other is a bug and keeps its traceback."""
     home = type(error).__module__.split(".")[0]
     return home in ("runtime", "symbolic", "codegen")
 
