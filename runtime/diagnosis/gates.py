@@ -193,7 +193,10 @@ class Figures:
         yield not at_edge, "its shape lies at the edge of what was searched"
         gain = self.likelihood_gain
         least = LEAST_LIKELIHOOD_GAIN
-        yield gain > least, f"held-out log-likelihood gains {whole_apart(gain, least)}, not {least:g}"
+        yield (
+            gain > least,
+            f"held-out log-likelihood changes by {whole_apart(gain, least)}; at least {least:g} is required",
+        )
         fall = 1 - np.sqrt(max(1 - self.cv_gain, 0.0))
         yield bool(fall > LEAST_ERROR_FALL), f"held-out error does not fall by {100 * LEAST_ERROR_FALL:g} %"
 
