@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections import Counter
 
 import pytest
 from sources import ROOT, imports, modules, reached, tree
@@ -159,6 +160,12 @@ def test_loading_compiled_code_imports_no_sympy() -> None:
     script = f"{imported}; print(sorted({{m.split('.')[0] for m in sys.modules}} & {{'sympy', 'codegen'}}))"
     run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_a_file_of_tests_has_a_name_of_its_own() -> None:
+    """pytest imports these files by their name alone."""
+    names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py") if "benchmarks" not in path.parts)
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_the_top_level_has_no_other_folders_of_code() -> None:

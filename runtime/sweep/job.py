@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from math import isfinite
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import msgspec
@@ -196,6 +197,8 @@ def processes(code: Code, count: int) -> Iterator[Pool]:
     """Worker processes of this machine; leaving the context ends those that still run."""
     # The matrices are small: threads of the linear algebra library would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Starting the tracker unblocks interrupts in its thread, so the threads of the workers must find it running.
+    resource_tracker.ensure_running()
     workers = _Workers(code)
     executor = ThreadPoolExecutor(count, initializer=_block_interrupts)
     try:
@@ -213,6 +216,7 @@ class _Workers:
         self._local = threading.local()
         self._lock = threading.Lock()
         self._ended = False
+        self._pools: list[ProcessPoolExecutor] = []
         self._others = set(multiprocessing.active_children())
 
     def solve(self, job: Job) -> JobResult:
@@ -235,6 +239,7 @@ class _Workers:
                 # A fresh interpreter: a fork would copy locks that CasADi and NumPy hold.
                 context = multiprocessing.get_context("spawn")
                 self._local.process = ProcessPoolExecutor(1, context, _end_with_parent)
+                self._pools.append(self._local.process)
             return self._local.process.submit(solve, self._code, job)
 
     def kill(self) -> None:
@@ -242,6 +247,9 @@ class _Workers:
             self._ended = True
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
+        # Their semaphores are removed here: after Ctrl-C the process ends without the finalizers of its objects.
+        while self._pools:
+            self._pools.pop().shutdown()
 
 
 def _block_interrupts() -> None:
