@@ -48,7 +48,7 @@ NOT_TYPED = {
     "canopen://": "needs drives on a CAN bus; tests/firmware/test_canopen_execute.py has some",
     "ur10.urdf": "needs a URDF and recordings of the arm; tests/runtime/test_import.py and test_export.py have some",
     "ur10.toml run1.csv": "likewise",
-    "dask ": "runs until it is stopped; tests/runtime/test_sweep.py has a cluster",
+    "dask ": "runs until it is stopped; tests/runtime/sweep/test_sweep.py has a cluster",
     "tcp://": "needs that cluster",
     "tendon studio": "serves until it is stopped; tests/studio opens it in a browser",
     '"NumPy"]': "a piece of a back end; tests/codegen/test_codegen_guide.py puts it together",

@@ -25,7 +25,7 @@ from runtime.report.plots import plan_plots
 from runtime.report.terminal import plan_pages
 from runtime.workspace import Source
 from symbolic.model_file.arm import Limits
-from tests.runtime.planning_cases import arm, there
+from tests.runtime.planning.planning_cases import arm, there
 
 
 @pytest.fixture(scope="module")

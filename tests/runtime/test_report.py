@@ -45,7 +45,7 @@ from runtime.report.terminal import loop_pages
 from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
-from tests.runtime import planning_cases
+from tests.runtime.planning import planning_cases
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)

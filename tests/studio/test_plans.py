@@ -20,7 +20,7 @@ from runtime.planning.options import PlanningSettings
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from symbolic.model_file.arm import Limits
-from tests.runtime.planning_cases import arm, there
+from tests.runtime.planning.planning_cases import arm, there
 from tests.studio.browser import Watched, chromium, studio
 from tests.studio.test_work import failed, wait
 

@@ -16,7 +16,7 @@ from runtime.planning.program import Program
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.starts import random_start
 from symbolic.model_file.arm import Limits
-from tests.runtime.planning_cases import and_back, arm
+from tests.runtime.planning.planning_cases import and_back, arm
 
 
 def few(degree: int) -> int:

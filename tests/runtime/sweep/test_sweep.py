@@ -37,7 +37,7 @@ from runtime.workspace import open_model
 from symbolic.effects import LIBRARY
 from tests import one_joint
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 ARM = one_joint.model_text(
     """\
 [joint.limits]

@@ -27,9 +27,9 @@ from runtime.planning.starts import StartError
 from runtime.progress import on_cores
 from runtime.report.terminal import plan_pages
 from symbolic.model_file.arm import Limits
-from tests.runtime.planning_cases import INERTIA, MASS, and_back, arm, parsed, there
+from tests.runtime.planning.planning_cases import INERTIA, MASS, and_back, arm, parsed, there
 
-STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"
+STUDY = Path(__file__).resolve().parents[3] / "runtime" / "study"
 FREE: dict[str, Any] = {"stiffness": [0.0, 9000.0], "offset": [-2.0, 0.5], "radius": 0.06}
 RUBBING = {"coulomb": {"torque": 1.2}, "viscous": {"coefficient": 0.8}}
 

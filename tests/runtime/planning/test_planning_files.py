@@ -18,9 +18,9 @@ from runtime.planning import scenario_file, trajectory
 from runtime.planning.trajectory import Phase, Trajectory, TrajectoryError
 from symbolic.model_file.arm import Limits
 from symbolic.model_file.checks import ModelError
-from tests.runtime.planning_cases import arm, parsed, there
+from tests.runtime.planning.planning_cases import arm, parsed, there
 
-STUDY = Path(__file__).resolve().parents[2] / "runtime" / "study"
+STUDY = Path(__file__).resolve().parents[3] / "runtime" / "study"
 Change = Callable[[dict[str, Any]], object]
 
 

@@ -17,7 +17,7 @@ from runtime.planning.scenario import Point
 from runtime.planning.starts import StartError
 from runtime.report.terminal import plan_pages
 from symbolic.model_file.checks import ModelError
-from tests.runtime.planning_cases import arm, there
+from tests.runtime.planning.planning_cases import arm, there
 from tests.six_joints import START, six_joints
 
 PLACE = [-0.6, 0.35, 0.4]
