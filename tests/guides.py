@@ -7,8 +7,8 @@ Blocks follow each other in one folder, which is empty at first:
     ```python   a script, run where it stands; the text after it is what it prints
     ```toml, ```c, ```python   whose first line is a comment with the name of a file: that file
 
-Numbers are compared to the digits that stand there; one that begins with ~ takes its time or depends on the machine
-and is not. Tables are compared by the words in their cells, not by their widths.
+A number may differ by 5 %, or by half a unit of its last digit: a slightly better figure does not change a guide. One
+that begins with ~ depends on the machine and is not compared. Tables are compared by the words in their cells.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from pathlib import Path
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NAMED = re.compile(r"(?:#|//|/\*) ([\w.-]+\.(?:toml|py|c|csv))(?: \*/)?(?:$|[:,;] )")
 _NUMBER = re.compile(r"~?[-−+]?\d[\d,]*(?:\.\d+)?(?:[eE][-+]?\d+)?")
+
+_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def _same(said: list[str], printed: list[str]) -> bool:
 
 
 def _same_word(said: str, printed: str) -> bool:
-    """Equal text around numbers that are equal to the digits of the first."""
+    """Equal text around numbers that agree."""
     if said == printed:
         return True
     if _NUMBER.sub("0", said) != _NUMBER.sub("0", printed):
@@ -105,4 +107,5 @@ def _same_number(said: str, printed: str) -> bool:
     digits = said.replace(",", "").replace("−", "-")
     mantissa, _, exponent = digits.lower().partition("e")
     last = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-    return abs(float(digits) - float(printed.replace(",", "").replace("−", "-"))) <= 0.501 * last
+    value, other = float(digits), float(printed.replace(",", "").replace("−", "-"))
+    return abs(value - other) <= max(0.501 * last, _TOLERANCE * abs(value))
