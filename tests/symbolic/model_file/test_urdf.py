@@ -21,7 +21,7 @@ from symbolic.model_file.exchange.bodies import StatedBody, about_point, placed,
 from symbolic.model_file.exchange.importing import ImportedArm, arm_name, imported, is_placeholder, label_of, unique
 from symbolic.model_file.frames import applied, rotation, transposed
 
-ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 ARMS = Path(reader.__file__).resolve().parents[1] / "arms"
 
 INERTIAL = (

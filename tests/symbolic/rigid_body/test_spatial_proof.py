@@ -25,7 +25,7 @@ from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
 from symbolic.straightline import Turn
 
-ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
+ARMS = Path(__file__).resolve().parents[3] / "symbolic" / "arms"
 KNOWN = tuple(spatial_arms.TABLES)
 DRAWN = [("r", 1), ("p", 2), ("rr", 3), ("pr", 4), ("rpr", 5), ("ppr", 6), ("rrrp", 7), ("rprrr", 8), ("rrrrrr", 9)]
 DRAWN += [("rrprrpr", 10)]

@@ -17,8 +17,8 @@ from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Joint
 from symbolic.model_file.checks import ModelError, check_stated
 from symbolic.rigid_body.base_parameters import base_parameters
-from tests.symbolic.exact import random_arm
-from tests.symbolic.test_model_file import GOOD
+from tests.exact import random_arm
+from tests.symbolic.model_file.test_model_file import GOOD
 
 KEYS = ("mass", "com", "inertia", "rotor_inertia")
 
