@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from codegen.firmware.source_tree import FirmwareTree
     from runtime.model.loader import Model
     from runtime.planning.trajectory import Trajectory
+    from runtime.recordings.columns import RecordedArm
     from runtime.recordings.recording import Recording
     from symbolic.described import AnyEffect
     from symbolic.effects.declaration import Effect
@@ -223,15 +224,15 @@ class Source:
         """Recordings of this arm, in SI."""
         from runtime.recordings import recording
 
-        said = self.described_joints()
-        return [recording.read(path, said, mapping, allow_gaps) for path in paths]
+        arm = self.recorded_arm()
+        return [recording.read(path, arm, mapping, allow_gaps) for path in paths]
 
-    def described_joints(self) -> dict[str, Any]:
-        """What is to be known of the arm to read a recording of it: its joints, and whether it is one in space."""
+    def recorded_arm(self) -> RecordedArm:
+        """The arm, as far as a reader of recordings needs it."""
+        from runtime.recordings.columns import RecordedArm
 
         arm = self.arm()
-        joints = [{"type": j.type, "torque_constant": j.torque_constant, "name": j.name} for j in arm.joints]
-        return {"joints": joints, "space": arm.space}
+        return RecordedArm.of(arm.joints, arm.space)
 
     def exported(self, language: Language, onto: Path | None = None) -> tuple[bytes, dict[str, Any]]:
         """A file of the arm for simulators, and what is in it as JSON; onto: a URDF of which it is a copy with the

@@ -27,10 +27,10 @@ def typed(line: str) -> int:
 
 def recorded(path: Path, options: str) -> Recording:
     """A recording as the verbs read it with these options."""
-    described = Source.read(Path("machine.toml"), None).described_joints()
+    arm = Source.read(Path("machine.toml"), None).recorded_arm()
     cells = shlex.split(options)
     maps = [cell for option, cell in pairwise(cells) if option == "--map"]
-    return read(path, described, mapping(maps), "--allow-gaps" in cells)
+    return read(path, arm, mapping(maps), "--allow-gaps" in cells)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n == "tx40" else ()) for n in MACHINES])

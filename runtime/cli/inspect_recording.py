@@ -41,7 +41,7 @@ def inspect(
         from runtime.cli.opening import opened
 
         source = opened(model, effects)
-    found = inspected(recording, source.described_joints() if source else None, columns, allow_gaps)
+    found = inspected(recording, source.recorded_arm() if source else None, columns, allow_gaps)
     if source is not None and found.recording is not None:
         with pages.working("deriving and compiling the model"):
             loaded = source.model()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +50,9 @@ from runtime.motion import repeats
 from runtime.motion.clock import grid
 from runtime.recordings import recording
 from runtime.recordings.clocks import BroughtClock
-from runtime.recordings.columns import UNITS
+from runtime.recordings.columns import UNITS, RecordedArm
 from runtime.recordings.contents import Contents, RecordingError, Refusal, in_unit, map_option, negated, printable
-from runtime.recordings.recording import Recording, count_joints, read
+from runtime.recordings.recording import Recording, read
 from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
@@ -313,25 +313,21 @@ class Inspection:
         return signals.map_options(self.contents.fields)
 
 
-def inspect(
-    path: Path, joints: Mapping[str, Any] | None, mapping: Mapping[str, str], allow_gaps: bool = False
-) -> Inspection:
+def inspect(path: Path, arm: RecordedArm | None, mapping: Mapping[str, str], allow_gaps: bool = False) -> Inspection:
     """A file, read as far as it goes.
 
-    joints   metadata of the arm, as `recording.read` takes it; None: as many joints as the file names
+    arm   None: as many joints as the file names
     Raises RecordingError where it is no recording at all.
     """
     refuse = Refusal(printable(path))
     contents = recording.opened(path, refuse)
-    names = tuple(joint.get("name") for joint in joints["joints"]) if joints else ()
+    names = tuple(joint.name for joint in arm.joints) if arm else ()
     problem: str | None = None
     try:
-        arm = joints if joints is not None else count_joints(path, mapping)
         return Inspection(path, contents, read(path, arm, mapping, allow_gaps), None, names)
     except RecordingError as error:
         problem = str(error)
     try:
-        arm = joints if joints is not None else count_joints(path, mapping)
         return Inspection(path, contents, read(path, arm, mapping, True), problem, names)
     except RecordingError:
         return Inspection(path, contents, None, problem, names)

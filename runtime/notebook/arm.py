@@ -11,7 +11,7 @@ from pathlib import Path
 from runtime import files
 from runtime.model.loader import Model
 from runtime.model.terms import structure
-from runtime.recordings.recording import Recording, count_joints, read
+from runtime.recordings.recording import Recording, read
 from runtime.workspace import Source
 
 PathOrText = str | PathLike[str]
@@ -95,6 +95,6 @@ def recording(
     Raises ValueError with the file and the line.
     """
     if arm is None:
-        return read(Path(path), count_joints(Path(path), columns), columns, allow_gaps)
+        return read(Path(path), None, columns, allow_gaps)
     whose = arm if isinstance(arm, LoadedArm) else load(arm)
     return whose.recordings(path, columns, allow_gaps)[0]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from runtime.recordings.contents import Array, some
+from symbolic.model_file.arm import DescribedJoint
 from symbolic.model_file.checks import quote
 
 _DEGREE = pi / 180
@@ -151,6 +152,43 @@ IN_SPACE = {**IN_PLANE, "fz": "force", "mx": "torque", "my": "torque", "mz": "to
 
 
 @dataclass(frozen=True)
+class RecordedArmJoint:
+    """A joint, as far as a reader needs it.
+
+    type              "revolute" or "prismatic"; decides the units of its signals
+    torque_constant   N m/A or N/A at the joint; None: not stated, and a torque in A is refused
+    name              by which logs with names for joints are matched; None: it has only its number
+    """
+
+    type: str = "revolute"
+    torque_constant: float | None = None
+    name: str | None = None
+
+
+@dataclass(frozen=True)
+class RecordedArm:
+    """The arm of a recording, as far as a reader needs it.
+
+    space            whether it is spatial: six components of force and moment at the tip instead of two
+    keeps_currents   torques in A stay in A, because nothing is known of the motors
+    """
+
+    joints: tuple[RecordedArmJoint, ...]
+    space: bool
+    keeps_currents: bool = False
+
+    @classmethod
+    def of(cls, joints: Iterable[DescribedJoint], space: bool) -> RecordedArm:
+        """The arm of a model file or of a loaded model."""
+        return cls(tuple(RecordedArmJoint(j.type, j.torque_constant, j.name) for j in joints), space)
+
+    @classmethod
+    def without_model(cls, n: int) -> RecordedArm:
+        """n revolute joints of which nothing else is known."""
+        return cls((RecordedArmJoint(torque_constant=1.0),) * n, space=True, keeps_currents=True)
+
+
+@dataclass(frozen=True)
 class Column:
     """A signal (`name`, e.g. "qd1") in field `index` of a file; SI value = factor * cell + offset.
 
@@ -171,23 +209,16 @@ class Column:
 
 
 def columns(
-    header: Sequence[str],
-    known: Sequence[str],
-    joints: Sequence[Mapping[str, Any]],
-    space: bool,
-    mapping: Mapping[str, str],
-    fail: Fail,
+    header: Sequence[str], known: Sequence[str], arm: RecordedArm, mapping: Mapping[str, str], fail: Fail
 ) -> dict[str, Column]:
     """The columns of a recording by signal name.
 
     header    the names of the file's fields
     known     the same, those in other words that are understood in ours
-    joints    "type" and "torque_constant" of each joint, as in metadata.json
-    space     whether the arm is one in space
     mapping   signal name -> header cell, as `--map` gives it
     fail      raises the error with the file's name before it
     """
-    own = [_split(cell) for cell in known]
+    own, joints, space = [_split(cell) for cell in known], arm.joints, arm.space
     if not space:
         _check_planar([*mapping, *(cell for cell, _ in own)], fail)
     split = [_split(cell) for cell in header]
@@ -302,7 +333,7 @@ def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | N
     return next(filter(None, ways), [])
 
 
-def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[str, Any]], fail: Fail) -> Column:
+def _column(name: str, index: int, unit: str | None, joints: Sequence[RecordedArmJoint], fail: Fail) -> Column:
     kind = _kind(name, len(joints))
     if kind == "run":
         if unit:
@@ -316,13 +347,12 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[Mapping[st
     expected, whose, joint = kind or "", "", None
     if match := _JOINT_COLUMN.fullmatch(name):
         joint = joints[int(match[2]) - 1]
-        expected = (_ROTARY if joint["type"] == "revolute" else _LINEAR).get(expected, expected)
-        whose = f" (joint {match[2]} is {joint['type']})"
+        expected = (_ROTARY if joint.type == "revolute" else _LINEAR).get(expected, expected)
+        whose = f" (joint {match[2]} is {joint.type})"
     if dimension == "current" and re.fullmatch(r"tau\d+", name) and joint is not None:
-        constant = joint.get("torque_constant")
-        if constant is None:
+        if joint.torque_constant is None:
             fail(f"{name} is a current [{unit}], but joint {name[3:]} of the model has no torque_constant; add it")
-        return Column(name, index, factor * float(constant), 0.0)
+        return Column(name, index, factor * joint.torque_constant, 0.0)
     if dimension != expected:
         article = "an" if expected[0] in "aeiou" else "a"
         fail(f"{name} is in [{unit}]; expected {article} {expected} such as {EXAMPLES[expected]}{whose}")

@@ -6,9 +6,8 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from runtime.recordings.columns import NUMBERED, Fail, fields_meant, unnamed
+from runtime.recordings.columns import NUMBERED, Fail, RecordedArmJoint, fields_meant, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
 
 _FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
@@ -77,7 +76,7 @@ class Understood:
 
 
 def understood(
-    contents: Contents, joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+    contents: Contents, joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
 ) -> Understood:
     """The names of a file in ours for these joints. fail: raises the error with the file's name before it."""
     spread = _spread(contents.fields, joints, mapping, fail)
@@ -116,7 +115,7 @@ def _bare(name: str) -> str:
 
 
 def _spread(
-    fields: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+    fields: Sequence[RecordedField], joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
 ) -> dict[str, str]:
     """`q=actual_q` as q1=actual_q_0, q2=actual_q_1, …; what names one joint stands as it is, and before that."""
     found: dict[str, str] = {}
@@ -159,7 +158,7 @@ def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[Recorde
 
 
 def _by_joint(
-    contents: Contents, joints: Sequence[Mapping[str, Any]], mapping: Mapping[str, str], fail: Fail
+    contents: Contents, joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names of fields that know their signal and joint, and what was assumed of them."""
     fields = contents.fields
@@ -191,7 +190,7 @@ def _by_joint(
 
 
 def _clock_of(
-    signal: str, fields: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]], fail: Fail
+    signal: str, fields: Sequence[RecordedField], joints: Sequence[RecordedArmJoint], fail: Fail
 ) -> str | None:
     """What a signal of these joints is sampled with, positions rather where torques are; None if there is none."""
     there: dict[str, list[RecordedField]] = {}
@@ -211,10 +210,10 @@ def _stem(field: RecordedField) -> str:
     return field.name.removesuffix(f".{field.joint}")
 
 
-def _named(members: Sequence[RecordedField], joints: Sequence[Mapping[str, Any]]) -> list[RecordedField] | None:
+def _named(members: Sequence[RecordedField], joints: Sequence[RecordedArmJoint]) -> list[RecordedField] | None:
     """The fields of the joints in the model's order, by their names; None where names do not tell."""
     there = {field.joint: field for field in members if field.joint is not None}
-    ordered = [there.get(joint["name"]) if joint.get("name") else None for joint in joints]
+    ordered = [there.get(joint.name) if joint.name else None for joint in joints]
     known = [field for field in ordered if field is not None]
     return known if len(known) == len(joints) else None
 

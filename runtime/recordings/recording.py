@@ -5,10 +5,10 @@ from __future__ import annotations
 import gzip
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from runtime import files
 from runtime.recordings import array_files, checks, clocks, names, ros_logs, text
 from runtime.recordings.clocks import BroughtClock
-from runtime.recordings.columns import IN_PLANE, IN_SPACE, UNITS, columns, normal_unit
+from runtime.recordings.columns import IN_PLANE, IN_SPACE, UNITS, RecordedArm, columns, normal_unit
 from runtime.recordings.contents import Array, Contents, Refusal, Samples, printable
 from runtime.recordings.contents import RecordingError as RecordingError
 from runtime.recordings.settings import MAX_BYTES
@@ -147,37 +147,33 @@ class Recording:
 
 def read(
     path: Path | str,
-    model: Mapping[str, Any] | int,
+    arm: RecordedArm | None,
     mapping: Mapping[str, str] | None = None,
     allow_gaps: bool = False,
 ) -> Recording:
     """The recording at `path`, in any format of `formats`.
 
-    model       metadata of the arm (joints' types and torque constants, whether it is one in space), or a number of
-                revolute joints of an arm of which no more is known
+    arm         None: as many revolute joints as the file names
     mapping     signal name -> field of the file, for other names than ours
     allow_gaps  split at gaps and drop samples with a NaN, instead of refusing them
     Raises RecordingError.
     """
-    # Of joints of which no more is known, currents stay what they are.
-    unknown = [{"type": "revolute", "torque_constant": 1.0}] * (model if isinstance(model, int) else 0)
-    joints, space = (unknown, True) if isinstance(model, int) else (model["joints"], model["space"])
     refuse = Refusal(printable(path))
     contents = opened(Path(path), refuse)
-    understood = names.understood(contents, joints, mapping or {}, lambda message: refuse(message, contents.header))
-    used = columns(
-        [f.name for f in contents.fields],
-        understood.known,
-        joints,
-        space,
-        understood.mapping,
-        lambda message: refuse(message, contents.header),
-    )
+
+    def fail(message: str) -> NoReturn:
+        refuse(message, contents.header)
+
+    if arm is None:
+        arm = RecordedArm.without_model(names.count_joints(contents, mapping or {}, fail))
+    understood = names.understood(contents, arm.joints, mapping or {}, fail)
+    header = [f.name for f in contents.fields]
+    used = columns(header, understood.known, arm=arm, mapping=understood.mapping, fail=fail)
     table, apart = clocks.on_one(contents, used, allow_gaps, refuse)
     cells = {name: column.cell for name, column in used.items()}
-    made = _recording(Path(path), table, cells, joints, space, allow_gaps, refuse)
+    made = _recording(Path(path), table, cells, arm=arm, allow_gaps=allow_gaps, refuse=refuse)
     units = {name: column.unit for name, column in used.items() if column.unit}
-    currents = _currents(units) if isinstance(model, int) else frozenset()
+    currents = _currents(units) if arm.keeps_currents else frozenset()
     notes = (*understood.notes, *map(str, apart))
     return replace(made, units=units, currents=currents, clocks=apart, notes=notes)
 
@@ -187,23 +183,10 @@ def _currents(units: Mapping[str, str]) -> frozenset[str]:
     return frozenset(name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current")
 
 
-def count_joints(path: Path | str, mapping: Mapping[str, str] | None = None) -> int:
-    """How many joints a recording's fields, or the mapping, name: q1, q2, … Raises RecordingError."""
-    refuse = Refusal(printable(path))
-    contents = opened(Path(path), refuse)
-    return names.count_joints(contents, mapping or {}, lambda message: refuse(message, contents.header))
-
-
 def _recording(
-    path: Path,
-    table: Samples,
-    cells: Mapping[str, str],
-    joints: Sequence[Mapping[str, Any]],
-    space: bool,
-    allow_gaps: bool,
-    refuse: Refusal,
+    path: Path, table: Samples, cells: Mapping[str, str], arm: RecordedArm, allow_gaps: bool, refuse: Refusal
 ) -> Recording:
-    signals, t, n = table.signals, table.signals["t"], len(joints)
+    signals, t, n = table.signals, table.signals["t"], len(arm.joints)
     checks.enough(t, allow_gaps, refuse)
     run = checks.runs(table, refuse)
     segments = checks.segments(table, run, cells["t"].split(" [")[0], allow_gaps, refuse)
@@ -222,7 +205,7 @@ def _recording(
     for i in range(n):
         if rigid is not None and f"tau{i + 1}_rigid" not in signals:
             refuse(f"has no column tau{i + 1}_rigid; give the rigid-body torque of every joint, or of none")
-    acting, force = IN_SPACE if space else IN_PLANE, None
+    acting, force = IN_SPACE if arm.space else IN_PLANE, None
     if any(name in signals for name in acting):
         force = np.array([signals.get(name, np.full(len(t), np.nan)) for name in acting])
     return Recording(
@@ -239,7 +222,7 @@ def _recording(
         temperature=tuple(signals.get(f"temperature{i}") for i in range(1, n + 1)),
         force=force,
         segments=segments,
-        types=tuple(joint["type"] for joint in joints),
+        types=tuple(joint.type for joint in arm.joints),
         cells=cells,
     )
 

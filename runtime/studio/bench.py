@@ -76,10 +76,10 @@ class Opened:
 
     @cached_property
     def inspections(self) -> list[Inspection]:
-        joints = None if self.inputs.model is None else self.source.described_joints()
+        arm = None if self.inputs.model is None else self.source.recorded_arm()
         columns = mapping(self.inputs.maps)
         paths = [self.session.given(r.given) for r in self.inputs.recordings]
-        return [inspect(path, joints, columns, self.inputs.allow_gaps) for path in paths]
+        return [inspect(path, arm, columns, self.inputs.allow_gaps) for path in paths]
 
     def recordings(self, held: bool) -> list[Recording]:
         """Those that are fitted, or those that are held out. Raises SessionError."""

@@ -19,6 +19,7 @@ from runtime.estimation.problem import Problem, Skew
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.recordings import recording
+from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
@@ -74,14 +75,14 @@ def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
     path = tmp_path / f"{name}.csv"
     recording.write(path, simulated)
-    joints = {"joints": [{"type": joint.type} for joint in model.joints], "space": model.spatial}
+    arm = RecordedArm.of(model.joints, model.spatial)
 
-    data = recording.read(path, joints)
+    data = recording.read(path, arm)
     motion = identify.prepared(model, [data])
     known = structure(model)
     identification = identify.identify_motion(model, motion, known)
     stages = [
-        ("read the CSV", best(lambda: recording.read(path, joints), ROUNDS)),
+        ("read the CSV", best(lambda: recording.read(path, arm), ROUNDS)),
         ("choose the band, smooth, differentiate", best(lambda: identify.prepared(model, [data]), ROUNDS)),
         ("identify (fit, skew, shapes, intervals)", best(lambda: _identify(model, data), ROUNDS, least=5.0)),
         ("compare (noise floor, structure of the residual)", best(lambda: _compare(identification), ROUNDS)),

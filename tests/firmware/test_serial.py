@@ -32,6 +32,7 @@ from runtime.hardware.settings import Settings
 from runtime.model.loader import Library, Model, load_model
 from runtime.planning.evaluate import mounted
 from runtime.recordings import recording
+from runtime.recordings.columns import RecordedArm
 from runtime.simulation.plant import Plant
 from runtime.workspace import Source
 from symbolic.effects import LIBRARY
@@ -175,7 +176,7 @@ def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board
     assert document["link"]["damaged"] == {}
     assert document["link"]["board"]["bad_crc"] == 0
     assert len(document["trials"]) == 1
-    back = recording.read(Path("run.csv"), arm.metadata)
+    back = recording.read(Path("run.csv"), RecordedArm.of(arm.joints, arm.spatial))
     np.testing.assert_allclose(np.diff(back.t), 0.01)
     assert len(back.t) == 240
     assert back.q[0].min() == pytest.approx(-0.3, abs=0.02)

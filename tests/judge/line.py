@@ -20,6 +20,7 @@ import numpy as np
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.experiments import design
 from runtime.recordings import recording
+from runtime.recordings.columns import RecordedArm
 from runtime.simulation.simulate import SimulationError
 from runtime.workspace import Source
 
@@ -148,7 +149,7 @@ def logged(made: Made) -> Made:
         recordings = []
         for recorded in (made.recording, made.held_out):
             recorded.save(path)
-            recordings.append(replace(recording.read(path, n), path=recorded.path))
+            recordings.append(replace(recording.read(path, RecordedArm.without_model(n)), path=recorded.path))
     return replace(made, recording=recordings[0], held_out=recordings[1])
 
 

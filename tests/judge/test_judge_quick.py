@@ -92,7 +92,7 @@ def test_a_case_is_saved_to_be_looked_at(tmp_path: Path) -> None:
     truth = json.loads((path / "truth.json").read_text())
     assert truth["hidden"] == ["load_friction@1"]
     assert truth["plant"][0]["LOAD"] == pytest.approx(truth["amounts"][0])
-    assert recording.read(path / "fit.csv.gz", 1).q.shape == recording.read(path / "held.csv.gz", 1).q.shape
+    assert recording.read(path / "fit.csv.gz", None).q.shape == recording.read(path / "held.csv.gz", None).q.shape
 
 
 # the judge itself ----------------------------------------------------------------------------------------------------

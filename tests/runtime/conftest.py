@@ -12,6 +12,7 @@ import pytest
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
+from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording, read
 from runtime.workspace import open_model
 from tests import plants
@@ -46,7 +47,7 @@ def shared(cache: Path) -> Callable[[str, Model], Recording]:  # noqa: ARG001
         path = SHARED / name
         if not path.exists():
             pytest.skip(f"{name} is not here: the folder shared/data is not part of the project")
-        return read(path, model.metadata)
+        return read(path, RecordedArm.of(model.joints, model.spatial))
 
     return open_recording
 

@@ -17,6 +17,7 @@ from runtime.loop.improve import improve
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.recordings import recording
+from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
@@ -116,7 +117,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
     hidden = [simulate.parse_hidden("backlash@1", drive)]
     made, present = simulate.simulate(drive, hidden, SimulationSettings(seconds=20.0, signals="q_link"))
     recording.write(tmp_path / "run.csv", made)
-    found = diagnose(drive, [recording.read(tmp_path / "run.csv", drive.n)])
+    found = diagnose(drive, [recording.read(tmp_path / "run.csv", RecordedArm.without_model(drive.n))])
     assert named(found) == ["backlash@1"]
     assert [str(s.added) for s in found.steps[1:]] == ["backlash@1"]
     (finding,) = found.findings

@@ -9,6 +9,7 @@ import struct
 import time
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -25,21 +26,23 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from runtime.recordings import contents
-from runtime.recordings.recording import RecordingError, count_joints, read
+from runtime.recordings.columns import RecordedArm, RecordedArmJoint
+from runtime.recordings.recording import RecordingError, read
 from tests.runtime.formats import EPOCH, motion, write_bare_mcap, write_mcap, write_sqlite
 
 KUKA = Path(__file__).parents[3] / "shared" / "data" / "real" / "kuka"
 Array = NDArray[np.float64]
 
 NAMES = ("shoulder", "elbow")
-ARM = {"joints": [{"type": "revolute", "name": n, "torque_constant": 2.0} for n in NAMES], "space": True}
-TURNED = {**ARM, "joints": ARM["joints"][::-1]}
+joints = RecordedArm.without_model
+ARM = RecordedArm(tuple(RecordedArmJoint(torque_constant=2.0, name=name) for name in NAMES), space=True)
+TURNED = replace(ARM, joints=ARM.joints[::-1])
 
 
-def said(path: Path, model=ARM, **options) -> str:
+def said(path: Path, arm=ARM, **options) -> str:
     """The line that a person reads, without the folder."""
     with pytest.raises(RecordingError) as caught:
-        read(path, model, **options)
+        read(path, arm, **options)
     message = str(caught.value).replace(f"{path.parent}/", "")
     assert message.isprintable()
     return message
@@ -121,7 +124,7 @@ def test_every_format_gives_the_same_numbers(tmp_path, name):
     m = motion()
     path = WRITERS[name](tmp_path / name, m)
     path = path.rename(tmp_path / "without_an_ending")
-    assert count_joints(path) == 2
+    assert len(read(path, None).q) == 2
     r = read(path, ARM)
     assert np.abs(r.t - m["t"]).max() < 1e-9
     for signal in ("q", "qd", "tau"):
@@ -171,7 +174,7 @@ def test_the_official_reader_reads_the_same(tmp_path):
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         official = [message for *_, message in reader.iter_decoded_messages()]
-    r = read(path, 3)
+    r = read(path, joints(3))
     assert len(official) == 2002
     stamps = np.array([x.header.stamp.sec * 10**9 + x.header.stamp.nanosec for x in official])
     assert np.array_equal(np.round(r.t * 1e9).astype(np.int64), stamps - EPOCH)
@@ -191,10 +194,10 @@ def test_joints_by_name(tmp_path):
     assert np.array_equal(read(path, ARM).q, q[1:])
     assert np.array_equal(read(path, TURNED).q, q[:0:-1])
     assert read(path, ARM).notes == ()
-    assert "joints in the order of the file: 1 gripper, 2 shoulder, 3 elbow" in read(path, 3).notes
-    assert 'has 3 joints, "gripper", "shoulder", "elbow", and the model 2 of other names' in said(path, 2)
+    assert "joints in the order of the file: 1 gripper, 2 shoulder, 3 elbow" in read(path, joints(3)).notes
+    assert 'has 3 joints, "gripper", "shoulder", "elbow", and the model 2 of other names' in said(path, joints(2))
     mapping = {"q1": "position.gripper", "qd1": "velocity.gripper", "tau1": "-effort.gripper"}
-    one = read(path, 1, mapping)
+    one = read(path, joints(1), mapping)
     assert np.array_equal(one.tau[0], -motion(joints=3)["tau"][0])
 
 
@@ -205,7 +208,7 @@ def test_two_nodes_on_one_topic(tmp_path):
     r = read(path, ARM)
     assert np.array_equal(r.q, m["q"])
     assert r.t[1] - r.t[0] == pytest.approx(1e-3)
-    finger = {**ARM, "joints": [{"type": "revolute", "name": "finger"}]}
+    finger = replace(ARM, joints=(RecordedArmJoint(name="finger"),))
     assert np.array_equal(read(path, finger).q, other["q"])
 
 
@@ -352,7 +355,7 @@ def test_a_whole_family_by_one_map(tmp_path):
     assert np.allclose(r.q, m["q"])
     assert np.allclose(r.tau, -2 * m["tau"])
     assert r.cells["tau2"] == "-strom2 [mA]"
-    few = said(tmp_path / "a.npz", 3, mapping={"q": "winkel [deg]"})
+    few = said(tmp_path / "a.npz", joints(3), mapping={"q": "winkel [deg]"})
     assert few.startswith("a.npz: --map q: 2 columns are called winkel with a number; expected one of each of 3")
 
 
@@ -383,7 +386,7 @@ def test_logs_of_universal_robots(tmp_path):
     assert np.array_equal(r.q_desired, m["q"])
     assert np.array_equal(r.tau, 2 * m["tau"])
     assert "Universal Robots' RTDE recorder" in r.notes[0]
-    bare = {**ARM, "joints": [{**j, "torque_constant": None} for j in ARM["joints"]]}
+    bare = replace(ARM, joints=tuple(RecordedArmJoint(name=name) for name in NAMES))
     assert "tau1 is a current [A], but joint 1 of the model has no torque_constant; add it" in said(
         tmp_path / "robot_data.csv", bare
     )
@@ -401,7 +404,7 @@ def test_logs_of_libfranka(tmp_path, prefix):
     one = np.ones((len(m["t"]), 1))
     parts = [m["t"][:, None] * 1000, one, m["q"].T, m["q"].T, m["qd"].T, m["tau"].T, one, m["q"].T]
     np.savetxt(tmp_path / "log.csv", np.hstack(parts), fmt="%.17g", delimiter=",", header=header, comments="")
-    r = read(tmp_path / "log.csv", 7)
+    r = read(tmp_path / "log.csv", None)
     assert np.array_equal(r.q, m["q"])
     assert np.array_equal(r.tau, m["tau"])
     assert r.dt == pytest.approx(1e-3)
@@ -429,7 +432,7 @@ def test_structs_as_a_maker_of_robots_has_them():
         pytest.skip("../shared/data/real is not there")
     mapping = {"t": "rec.time_cont", "q1": "act_pos_mot_deg1 [deg]", "q1_link": "act_pos_se_deg1 [deg]"}
     mapping["tau1"] = "act_torque_abs_nm1"
-    r, by_hand = read(KUKA / "recording_A.mat", 1, mapping), read(KUKA / "a1_A.csv.gz", 1)
+    r, by_hand = read(KUKA / "recording_A.mat", None, mapping), read(KUKA / "a1_A.csv.gz", None)
     assert np.allclose(r.t, by_hand.t, atol=1e-6)
     assert np.allclose(r.q, by_hand.q, atol=1e-8)
     assert np.allclose(256.857 * r.tau, by_hand.tau, rtol=1e-5)  # the gear ratio
@@ -464,10 +467,10 @@ def test_a_package_that_lacks_is_asked_for_by_name(tmp_path, monkeypatch):
 # --- hostile files ---
 
 
-def outcome(path: Path, model) -> str:
+def outcome(path: Path, arm) -> str:
     """What reading a file comes to: the recording, or the line that refuses it."""
     try:
-        return repr(read(path, model))
+        return repr(read(path, arm))
     except RecordingError as error:
         return str(error)
 
@@ -494,7 +497,7 @@ def test_any_damage_is_a_recording_or_one_line(tmp_path, name):
         for place, put in changes:
             data[place : place + len(put)] = put
         (tmp_path / name).write_bytes(bytes(data))
-        assert "\n" not in outcome(tmp_path / name, 1)
+        assert "\n" not in outcome(tmp_path / name, None)
 
     damaged()
 
@@ -574,6 +577,6 @@ def test_messages_cost_little(tmp_path):
     costs = []
     for _ in range(3):
         began = time.process_time()
-        read(path, 6)
+        read(path, joints(6))
         costs.append(time.process_time() - began)
     assert min(costs) < 0.3

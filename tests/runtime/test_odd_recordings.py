@@ -265,7 +265,7 @@ def test_a_text_is_read_or_refused_in_one_line(
     with in_time():
         said = ""
         try:
-            recording.read(path, 1, allow_gaps=allowed)
+            recording.read(path, None, allow_gaps=allowed)
         except RecordingError as error:
             said = str(error)
         assert "\n" not in said
@@ -284,7 +284,7 @@ def test_bytes_are_read_or_refused_in_one_line(
     path = tmp_path_factory.getbasetemp() / "bytes"
     path.write_bytes(start + rest)
     with in_time(), pytest.raises(RecordingError) as caught:
-        recording.read(path, 1)
+        recording.read(path, None)
     assert "\n" not in str(caught.value)
 
 
@@ -292,7 +292,7 @@ def test_what_is_too_long_is_refused_before_it_is_understood(tmp_path: Path, mon
     def said(text: str) -> str:
         (tmp_path / "run.csv").write_text(text)
         with pytest.raises(RecordingError) as caught:
-            recording.read(tmp_path / "run.csv", 1)
+            recording.read(tmp_path / "run.csv", None)
         return str(caught.value).removeprefix(f"{tmp_path}/")
 
     rows = "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(300))
@@ -311,7 +311,7 @@ def test_blocks_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     path = tmp_path / "run.csv"
     path.write_bytes(f"# mesuré\r\nt;q1;tau1;naïf\r\n\r\n{rows}\r\n\r\n".encode("utf-8-sig"))
     monkeypatch.setattr("runtime.recordings.text.blocks.__defaults__", (size,))
-    read = recording.read(path, 1)
+    read = recording.read(path, None)
     k = np.arange(260)
     assert np.array_equal(read.t, k / 1000)
     assert np.array_equal(read.q[0], np.sin(k / 50))

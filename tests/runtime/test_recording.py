@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from runtime.recordings import recording
+from runtime.recordings.columns import RecordedArm, RecordedArmJoint
 from runtime.recordings.recording import Recording, RecordingError, read
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
-DRIVE = {"joints": [{"type": "revolute", "torque_constant": 2.0}], "space": False}
-AXIS = {"joints": [{"type": "prismatic", "torque_constant": None}], "space": False}
+joints = RecordedArm.without_model
+DRIVE = RecordedArm((RecordedArmJoint(torque_constant=2.0),), space=False)
+AXIS = RecordedArm((RecordedArmJoint("prismatic"),), space=False)
 N = 300
 
 
@@ -45,10 +48,10 @@ def write(tmp_path):
     return written
 
 
-def said(path: Path, model=DRIVE, **options) -> str:
+def said(path: Path, arm=DRIVE, **options) -> str:
     """The line that a person reads, without the folder."""
     with pytest.raises(RecordingError) as caught:
-        read(path, model, **options)
+        read(path, arm, **options)
     message = str(caught.value).replace(f"{path.parent}/", "")
     assert message.isprintable()
     return message
@@ -108,12 +111,12 @@ def test_rates_temperatures_and_the_other_signals(write):
 
 def test_the_force_and_moment_at_the_tip_of_an_arm_in_space(write, tmp_path):
     table = [[*row, "1", "2", "3000", "4"] for row in rows()]
-    r = read(write(text("t,q1,tau1,fz [kN],mx [N m],my [mNm],mz", table)), {**DRIVE, "space": True})
+    r = read(write(text("t,q1,tau1,fz [kN],mx [N m],my [mNm],mz", table)), replace(DRIVE, space=True))
     assert r.force is not None
     assert np.isnan(r.force[:2]).all()
     assert r.force[2:, 0] == pytest.approx([1000, 2, 3, 4])
     r.save(tmp_path / "again.csv")
-    assert np.array_equal(read(tmp_path / "again.csv", {**DRIVE, "space": True}).force, r.force, True)
+    assert np.array_equal(read(tmp_path / "again.csv", replace(DRIVE, space=True)).force, r.force, True)
 
 
 def test_a_planar_arm_is_not_given_what_acts_out_of_its_plane(write):
@@ -132,7 +135,7 @@ def test_a_prismatic_joint_takes_lengths_and_forces(write):
 
 
 def test_fewer_temperatures_than_joints(write):
-    r = read(write(text("t,q1,q2,tau1,tau2,temperature2", [[*row, "25"] for row in rows(joints=2)])), 2)
+    r = read(write(text("t,q1,q2,tau1,tau2,temperature2", [[*row, "25"] for row in rows(joints=2)])), None)
     assert r.temperature[0] is None
     assert r.temperature[1] is not None
 
@@ -192,17 +195,17 @@ def test_one_joint_may_be_held_while_another_moves(write):
     table = rows(joints=2)
     for row in table:
         row[2] = "0.5"
-    assert np.ptp(read(write(text("t,q1,q2,tau1,tau2", table)), 2).q[1]) == 0
+    assert np.ptp(read(write(text("t,q1,q2,tau1,tau2", table)), None).q[1]) == 0
 
 
 def test_write_and_read_give_the_same(tmp_path, write):
     header = "run,t,q1,q2,tau1,tau2,temperature2,fx,fy,q1_link"
     table = [["1", *row, "25", "1", "2", "0.1"] for row in rows(joints=2)]
-    model = {"joints": [{"type": "revolute"}, {"type": "prismatic"}], "space": False}
-    first = read(write(text(header, table)), model)
+    arm = RecordedArm((RecordedArmJoint(), RecordedArmJoint("prismatic")), space=False)
+    first = read(write(text(header, table)), arm)
     for name in ("out.csv", "out.csv.gz"):
         recording.write(tmp_path / name, first)
-        again = read(tmp_path / name, model)
+        again = read(tmp_path / name, arm)
         assert np.allclose(again.q, first.q, rtol=1e-11, atol=0)  # 12 digits are written
         assert np.allclose(again.tau, first.tau, rtol=1e-11, atol=0)
         assert again.force is not None
@@ -278,18 +281,22 @@ def test_mistakes(write, content, expected):
 
 def test_the_wrong_joint_count(write):
     two = write(text("t,q1,q2,tau1,tau2", rows(joints=2)))
-    assert "has a column q2, but the model has 1 joint;" in said(two, 1)
-    assert "no column q3 (the model has 3 joints)" in said(two, 3)
-    assert said(two, 3).endswith(", and all are read; use the model of this arm")
+    assert "has a column q2, but the model has 1 joint;" in said(two, joints(1))
+    assert "no column q3 (the model has 3 joints)" in said(two, joints(3))
+    assert said(two, joints(3)).endswith(", and all are read; use the model of this arm")
 
 
 def test_what_is_read_already_is_not_offered(write):
     """And the columns of a file without a header are typed out for the arm's joints."""
     two = [[*row, "0"] for row in rows(joints=2)]
-    assert said(write(text("t,q1,q_2,tau1,tau2,c", two)), 2).endswith('name it with --map q2="q_2"')
-    assert said(write(text("t,q1,pos2 [rad],tau1,tau2,c", two)), 2).endswith('name it with --map q2="Header [unit]"')
+    assert said(write(text("t,q1,q_2,tau1,tau2,c", two)), joints(2)).endswith('name it with --map q2="q_2"')
+    assert said(write(text("t,q1,pos2 [rad],tau1,tau2,c", two)), joints(2)).endswith(
+        'name it with --map q2="Header [unit]"'
+    )
     bare = write("\n".join(",".join(row) for row in rows(joints=2)))
-    assert said(bare, 2).endswith("no header but 5 numbers; name its 5 columns with --columns t,q1,q2,tau1,tau2")
+    assert said(bare, joints(2)).endswith(
+        "no header but 5 numbers; name its 5 columns with --columns t,q1,q2,tau1,tau2"
+    )
 
 
 def test_a_current_needs_the_torque_constant(write):
@@ -305,7 +312,7 @@ def test_a_prismatic_joint_refuses_angles(write):
 
 def test_rigid_torques_come_for_all_joints_or_none(write):
     path = write(text("t,q1,q2,tau1,tau2,tau1_rigid", [[*row, "1"] for row in rows(joints=2)]))
-    assert "has no column tau2_rigid; give the rigid-body torque of every joint, or of none" in said(path, 2)
+    assert "has no column tau2_rigid; give the rigid-body torque of every joint, or of none" in said(path, joints(2))
 
 
 @pytest.mark.parametrize(
@@ -431,7 +438,7 @@ def test_recordings_with_a_hidden_effect(name):
         pytest.skip("../shared/data/hidden is not there")
     n = 2 if name == "f" else 1
     start = time.process_time()
-    r = read(path, n)
+    r = read(path, joints(n))
     seconds = time.process_time() - start
     assert r.q.shape[0] == n
     assert r.dt == pytest.approx(1e-3)

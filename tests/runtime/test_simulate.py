@@ -15,6 +15,7 @@ from runtime.cli.main import app
 from runtime.model.loader import Model, load_library, load_model
 from runtime.model.terms import Term
 from runtime.recordings import recording
+from runtime.recordings.columns import RecordedArm
 from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import NOISE
@@ -200,7 +201,7 @@ def test_written_recording_reads_back(arm: Model, tmp_path: Path) -> None:
     made, _ = simulate(arm, settings=SimulationSettings(seconds=4.0))
     for name in ("made.csv", "made.csv.gz"):
         recording.write(tmp_path / name, made)
-        back = recording.read(tmp_path / name, arm.metadata)
+        back = recording.read(tmp_path / name, RecordedArm.of(arm.joints, arm.spatial))
         # Nine digits are written.
         np.testing.assert_allclose(back.tau, made.tau, rtol=1e-8)
         np.testing.assert_allclose(back.q, made.q, rtol=1e-8, atol=1e-12)

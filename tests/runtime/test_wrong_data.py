@@ -288,18 +288,18 @@ def test_a_clock_in_another_unit(tmp_path: Path, step: float, unit: str) -> None
     path = rows(tmp_path, analytic(1), step)
     cure = f"t [{unit}]"
     with pytest.raises(RecordingError) as error:
-        read(path, 1)
+        read(path, None)
     assert f'--map t="{cure}"' in str(error.value)
-    assert read(path, 1, {"t": cure}).dt == pytest.approx(1e-3)
+    assert read(path, None, {"t": cure}).dt == pytest.approx(1e-3)
 
 
 def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
     path = rows(tmp_path, analytic(1))
-    given, turned = read(path, 1), read(path, 1, {"tau1": "-tau1 [mN m]", "q1": "-q1"})
+    given, turned = read(path, None), read(path, None, {"tau1": "-tau1 [mN m]", "q1": "-q1"})
     np.testing.assert_allclose(turned.tau, -1e-3 * given.tau)
     np.testing.assert_allclose(turned.q, -given.q)
     with pytest.raises(RecordingError, match="has a minus; expected one before positions, rates and torques only"):
-        read(path, 1, {"t": "-t"})
+        read(path, None, {"t": "-t"})
 
 
 def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
@@ -317,7 +317,7 @@ def test_the_verdict_of_torques_that_another_clock_stamps(drive: Model, tmp_path
     whole = recorded("stribeck", 2)
     efforts = {"t": whole.t[::2] + 1 + late, "tau": whole.tau[:, ::2]}
     topics = [("/joint_states", ("axis",), {"t": whole.t + 1, "q": whole.q}), ("/efforts", ("axis",), efforts)]
-    apart = read(write_mcap(tmp_path / "run.mcap", topics), 1)
+    apart = read(write_mcap(tmp_path / "run.mcap", topics), None)
     found = diagnose(drive, [apart])
     assert (found.verdict, [f.term.effect for f in found.findings]) == ("effect", ["stribeck"])
 

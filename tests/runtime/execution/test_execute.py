@@ -226,7 +226,7 @@ def test_json_alone_and_the_recording_reads_back(here: Path, capsys: pytest.Capt
     document = json.loads(out)
     assert (status, document["status"], document["on"]) == (0, "done", "simulation")
     assert document["recording"] == "run.csv"
-    back = recording.read(here / "run.csv", 1)
+    back = recording.read(here / "run.csv", None)
     assert sorted(set(back.run.tolist())) == [1, 2]
     assert back.q_desired is not None
 
