@@ -135,14 +135,12 @@ class Source:
 
     def joint_number(self, said: str) -> int:
         """The joint that is meant by a number or a name, from 1. Raises UsageError."""
-        from symbolic.model_file import joint_names
+        from symbolic.model_file import checks
 
         names = [joint.name for joint in self.arm().joints]
-        number = joint_names.joint_number(said, names)
+        number = checks.joint_number(said, names)
         if number is None:
-            raise UsageError(
-                f"{self.path}: there is no joint {printable(said)}; expected {joint_names.expected(names)}"
-            )
+            raise UsageError(f"{self.path}: there is no joint {printable(said)}; expected {checks.known_joints(names)}")
         return number
 
     def add(self, text: str, effect: str, joint: int | None, values: Mapping[str, float] | None = None) -> str:

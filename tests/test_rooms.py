@@ -69,9 +69,6 @@ PLAIN = {
         "model_file.arm",
         "model_file.checks",
         "model_file.fields",
-        "model_file.joint_names",
-        "model_file.tables",
-        "model_file.user_file",
     )
 }
 """How a user's file is read and checked and what an error says, and what a declaration says without equations: for

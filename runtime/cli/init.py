@@ -22,9 +22,9 @@ from runtime.cli.places import READ, WRITTEN, check_writable
 from runtime.cli.setting_options import with_settings
 from runtime.setting import Checked, Setting
 from runtime.workspace import UsageError, effects_described
-from symbolic.model_file.beginning import Motor, NewJoint, text, with_motors
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.keys import MAX_JOINTS
+from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors
 
 if TYPE_CHECKING:
     from symbolic.described import AnyEffect
@@ -195,7 +195,7 @@ def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> 
         raise UsageError(f"{at}: the length of a planar link cannot be left out; expected --length, m")
     kinds: list[JointType] = ["revolute" if letter == "r" else "prismatic" for letter in letters]
     joints = list(map(NewJoint, kinds, _motors(stated, count), lengths, _each("mass", stated, count)))
-    return text(stated.get("name", called), [g or 0.0 for g in gravity], joints, assumed)
+    return new_text(stated.get("name", called), [g or 0.0 for g in gravity], joints, assumed)
 
 
 def _with_motors(arm: ImportedArm, stated: Mapping[str, str]) -> str:

@@ -18,7 +18,7 @@ def made() -> dict[str, str]:
     """Generated schemas by file name."""
     from runtime.planning.scenario_file import SCENARIO as KEYS
     from symbolic.effects import DECLARED, LIBRARY
-    from symbolic.model_file.schema import file_schema, model_schema
+    from symbolic.model_file.keys import file_schema, model_schema
 
     schemas = {
         MODEL: model_schema(LIBRARY, DECLARED),

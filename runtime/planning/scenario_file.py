@@ -14,18 +14,24 @@ from runtime.model.terms import SURFACE, Term, giver
 from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
 from runtime.planning.springs import springs, usual
-from symbolic.model_file import user_file
+from symbolic.model_file import checks
 from symbolic.model_file.checks import Place, did_you_mean, number, printable, quote, table_at, unknown
 from symbolic.model_file.fields import (
     Bounds,
     Choice,
     FieldRow,
     Flag,
+    Inner,
     Interval,
     JointNumbers,
     Name,
+    Named,
     Number,
     Numbers,
+    OpenTable,
+    Others,
+    PerJoint,
+    Several,
     Text,
     Whole,
     WholeNumber,
@@ -34,7 +40,6 @@ from symbolic.model_file.fields import (
 from symbolic.model_file.fields import (
     read as read_fields,
 )
-from symbolic.model_file.tables import Inner, Named, OpenTable, Others, PerJoint, Several
 
 MAX_DEGREE = 20
 _OF_A_SPRING = ("joint", "effect", "catalogue")
@@ -45,7 +50,7 @@ CLOSE = 1e-6  # m
 def read(path: Path) -> Scenario:
     """The scenario in a TOML file, as far as it can be checked without the arm. Raises ModelError."""
     top = Place(printable(str(path)))
-    text = user_file.read_text(path, user_file.MAX_BYTES, "a scenario in TOML")
+    text = checks.read_text(path, checks.MAX_BYTES, "a scenario in TOML")
     try:
         table = tomllib.loads(text.removeprefix("\ufeff"))
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:

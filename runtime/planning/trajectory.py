@@ -19,7 +19,7 @@ from runtime.model.loader import Library, Model
 from runtime.model.terms import Term
 from runtime.planning.settings import LONGEST_CYCLE, MOST_BYTES, MOST_PHASES, SHORTEST_PHASE
 from runtime.planning.springs import springs, usual
-from symbolic.model_file import user_file
+from symbolic.model_file import checks
 from symbolic.model_file.checks import ModelError, Place, printable, quote, real, table_at
 from symbolic.model_file.fields import (
     REQUIRED,
@@ -27,7 +27,10 @@ from symbolic.model_file.fields import (
     Field,
     Flag,
     JointType,
+    OpenTable,
+    Others,
     Real,
+    Several,
     SingleField,
     Text,
     Whole,
@@ -35,7 +38,6 @@ from symbolic.model_file.fields import (
 from symbolic.model_file.fields import (
     read as read_fields,
 )
-from symbolic.model_file.tables import OpenTable, Others, Several
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -201,7 +203,7 @@ def _document(path: Path) -> Any:
     if not path.exists():
         raise TrajectoryError(f"{path}: no such file; tendon optimize SCENARIO --out {path} makes one")
     try:
-        return json.loads(user_file.read_text(path, MOST_BYTES, "a trajectory of tendon optimize"))
+        return json.loads(checks.read_text(path, MOST_BYTES, "a trajectory of tendon optimize"))
     except ModelError as error:
         raise TrajectoryError(str(error)) from None
     except (ValueError, RecursionError) as error:  # ValueError: no JSON, or a number of thousands of digits

@@ -47,8 +47,7 @@ from runtime.simulation.settings import (
     WARMING,
 )
 from symbolic.described import AnyEffect, DescribedParameter, numbered
-from symbolic.model_file.checks import did_you_mean, nearest, quote
-from symbolic.model_file.joint_names import Names, expected, joint_number, said_term
+from symbolic.model_file.checks import Names, did_you_mean, effect_term, joint_number, known_joints, nearest, quote
 
 Array = NDArray[np.float64]
 
@@ -80,7 +79,7 @@ def hidden_in(text: str, effects: Mapping[str, AnyEffect], joints: Names, arm: s
     effects      the library by name     joints, arm  what the arm's joints are called, and the arm
     option       where it was written, for the messages
     """
-    said = said_term(text, joints)
+    said = effect_term(text, joints)
     name = said.effect
     usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
     effect, which = numbered(name, effects)
@@ -101,7 +100,7 @@ def hidden_in(text: str, effects: Mapping[str, AnyEffect], joints: Names, arm: s
             raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {arm} has one')
         joint = joint_number(said.joint or "", able)
         if joint is None:
-            where = f'found joint "{said.joint or ""}", expected {expected(able)}'
+            where = f'found joint "{said.joint or ""}", expected {known_joints(able)}'
             first = "" if able is joints else f' as the first of the two that "{name}" acts on'
             raise SimulationError(f"{option} {text}: {where}{first}; {usage}")
     values: Values = {}

@@ -15,8 +15,7 @@ from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
 from runtime.planning.springs import Declared, SoughtSpring, sought, springs
 from runtime.sweep.job import Code, Job, Value
 from symbolic.described import DescribedParameter
-from symbolic.model_file.checks import did_you_mean, printable, quote
-from symbolic.model_file.joint_names import Names, expected, joint_number
+from symbolic.model_file.checks import Names, did_you_mean, joint_number, known_joints, printable, quote
 
 CASES = {"A": (False, False), "B": (False, True), "C": (True, False), "D": (True, True)}
 """The paper's: with friction, with springs."""
@@ -105,7 +104,7 @@ def _at_number(where: str, name: str, joints: Names) -> str:
         return name
     number = joint_number(said, joints)
     if number is None:
-        raise GridError(f"{where}: there is no joint {quote(said)}; expected {expected(joints)}")
+        raise GridError(f"{where}: there is no joint {quote(said)}; expected {known_joints(joints)}")
     return f"{what}@{number}"
 
 

@@ -1,4 +1,4 @@
-"""Checks of what a user has written: each failure is one line that says where, what was found and what was expected.
+"""What users write: files read, values and names checked; each failure is one line that says where and what.
 
 Names end up in C and in file names: they are checked against the languages' rules here, and never evaluated.
 """
@@ -9,10 +9,14 @@ import difflib
 import json
 import keyword
 import math
+import os
 import re
+import select
+import stat
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from pathlib import Path
+from typing import Any, BinaryIO, Final, NoReturn
 
 MAX_NAME, MAX_LABEL = 40, 60
 # A float in the controller holds 1e-38 to 1e38; products of a few parameters must stay inside.
@@ -224,3 +228,106 @@ def identifier(place: Place, what: str, value: Any) -> str:
 def is_taken(name: str) -> bool:
     """Whether the generated files of the toolkit have an arm's name for themselves."""
     return name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_")
+
+
+Names = Sequence[str | None]
+"""Of an arm's joints from the base outwards; None: the file gives none."""
+
+
+@dataclass(frozen=True)
+class EffectTerm:
+    """`EFFECT@JOINT[:REST]` in its parts, as they were written; joint: None without an @."""
+
+    effect: str
+    joint: str | None
+    rest: str
+
+
+def effect_term(text: str, names: Names) -> EffectTerm:
+    """The parts of a term. A name may have colons of its own: the longest that is a joint's is taken."""
+    head, colon, behind = text.partition(":")
+    if "@" not in head:
+        return EffectTerm(head, None, behind)
+    effect, _, place = text.partition("@")
+    number = head.partition("@")[2]
+    if not _is_number(number):
+        for name in sorted(filter(None, names), key=len, reverse=True):
+            if place == name or place.startswith(f"{name}:"):
+                return EffectTerm(effect, name, place[len(name) + 1 :])
+    return EffectTerm(effect, number, behind if colon else "")
+
+
+def joint_number(said: str, names: Names) -> int | None:
+    """The joint that is meant, from 1; None where it is none of these. What looks like a number is one, whatever the
+    joints are called."""
+    if _is_number(said):
+        return int(said) if len(said) < _MOST_DIGITS and 1 <= int(said) <= len(names) else None
+    return names.index(said) + 1 if said in names else None
+
+
+def known_joints(names: Names) -> str:
+    """What `joint_number` takes, for a message."""
+    called = ", ".join(name for name in names if name and not _is_number(name))
+    return f"1 to {len(names)}" + (f" or a name: {called}" if called else "")
+
+
+def _is_number(said: str) -> bool:
+    return said.isascii() and said.isdigit()
+
+
+_MOST_DIGITS = 10
+"""Of a number that no joint has; Python refuses to read thousands of them."""
+
+
+LONGEST_WAIT: Final = 10.0
+"""s; a program that writes into a pipe has begun by then, or nobody is there; a choice."""
+
+MAX_BYTES: Final = 1_000_000
+"""length in bytes; of a model file or a scenario, of which the largest that ship have 5000; a choice."""
+
+
+def opened(path: Path | str) -> BinaryIO:
+    """A file, opened for reading; of a pipe or a device, once something can be read from it. Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        kind = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(kind):
+            raise IsADirectoryError(21, "is a directory", str(path))
+        if not stat.S_ISREG(kind):
+            waiting = select.poll()
+            waiting.register(descriptor, select.POLLIN)
+            if not waiting.poll(1e3 * LONGEST_WAIT):
+                raise TimeoutError(110, f"nothing came out of it in {LONGEST_WAIT:g} s; expected a file", str(path))
+            os.set_blocking(descriptor, True)
+        return open(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_bytes(path: Path | str, most: int, expected: str) -> bytes:
+    """The whole file, of `most` bytes. expected: what it should have been, for messages. Raises ModelError."""
+    place = Place(printable(str(path)))
+    try:
+        with opened(path) as file:
+            data = file.read(most + 1)
+    except FileNotFoundError:
+        place.fail(f"no such file; expected {expected}")
+    except IsADirectoryError:
+        place.fail(f"is a directory; expected {expected}")
+    except (OSError, ValueError) as error:
+        place.fail(f"cannot be read: {printable(getattr(error, 'strerror', None) or str(error))}")
+    if len(data) > most:
+        place.fail(f"is larger than {most // 1_000_000} MB; expected {expected}")
+    return data
+
+
+def read_text(path: Path | str, most: int, expected: str) -> str:
+    """The same as text in UTF-8, with its own line ends. Raises ModelError."""
+    data = read_bytes(path, most, expected)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        place = Place(f"{printable(str(path))} line {line}")
+        place.fail(f"byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8")

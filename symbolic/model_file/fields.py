@@ -1,21 +1,37 @@
-"""Keys of a user's file, declared: what stands under each, its unit and range, its meaning, what holds without it.
+"""Keys of a user's file, declared: the type of each value, its unit, range, meaning and default.
 
-A file's reader declares its tables as tuples of fields and reads them with `read`, strictly: what is not declared is
-an error. The same declarations are listed by `rows`, for guides. Model, scenario and trajectory files are read so.
+A file's reader declares its tables as tuples of fields and reads them with `read`; an undeclared key is an error.
+`rows` lists the same declarations for guides. Model, scenario and trajectory files are read this way.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
 
-from symbolic.model_file.checks import Place, found, identifier, label, number, pair, real, unknown, vector
+from symbolic.model_file.checks import (
+    MAX_LABEL,
+    MAX_NAME,
+    Place,
+    found,
+    identifier,
+    label,
+    number,
+    pair,
+    quote,
+    real,
+    table_at,
+    unknown,
+    vector,
+)
 
 JointType = Literal["revolute", "prismatic"]
 Table = Mapping[str, Any]
+Schema = dict[str, Any]
 
 
 class _Required:
@@ -65,8 +81,12 @@ class Field(ABC):
     def of(self, place: Place, table: Table, joint: JointType) -> Any:
         """What the table says of this field, checked, or the default. Raises ModelError."""
 
+    def schema(self) -> Schema:
+        """JSON schema of the value under this key."""
+        raise TypeError(f"{type(self).__name__} has no schema of its own")
+
     def rows(self, prefix: str) -> Iterator[FieldRow]:
-        """What the tables of keys in the guides and the schema say of it; prefix: the keys of the tables around it."""
+        """The rows of this key in a guide; prefix: the keys of the tables around it, each with a dot."""
         yield self._row(prefix + self.key)
 
     def _row(self, key: str) -> FieldRow:
@@ -148,6 +168,11 @@ class Real(SingleField):
     def read(self, place: Place, value: Any, joint: JointType) -> float:
         return real(place, self.key, value, self.unit_of(joint), self.low, self.high, self.positive)
 
+    def schema(self) -> Schema:
+        low = "exclusiveMinimum" if self.positive else "minimum"
+        limits = {low: 0 if self.positive else self.low, "maximum": self.high}
+        return {"type": "number", **{key: x for key, x in limits.items() if math.isfinite(x)}}
+
 
 @dataclass(frozen=True)
 class Number(Real):
@@ -168,6 +193,9 @@ class WholeNumber(Number):
             place.fail(f"{self.key} is {x:.6g}; expected a whole number{f', {unit}' if unit else ''}")
         return int(x)
 
+    def schema(self) -> Schema:
+        return {**super().schema(), "type": "integer"}
+
 
 @dataclass(frozen=True)
 class Whole(SingleField):
@@ -182,6 +210,9 @@ class Whole(SingleField):
             place.fail(f"{self.key} is {found(value)}; expected {self.expected}")
         return value
 
+    def schema(self) -> Schema:
+        return {"type": "integer", "minimum": self.low, "maximum": self.high}
+
 
 @dataclass(frozen=True)
 class Choice(SingleField):
@@ -195,6 +226,9 @@ class Choice(SingleField):
             place.fail(f"{self.key} is {found(value)}; expected {self.expected}")
         return self.values[self.values.index(value)]
 
+    def schema(self) -> Schema:
+        return {"enum": list(self.values)}
+
 
 @dataclass(frozen=True)
 class Flag(SingleField):
@@ -202,6 +236,9 @@ class Flag(SingleField):
         if not isinstance(value, bool):
             place.fail(f"{self.key} is {found(value)}; expected true or false")
         return value
+
+    def schema(self) -> Schema:
+        return {"type": "boolean"}
 
 
 @dataclass(frozen=True)
@@ -211,6 +248,9 @@ class Text(SingleField):
             place.fail(f"{self.key} is {found(value)}; expected a text")
         return value
 
+    def schema(self) -> Schema:
+        return {"type": "string"}
+
 
 @dataclass(frozen=True)
 class Name(SingleField):
@@ -219,6 +259,9 @@ class Name(SingleField):
     def read(self, place: Place, value: Any, _: JointType) -> str:
         return identifier(place, self.key, value)
 
+    def schema(self) -> Schema:
+        return NAME_SCHEMA
+
 
 @dataclass(frozen=True)
 class Label(SingleField):
@@ -226,6 +269,9 @@ class Label(SingleField):
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
         return label(place, self.key, value)
+
+    def schema(self) -> Schema:
+        return {"type": "string", "pattern": r"^[A-Za-z0-9_][A-Za-z0-9_ .:/()-]*$", "maxLength": MAX_LABEL}
 
 
 # --- several numbers ---
@@ -238,6 +284,9 @@ class Pair(SingleField):
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
         return pair(place, self.key, value, self.unit_of(joint))
 
+    def schema(self) -> Schema:
+        return _row_schema(2)
+
 
 @dataclass(frozen=True)
 class NumberRow(SingleField):
@@ -248,6 +297,9 @@ class NumberRow(SingleField):
 
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, ...]:
         return vector(place, self.key, value, self.unit_of(joint), self.names, real if self.tiny else number)
+
+    def schema(self) -> Schema:
+        return _row_schema(len(self.names))
 
 
 @dataclass(frozen=True)
@@ -278,6 +330,9 @@ class Bounds(Pair):
             place.fail(f"{self.key} is {low:g}; expected {self.low:g} {unit} or more")
         return low, high
 
+    def schema(self) -> Schema:
+        return {"anyOf": [{"type": "number"}, _row_schema(2)]}
+
 
 @dataclass(frozen=True)
 class Numbers(Number):
@@ -286,6 +341,9 @@ class Numbers(Number):
     def read(self, place: Place, value: Any, joint: JointType) -> Any:
         read_one = super().read
         return tuple(read_one(place, item, joint) for item in list_at(place, self.key, value))
+
+    def schema(self) -> Schema:
+        return {"type": "array", "items": super().schema()}
 
 
 @dataclass(frozen=True)
@@ -301,9 +359,175 @@ class JointNumbers(SingleField):
             place.fail(f"{self.key} names a joint twice")
         return tuple(sorted(items))
 
+    def schema(self) -> Schema:
+        return {"type": "array", "items": {"type": "integer", "minimum": 1}, "uniqueItems": True}
+
 
 def list_at(place: Place, key: str, value: Any) -> list[Any]:
     """The value where it is a list. Raises ModelError."""
     if not isinstance(value, list):
         place.fail(f"{key} is {found(value)}; expected a list")
     return value
+
+
+# --- JSON schemas, for editors ---
+
+NAME_SCHEMA: Schema = {"type": "string", "pattern": "^[A-Za-z_][A-Za-z0-9_]*$", "maxLength": MAX_NAME}
+NUMBERS_SCHEMA: Schema = {"type": "object", "additionalProperties": {"type": "number"}}
+
+
+def _row_schema(count: int) -> Schema:
+    return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
+
+
+def table_schema(fields: Sequence[Field]) -> Schema:
+    """JSON schema of a table that has these keys and no others."""
+    own = [field for field in fields if not isinstance(field, Misplaced)]
+    made: Schema = {
+        "type": "object",
+        "properties": {},
+        "additionalProperties": False,
+        "required": [field.key for field in own if field.default is REQUIRED],
+    }
+    for field in own:
+        if isinstance(field, PerJoint):
+            made["patternProperties"] = {
+                r"^q[1-9]\d?$": _described(field, field.kind(field.key, field.meaning).schema())
+            }
+        elif isinstance(field, Others):
+            made["additionalProperties"] = _described(field, field.kind(field.key, field.meaning).schema())
+        else:
+            made["properties"][field.key] = _described(field, field.schema())
+    return made
+
+
+def _described(field: Field, schema: Schema) -> Schema:
+    """The schema with the description that an editor shows beside the key."""
+    row = next(iter(field.rows("")), None)
+    unit = field.unit if isinstance(field.unit, str) else f"{field.unit[0]} ({field.unit[1]})"
+    default = row.default if row is not None and field.default not in (REQUIRED, None, {}) else ""
+    parts = [field.meaning, *([unit] if unit else []), *([f"default: {default}"] if default else [])]
+    return {**schema, "description": "; ".join(parts)}
+
+
+@dataclass(frozen=True)
+class OpenTable(SingleField):
+    """A table into which its reader looks; inside: what a guide calls its keys; example: for messages."""
+
+    inside: str
+    example: str
+
+    def read(self, place: Place, value: Any, _: JointType) -> dict[str, Any]:
+        return table_at(place.inside(self.key), value, self.example)
+
+    def schema(self) -> Schema:
+        return {"type": "object", "additionalProperties": dict(NUMBERS_SCHEMA)}
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield self._row(f"{prefix}{self.key}.{self.inside}")
+
+
+@dataclass(frozen=True)
+class NamedNumbers(SingleField):
+    """A table of numbers under names that are not known here; each a C identifier."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> dict[str, float]:
+        place, unit = place.inside(self.key), self.unit_of(joint)
+        table = table_at(place, value, f"[{self.key}] of numbers")
+        return {identifier(place, "key", key): number(place, key, entry, unit) for key, entry in table.items()}
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield self._row(f"{prefix}{self.key}.NAME")
+
+    def schema(self) -> Schema:
+        return {**NUMBERS_SCHEMA, "propertyNames": dict(NAME_SCHEMA)}
+
+
+@dataclass(frozen=True)
+class PerJoint(Field):
+    """Keys of joints, `q1`, `q2`, ...: what each says, read as a field of that kind, by joint, counted from 1."""
+
+    kind: type[Field]
+
+    def takes(self, key: str) -> bool:
+        return re.fullmatch(r"q[1-9]\d?", key) is not None
+
+    def of(self, place: Place, table: Table, joint: JointType) -> dict[int, Any]:
+        own = [self.kind(key, self.meaning, unit=self.unit) for key in table if self.takes(key)]
+        return {int(field.key[1:]): field.of(place, table, joint) for field in own}
+
+
+@dataclass(frozen=True)
+class Others(Field):
+    """All keys beside the declared ones, parameters whose names a library gives: what each says, read as a field of
+    that kind, by its name."""
+
+    kind: type[Field]
+    besides: tuple[str, ...]
+
+    def takes(self, key: str) -> bool:
+        return key not in self.besides
+
+    def of(self, place: Place, table: Table, joint: JointType) -> dict[str, Any]:
+        own = [self.kind(key, self.meaning, unit=self.unit) for key in table if self.takes(key)]
+        return {field.key: field.of(place, table, joint) for field in own}
+
+
+@dataclass(frozen=True)
+class Inner(SingleField):
+    """A table within this one; where it is left out and the default is {}, as if it were there and empty."""
+
+    fields: tuple[Field, ...]
+
+    def of(self, place: Place, table: Table, joint: JointType) -> Any:
+        return super().of(place, {self.key: {}, **table} if self.default == {} else table, joint)
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        place = place.inside(self.key)
+        return read(place, table_at(place, value, _with(self.key, self.fields)), self.fields, joint)
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield from rows(self.fields, f"{prefix}{self.key}.")
+
+    def schema(self) -> Schema:
+        return table_schema(self.fields)
+
+
+@dataclass(frozen=True)
+class Named(Inner):
+    """Tables within this one under names of the user's, each a C identifier."""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> dict[str, Any]:
+        made = {}
+        for name, item in table_at(place.inside(self.key), value, f"[{self.key}.NAME], one each").items():
+            identifier(place.inside(self.key), "name", name)
+            here = place.inside(f"{self.key}.{name}")
+            made[name] = read(here, table_at(here, item, _with(name, self.fields)), self.fields, joint)
+        return made
+
+    def rows(self, prefix: str) -> Iterator[FieldRow]:
+        yield from rows(self.fields, f"{prefix}{self.key}.NAME.")
+
+    def schema(self) -> Schema:
+        return {"type": "object", "additionalProperties": super().schema(), "propertyNames": dict(NAME_SCHEMA)}
+
+
+@dataclass(frozen=True)
+class Several(Inner):
+    """[[key]] tables, one after another; one: what each is called in messages, the key if not said."""
+
+    one: str = ""
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:
+        made = []
+        for k, item in enumerate(list_at(place, self.key, value), 1):
+            here = place.inside(f"{self.one or self.key} {k}")
+            made.append(read(here, table_at(here, item, _with(self.key, self.fields)), self.fields, joint))
+        return tuple(made)
+
+    def schema(self) -> Schema:
+        return {"type": "array", "items": super().schema()}
+
+
+def _with(key: str, fields: Sequence[Field]) -> str:
+    return f"{quote(key)} with {', '.join(field.key for field in fields)}"

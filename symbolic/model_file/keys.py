@@ -1,34 +1,40 @@
-"""Every key of the model file: what it means, its unit and range, and what holds where it is left out.
-
-A planar and a spatial arm share most of them; what one has and the other has not is said where it is misplaced.
-"""
+"""The keys of the model file, planar and spatial, and JSON schemas made from such declarations for editors."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from symbolic.model_file.checks import Place, found
 from symbolic.model_file.fields import (
     Choice,
     Field,
     FieldRow,
+    Inner,
     Interval,
     JointType,
     Label,
     Misplaced,
     Name,
+    NamedNumbers,
     Number,
     NumberRow,
+    OpenTable,
     Pair,
+    Schema,
+    Several,
     Table,
     Whole,
     WholeNumber,
     read,
     rows,
+    table_schema,
 )
-from symbolic.model_file.tables import Inner, NamedNumbers, OpenTable, Several
+
+if TYPE_CHECKING:
+    from symbolic.effects.declaration import Effect
 
 MAX_JOINTS = 7
 MAX_NODE = 126
@@ -47,6 +53,9 @@ class Joints(Several):
         return tuple(
             read(place.inside(f"joint {k}"), table, self.fields, _joint_type(table)) for k, table in enumerate(value, 1)
         )
+
+    def schema(self) -> Schema:
+        return {**super().schema(), "minItems": 1, "maxItems": MAX_JOINTS}
 
 
 def _joint_type(table: Table) -> JointType:
@@ -249,3 +258,71 @@ def spatial_file_rows() -> list[FieldRow]:
     """Those keys of an arm in space that a planar one has not, or that say something else there."""
     planar = rows(PLANAR)
     return [row for row in rows(SPATIAL) if row not in planar]
+
+
+# --- JSON schemas of whole files, for editors ---
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+_LINES = r"(_([2-9]|[1-9][0-9]+))?$"
+"""Follows the name of an effect that a joint may have several of."""
+
+
+def model_schema(planar: Mapping[str, Effect], spatial: Mapping[str, Effect]) -> Schema:
+    """Of model files; with the effects by name of an arm in the plane, and of one in space. A name that none of them
+    has may be one of the user's own, and stands for a table of numbers."""
+    kinds = {"planar": _arm_schema(PLANAR, planar.values()), "spatial": _arm_schema(SPATIAL, spatial.values())}
+    refer = {kind: {"$ref": f"#/definitions/{kind}"} for kind in kinds}
+    in_space = {"properties": {"gravity": {"type": "array", "minItems": 3}}, "required": ["gravity"]}
+    return {
+        "$schema": DRAFT,
+        "title": "Tendon: model file of a robot arm",
+        "if": in_space,
+        "then": refer["spatial"],
+        "else": refer["planar"],
+        # Forbids nothing: where editors look for keys to propose, which do not follow the condition.
+        "anyOf": [*refer.values(), True],
+        "definitions": kinds,
+    }
+
+
+def file_schema(title: str, fields: Sequence[Field]) -> Schema:
+    """Of a file whose keys do not depend on each other."""
+    return {"$schema": DRAFT, "title": title, **table_schema(fields)}
+
+
+def _arm_schema(fields: Sequence[Field], effects: Iterable[Effect]) -> Schema:
+    known = tuple(effects)
+    made = table_schema(fields)
+    own = made["properties"]
+    own["effects"] |= _effects_schema(known, ("arm",))
+    own["joint"]["items"]["properties"]["effects"] |= _effects_schema(known, ("joint", "joints"))
+    if "contact" in own:
+        own["contact"]["properties"]["effects"] |= _effects_schema(known, ("contact",))
+    return made
+
+
+def _effects_schema(known: Sequence[Effect], scopes: Sequence[str]) -> Schema:
+    """The effects that may stand in a table; each with its parameters, all of which may be left out."""
+    here = [effect for effect in known if effect.scope in scopes]
+    elsewhere = "|".join(effect.name for effect in known if effect.scope not in scopes)
+    made: Schema = {
+        "properties": {effect.name: _effect_schema(effect) for effect in here if not effect.several},
+        "patternProperties": {f"^{effect.name}{_LINES}": _effect_schema(effect) for effect in here if effect.several},
+    }
+    return {**made, "propertyNames": {"not": {"pattern": f"^({elsewhere})$"}}} if elsewhere else made
+
+
+def _effect_schema(effect: Effect) -> Schema:
+    return {
+        "type": "object",
+        "description": effect.summary,
+        "properties": {
+            p.name: {"type": "number", "description": f"{p.meaning}; {p.unit.text('revolute')}", **_bounds(*p.bounds)}
+            for p in effect.parameters
+        },
+        "additionalProperties": False,
+    }
+
+
+def _bounds(low: float, high: float) -> Schema:
+    return {key: x for key, x in (("minimum", low), ("maximum", high)) if math.isfinite(x)}

@@ -23,14 +23,14 @@ from runtime.planning.settings import MOST_PHASES
 from runtime.recordings import recording
 from runtime.recordings.contents import RecordingError
 from runtime.workspace import ARMS
-from symbolic.model_file import reader, user_file
+from symbolic.model_file import checks, reader
 from symbolic.model_file.checks import ModelError
 
 PROGRAM = "from runtime.cli.main import main; main()"
 
 
 def test_a_pipe_into_which_nobody_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(user_file, "LONGEST_WAIT", 0.05)
+    monkeypatch.setattr(checks, "LONGEST_WAIT", 0.05)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(ModelError, match=r"pipe: cannot be read: nothing came out of it in 0\.05 s; expected a file"):

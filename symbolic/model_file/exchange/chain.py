@@ -15,15 +15,16 @@ from symbolic.model_file.exchange.tree import MOVING, Tree, TreeJoint
 from symbolic.model_file.frames import (
     IDENTITY,
     Rotation,
+    Snapping,
     about,
     angles,
     composed,
+    impossible_moment,
+    listed,
     rotation,
     scaled,
 )
 from symbolic.model_file.keys import MAX_JOINTS
-from symbolic.model_file.physics import impossible_moment
-from symbolic.model_file.snapping import Snapping, listed
 
 LISTED = 8
 """Names in a message; of more, the number is said."""

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from symbolic.described import AnyEffect
+from symbolic.model_file import model_text
 from symbolic.model_file.arm import Arm, Joint, Limits, Link, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
-from symbolic.model_file.exchange import model_text, urdf, xml_file
+from symbolic.model_file.exchange import urdf, xml_file
 from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, joints_of, shortened, some
 from symbolic.model_file.exchange.tree import Tree, TreeJoint
-from symbolic.model_file.frames import applied, transposed
+from symbolic.model_file.frames import applied, listed, transposed
 from symbolic.model_file.reader import parse
-from symbolic.model_file.snapping import listed
 
 DOWN = (0.0, 0.0, -9.81)
 """m/s²; where a file says nothing of gravity: URDF's z points up by convention (REP 103)."""

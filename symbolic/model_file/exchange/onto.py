@@ -16,13 +16,12 @@ from symbolic.model_file.exchange.bodies import NOTHING, StatedBody
 from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, joints_of, some
 from symbolic.model_file.exchange.exporting import WORDS, ExportedArm, ExportedJoint, body_of, parameters
 from symbolic.model_file.exchange.importing import gears_of, label_of
-from symbolic.model_file.exchange.model_text import DIGITS
 from symbolic.model_file.exchange.tree import Tree, TreeJoint
 from symbolic.model_file.exchange.urdf import Reduction
 from symbolic.model_file.exchange.written import inertial, number
 from symbolic.model_file.exchange.xml_file import XmlNode
-from symbolic.model_file.frames import Vector, rotation, scaled
-from symbolic.model_file.physics import impossible_moment
+from symbolic.model_file.frames import Vector, impossible_moment, rotation, scaled
+from symbolic.model_file.model_text import DIGITS
 
 Stated = float | tuple[float, float] | None
 """A limit or a ratio."""

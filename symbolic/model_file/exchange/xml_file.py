@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.parsers import expat
 
-from symbolic.model_file.checks import ModelError, printable, quote
-from symbolic.model_file.user_file import read_bytes
+from symbolic.model_file.checks import ModelError, printable, quote, read_bytes
 
 MAX_BYTES = 16_000_000
 MAX_ELEMENTS = 50_000

@@ -10,8 +10,7 @@ import pytest
 
 from symbolic.model_file import fields, keys
 from symbolic.model_file.checks import ModelError, Place
-from symbolic.model_file.fields import Bounds, Choice, Flag, Number, Whole, WholeNumber
-from symbolic.model_file.tables import Inner, PerJoint, Several
+from symbolic.model_file.fields import Bounds, Choice, Flag, Inner, Number, PerJoint, Several, Whole, WholeNumber
 
 ARMS = Path(keys.__file__).resolve().parents[1] / "arms"
 

@@ -1,7 +1,4 @@
-"""The text of a model file for a new arm: what is known as keys, what is unknown as commented keys to fill in.
-
-Motors are given on their own side of the gear, as in data sheets; the file has every value at the joint's output.
-"""
+"""The text of model files: of an imported arm, and of a new arm whose unknown keys are commented."""
 
 from __future__ import annotations
 
@@ -9,9 +6,102 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from symbolic.model_file.arm import Arm
-from symbolic.model_file.exchange.model_text import COLUMN, DIGITS, row, tidy
+from symbolic.model_file.arm import Arm, Frame, Joint, Limits, Link, Values
+from symbolic.model_file.checks import SMALLEST
 from symbolic.model_file.fields import JointType
+from symbolic.model_file.frames import QUARTER
+
+DIGITS = 12
+"""Of a number that was computed: what rounding adds is behind them."""
+COLUMN = 32
+"""Where a comment begins, if there is room."""
+
+
+def text(arm: Arm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> str:
+    """A model file that says what the arm does.
+
+    head     lines of the comment at its top
+    gravity, gears   what is said beside gravity and each joint's gear ratio; may be empty
+    """
+    lines = [*(f"# {line}".rstrip() for line in head), f'name = "{arm.name}"']
+    lines += [_line("gravity", row(arm.gravity), gravity)]
+    for joint, gear in zip(arm.joints, gears, strict=True):
+        lines += ["", "[[joint]]", *_joint(joint, gear)]
+    lines += ["", "[tip]", _line("origin", _frame(arm.tip), "m, rad; flange or tool in the last joint's frame")]
+    return "\n".join(lines) + "\n"
+
+
+def tidy(value: float) -> float:
+    """Without what rounding leaves: quarter turns as they are, next to nothing as 0, else DIGITS digits."""
+    if value == round(value / QUARTER) * QUARTER:
+        return value + 0.0
+    return 0.0 if abs(value) < SMALLEST else float(f"{value:.{DIGITS}g}")
+
+
+def row(values: Sequence[float]) -> str:
+    """A list of numbers; what is rounding beside the largest of them is 0."""
+    largest = max(map(abs, values), default=0.0)
+    kept = (0.0 if abs(value) < 10.0**-DIGITS * largest else tidy(value) for value in values)
+    return f"[{', '.join(map(repr, kept))}]"
+
+
+def _beside(said: str, comment: str) -> str:
+    return f"{said}   # {comment}" if comment else said
+
+
+def _frame(frame: Frame) -> str:
+    return f"{{ xyz = {row(frame.xyz)}, rpy = [{', '.join(repr(tidy(angle)) for angle in frame.rpy)}] }}"
+
+
+def _joint(joint: Joint, gear: str) -> Iterator[str]:
+    revolute = joint.type == "revolute"
+    if joint.name is not None:
+        yield _line("name", f'"{joint.name}"')
+    yield _line("type", f'"{joint.type}"')
+    if joint.rotor_inertia is not None:
+        yield _line("rotor_inertia", joint.rotor_inertia, f"{'kg m^2' if revolute else 'kg'} at the output")
+    yield _line("gear_ratio", f"{joint.gear_ratio:.{DIGITS}g}", gear)
+    yield _line("origin", _frame(joint.origin), "m, rad")
+    yield _line("axis", row(joint.axis))
+    yield from _link(joint.link)
+    yield from _limits(joint.limits, revolute)
+    for name, values in joint.effects.items():
+        yield from _effect(name, values)
+
+
+def _link(link: Link) -> Iterator[str]:
+    stated = (
+        ("mass", link.mass, "kg"),
+        ("com", None if link.com is None else row(link.com), "m"),
+        ("inertia", None if link.inertia is None else row(link.inertia), "kg m^2: ixx, ixy, ixz, iyy, iyz, izz"),
+    )
+    lines = [_line(key, value, unit) for key, value, unit in stated if value is not None]
+    unknown = [key for key, value, _ in stated if value is None]
+    if lines:
+        yield "[joint.link]"
+        yield from lines
+    if unknown:
+        yield f"# {', '.join(unknown)} of the link: unknown"
+
+
+def _limits(limits: Limits, revolute: bool) -> Iterator[str]:
+    units = ("rad", "rad/s", "N m") if revolute else ("m", "m/s", "N")
+    stated = (
+        ("position", None if limits.position is None else row(limits.position)),
+        ("speed", limits.speed),
+        ("torque", limits.torque),
+    )
+    lines = [_line(key, value, unit) for (key, value), unit in zip(stated, units, strict=True) if value is not None]
+    if lines:
+        yield "[joint.limits]"
+        yield from lines
+
+
+def _effect(name: str, values: Values) -> Iterator[str]:
+    yield _beside(f"[joint.effects.{name}]", "" if values else "values unknown")
+    for key, value in values.items():
+        yield _line(key, value)
+
 
 HEAD = """\
 # Commented keys are unknown: fill in what you know and remove the #. What stays unknown is found, where the recordings
@@ -40,7 +130,7 @@ class NewJoint:
     mass: float | None
 
 
-def text(name: str, gravity: Sequence[float], joints: Sequence[NewJoint], effects: Sequence[str]) -> str:
+def new_text(name: str, gravity: Sequence[float], joints: Sequence[NewJoint], effects: Sequence[str]) -> str:
     """The model file of a new arm.
 
     gravity   (2,) m/s² in the plane of motion, or (3,) in the base frame of a spatial arm
@@ -50,7 +140,7 @@ def text(name: str, gravity: Sequence[float], joints: Sequence[NewJoint], effect
     frame = "in the base frame" if spatial else "in the plane of motion; zero where that is horizontal"
     lines = [HEAD, _line("name", json.dumps(name), ""), _line("gravity", row(gravity), f"m/s^2, {frame}")]
     for joint in joints:
-        lines += ["", "[[joint]]", *_joint(joint, spatial)]
+        lines += ["", "[[joint]]", *_new_joint(joint, spatial)]
         lines += [f"[joint.effects.{effect}]   # active; its values are unknown" for effect in effects]
     if spatial:
         lines += ["", "[tip]", _line("origin", FRAME, "m, rad: flange or tool in the last joint's frame")]
@@ -88,7 +178,7 @@ def _motor(motor: Motor, kind: JointType, stated: float = 1.0) -> tuple[str, str
     )
 
 
-def _joint(joint: NewJoint, spatial: bool) -> Iterator[str]:
+def _new_joint(joint: NewJoint, spatial: bool) -> Iterator[str]:
     position, speed, torque = ("rad", "rad/s", "N m") if joint.type == "revolute" else ("m", "m/s", "N")
     yield _line("type", json.dumps(joint.type), "")
     yield from _motor(joint.motor, joint.type)
@@ -108,10 +198,8 @@ def _joint(joint: NewJoint, spatial: bool) -> Iterator[str]:
     yield _line("torque", None, f"{torque} at the output, largest in either direction")
 
 
-def _line(key: str, value: str | float | None, comment: str) -> str:
+def _line(key: str, value: str | float | None, comment: str = "") -> str:
     """A key with its unit; commented, without a value, where that is unknown."""
     shown = repr(tidy(value)) if isinstance(value, float) else value
     entry = f"# {key} =" if shown is None else f"{key} = {shown}"
-    if not comment:
-        return entry
-    return f"{entry:<{COLUMN - 1}} # {comment}" if len(entry) < COLUMN else f"{entry}   # {comment}"
+    return f"{entry:<{COLUMN - 1}} # {comment}" if comment and len(entry) < COLUMN else _beside(entry, comment)
